@@ -1,0 +1,37 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# The stamp is newer than the lock file once everything in it is installed.
+STAMP := $(VENV)/.installed
+
+.PHONY: run test lint types bench clean install
+
+run: install
+	$(BIN)/ident demo --out out/demo
+
+test: lint types
+	$(BIN)/lint-imports
+	$(BIN)/pytest -n 2 -m "not slow"
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install
+	$(BIN)/mypy
+
+bench: install
+	$(BIN)/pytest tests/bench --override-ini addopts=-q -s
+
+install: $(STAMP)
+
+# CPU torch first: any later requirement on torch is then met, and no CUDA package is fetched.
+$(STAMP): requirements.lock pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet torch==2.13.0
+	$(BIN)/pip install --quiet -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --no-build-isolation -e .
+	touch $@
+
+clean:
+	rm -rf $(VENV) out build dist

@@ -1,0 +1,192 @@
+"""What was recorded: a run is one continuous motion, a session is a list of runs of one set-up of the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+
+# Per-joint channels of a run, in the order of the native table's columns.
+CHANNELS = (
+    "position",
+    "velocity",
+    "acceleration",
+    "effort",
+    "position_command",
+    "velocity_command",
+    "effort_command",
+    "current",
+    "temperature",
+)
+
+Severity = Literal["note", "warning", "fatal"]
+
+
+@dataclass(frozen=True)
+class TelemetryIssue:
+    """One finding about a recording's fitness for use.
+
+    Attributes:
+        issue: Identifier, one of the contract's list (``position_wraps``, ``jitter``, …).
+        joints: Names of the joints concerned; empty where the whole run is.
+        severity: ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit.
+        evidence: What was seen, with figures and the run's name.
+        remedy: What the user can do.
+    """
+
+    issue: str
+    joints: tuple[str, ...]
+    severity: Severity
+    evidence: str
+    remedy: str
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "issue": self.issue,
+            "joints": list(self.joints),
+            "severity": self.severity,
+            "evidence": self.evidence,
+            "remedy": self.remedy,
+        }
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A known body at the flange.
+
+    Attributes:
+        mass_kg: Mass [kg].
+        com_m: Centre of mass in the frame of the last link [m].
+    """
+
+    mass_kg: float
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run: T samples of n joints; arrays are copied in and read-only.
+
+    Attributes:
+        name: Name of the run, the file's stem.
+        joints: The n joint names, in the robot's order.
+        time: Session clock [s], shape (T,), strictly increasing.
+        position: Joint position [rad or m], shape (T, n).
+        effort: Measured joint torque [N m or N], shape (T, n), drive gain and sign of session.toml applied.
+        velocity, acceleration, position_command, velocity_command, effort_command: As above, or None.
+        current: Motor current [A], or None.
+        temperature: Joint temperature [degC], or None.
+        source: The file it came from.
+        issues: What the reader found and mended (garbage rows, a truncated last row, …).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    time: Float[Array, " T"]
+    position: Float[Array, "T n"]
+    effort: Float[Array, "T n"]
+    velocity: Float[Array, "T n"] | None = None
+    acceleration: Float[Array, "T n"] | None = None
+    position_command: Float[Array, "T n"] | None = None
+    velocity_command: Float[Array, "T n"] | None = None
+    effort_command: Float[Array, "T n"] | None = None
+    current: Float[Array, "T n"] | None = None
+    temperature: Float[Array, "T n"] | None = None
+    source: Path | None = None
+    issues: tuple[TelemetryIssue, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "time", freeze(self.time))
+        expected = (len(self.time), len(self.joints))
+        for name in CHANNELS:
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if np.shape(values) != expected:
+                raise ValueError(f"{self.name}: {name} has shape {np.shape(values)}, expected {expected}")
+            object.__setattr__(self, name, freeze(values))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0]) if len(self) else 0.0
+
+    @property
+    def sample_interval(self) -> float:
+        """Median sampling interval [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def channels(self) -> dict[str, Float[Array, "T n"]]:
+        """The per-joint channels that are there."""
+        return {name: getattr(self, name) for name in CHANNELS if getattr(self, name) is not None}
+
+    def replace(self, **changes: Any) -> Recording:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    def at(self, rows: slice | Array, name: str | None = None) -> Recording:
+        """A copy of some rows (slice, mask or indices), under another name if one is given."""
+        cut: dict[str, Any] = {key: values[rows] for key, values in self.channels().items()}
+        return replace(self, name=name or self.name, time=self.time[rows], **cut)
+
+    def select(self, joints: Sequence[str]) -> Recording:
+        """A copy with the given joints, in the given order."""
+        columns = [self.joints.index(joint) for joint in joints]
+        cut: dict[str, Any] = {key: values[:, columns] for key, values in self.channels().items()}
+        return replace(self, joints=tuple(joints), **cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Runs of one set-up of the arm (same payload, same mounting).
+
+    Attributes:
+        name: Name of the session, the folder's.
+        runs: The runs, in file-name order; all have the same joints.
+        payload: The known body at the flange, if session.toml names one.
+        robot: The robot that session.toml names, if any.
+        common_clock: Whether time goes on from run to run; False where clocks restart (recordings of several
+            days): then the runs are independent and effects that need a common clock are not testable.
+        path: The folder or file it was read from.
+        metadata: The rest of session.toml.
+    """
+
+    name: str
+    runs: tuple[Recording, ...]
+    payload: Payload | None = None
+    robot: str | None = None
+    common_clock: bool = True
+    path: Path | None = None
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "runs", tuple(self.runs))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.runs[0].joints
+
+    @property
+    def samples(self) -> int:
+        return sum(len(run) for run in self.runs)
+
+    @property
+    def duration(self) -> float:
+        """Sum of the runs' durations, pauses not counted [s]."""
+        return sum(run.duration for run in self.runs)
+
+    def issues(self) -> tuple[TelemetryIssue, ...]:
+        """What the reader found in any run."""
+        return tuple(issue for run in self.runs for issue in run.issues)
+
+    def replace(self, **changes: Any) -> Session:
+        return replace(self, **changes)

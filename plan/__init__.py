@@ -1,0 +1,1 @@
+"""Energy- and time-optimal, collision-free motions on an identified arm."""
