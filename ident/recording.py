@@ -158,6 +158,7 @@ class Session:
             days): then the runs are independent and effects that need a common clock are not testable.
         path: The folder or file it was read from.
         metadata: The rest of session.toml.
+        notes: What the reader found about the session as a whole.
     """
 
     name: str
@@ -167,6 +168,7 @@ class Session:
     common_clock: bool = True
     path: Path | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[TelemetryIssue, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))
@@ -185,8 +187,8 @@ class Session:
         return sum(run.duration for run in self.runs)
 
     def issues(self) -> tuple[TelemetryIssue, ...]:
-        """What the reader found in any run."""
-        return tuple(issue for run in self.runs for issue in run.issues)
+        """What the reader found, in the session as a whole and in each run."""
+        return self.notes + tuple(issue for run in self.runs for issue in run.issues)
 
     def replace(self, **changes: Any) -> Session:
         return replace(self, **changes)
