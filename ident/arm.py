@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recording import Payload
 from ident.regressor import compute_regressor
@@ -98,6 +98,16 @@ class ArmModel:
     def effort_limit(self) -> Float[Array, " n"]:
         """Torque limits [N m or N]."""
         return freeze(self.model.effortLimit)
+
+    @property
+    def joint_axes(self) -> Float[Array, "n 3"]:
+        """Axis of each joint in its own frame, unit length."""
+        return self._chain[2]
+
+    @property
+    def sliding_joints(self) -> Bool[Array, " n"]:
+        """Which joints are prismatic."""
+        return self._chain[3]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -254,11 +264,14 @@ class ArmModel:
 
 def _inertia(link: Float[Array, " 10"]) -> pin.Inertia:
     """A link's inertia from its ten parameters; a zero mass carries its moments about the joint frame."""
-    mass, moment = float(link[0]), link[1:4]
+    mass = float(link[0])
+    lever = link[1:4] / mass if mass != 0.0 else np.zeros(3)
     about_origin = np.array([[link[4], link[5], link[7]], [link[5], link[6], link[8]], [link[7], link[8], link[9]]])
-    lever = moment / mass if mass != 0.0 else np.zeros(3)
     cross = pin.skew(lever)
-    return pin.Inertia(mass, lever, about_origin + mass * cross @ cross)
+    # Set piece by piece: the constructor refuses what least squares may find, an inertia that no body could have.
+    inertia = pin.Inertia.Zero()
+    inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
+    return inertia
 
 
 def _joint_axis(model: pin.Model, joint: int) -> tuple[Array, Array]:

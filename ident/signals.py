@@ -1,0 +1,181 @@
+"""From recordings to motions: smoothed states on an even grid, and one zero-phase filter for every signal.
+
+Measured torque and every modelled torque or regressor column must pass through the same filter and decimation;
+otherwise the difference of two filters looks like delay or elasticity. `Motion.filtered` is that one filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from ident.arrays import Array, Bool, Float, freeze
+from ident.errors import RecordingError
+from ident.recording import Payload, Recording, Session
+from ident.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
+
+# Torque above this frequency is noise, ripple and structure that a rigid model has no word for [Hz].
+DEFAULT_CUTOFF = 10.0
+# The filter needs some samples a period of its corner to be one.
+LARGEST_CUTOFF_SHARE = 0.2
+FILTER_ORDER = 4
+# A run shorter than this says nothing that its filter's ends do not blur [s].
+LEAST_DURATION = 1.0
+
+
+@dataclass(frozen=True)
+class Lowpass:
+    """Zero-phase Butterworth low-pass and decimation.
+
+    Attributes:
+        rate: Sampling rate before [Hz].
+        cutoff: Corner frequency [Hz].
+        factor: One of how many samples is kept.
+    """
+
+    rate: float
+    cutoff: float
+    factor: int
+
+    @classmethod
+    def design(cls, rate: float, cutoff: float | None = None) -> Lowpass:
+        """The filter for a rate; at least four samples a period of the corner are kept."""
+        corner = min(cutoff or DEFAULT_CUTOFF, LARGEST_CUTOFF_SHARE * rate)
+        return cls(rate, corner, max(1, int(rate / (4 * corner))))
+
+    def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """Filters along the first axis and decimates."""
+        sections = butter(FILTER_ORDER, self.cutoff, fs=self.rate, output="sos")
+        padding = min(len(values) - 1, int(3 * self.rate / self.cutoff))
+        return sosfiltfilt(sections, values, axis=0, padlen=padding)[:: self.factor]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One run, ready for models: T even samples of n joints.
+
+    Attributes:
+        name: Name of the run.
+        joints: Joint names.
+        time: Time [s].
+        q, dq, ddq: Smoothed states [rad, rad/s, rad/s²].
+        tau: Measured torque, not filtered [N m].
+        lowpass: The filter that every torque and column goes through.
+        std: Standard deviation of q, dq, ddq from the smoother, shape (3, n).
+        payload: Known body at the flange.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    time: Float[Array, " T"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+    lowpass: Lowpass
+    std: Float[Array, "3 n"]
+    payload: Payload | None = None
+
+    @property
+    def n(self) -> int:
+        return len(self.joints)
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval [s]."""
+        return 1.0 / self.lowpass.rate
+
+    def filtered(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """Any signal of this run through the common filter."""
+        return self.lowpass(values)
+
+    @cached_property
+    def tau_filtered(self) -> Float[Array, "t n"]:
+        """Measured torque through the common filter [N m]."""
+        return self.filtered(self.tau)
+
+    @property
+    def coarse(self) -> slice:
+        """The samples that the filter keeps."""
+        return slice(None, None, self.lowpass.factor)
+
+    @property
+    def moving(self) -> Bool[Array, "t n"]:
+        """Where each joint surely moves, on the filtered grid.
+
+        At rest dry friction holds any torque up to its Coulomb level: no function of the state tells it.
+        """
+        return np.abs(self.dq[self.coarse]) > self.rest_speed
+
+    @property
+    def rest_speed(self) -> Float[Array, " n"]:
+        """Speed below which a joint can't be told from one at rest [rad/s]."""
+        return np.maximum(3.0 * self.std[1], 2e-3)
+
+    def select(self, joints: tuple[str, ...]) -> Motion:
+        """The same run of some joints only."""
+        columns = [self.joints.index(name) for name in joints]
+        q, dq, ddq, tau = (freeze(values[:, columns]) for values in (self.q, self.dq, self.ddq, self.tau))
+        return Motion(self.name, joints, self.time, q, dq, ddq, tau, self.lowpass, self.std[:, columns], self.payload)
+
+
+def session_noise(session: Session) -> NoiseLevels:
+    """Noise levels of a session's joints, by maximum likelihood over all its runs."""
+    return fit_noise_levels([run.time for run in session.runs], [run.position for run in session.runs])
+
+
+def prepare_run(
+    run: Recording, levels: NoiseLevels, payload: Payload | None = None, cutoff: float | None = None
+) -> Motion:
+    """Smooths one run and lays it on an even grid."""
+    states = smooth(run.time, run.position, levels)
+    rate = 1.0 / run.sample_interval
+    grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
+    if len(grid) == len(run) and np.max(np.abs(grid - run.time)) < 1e-3 / rate:
+        q, dq, ddq, tau = states.q, states.dq, states.ddq, run.effort
+    else:
+        q, dq, ddq = _resample(run.time, states, grid)
+        tau = np.stack([np.interp(grid, run.time, column) for column in run.effort.T], axis=1)
+    q, dq, ddq, tau = (freeze(values) for values in (q, dq, ddq, tau))
+    return Motion(
+        run.name, run.joints, freeze(grid), q, dq, ddq, tau, Lowpass.design(rate, cutoff), states.std, payload
+    )
+
+
+def prepare(session: Session, cutoff: float | None = None) -> tuple[Motion, ...]:
+    """All runs of a session that are long enough, as motions.
+
+    Args:
+        session: The recordings.
+        cutoff: Corner of the common filter [Hz]; 10 Hz, or a fifth of the sampling rate, if None.
+
+    Raises:
+        RecordingError: No run is long enough.
+    """
+    levels = session_noise(session)
+    long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
+    if not long:
+        where = str(session.path or session.name)
+        raise RecordingError(where, f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+    return tuple(prepare_run(run, levels, session.payload, cutoff) for run in long)
+
+
+def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:
+    """States at other times: the quintic through q, dq and ddq at both neighbours."""
+    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
+    h = (time[left + 1] - time[left])[:, None]
+    u = ((grid - time[left])[:, None]) / h
+    q0, q1 = states.q[left], states.q[left + 1]
+    v0, v1 = states.dq[left] * h, states.dq[left + 1] * h
+    a0, a1 = states.ddq[left] * h**2, states.ddq[left + 1] * h**2
+    rise, start, end = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+    c3 = 10 * rise - 4 * start + end / 2
+    c4 = -15 * rise + 7 * start - end
+    c5 = 6 * rise - 3 * start + end / 2
+    q = q0 + u * (v0 + u * (a0 / 2 + u * (c3 + u * (c4 + u * c5))))
+    dq = (v0 + u * (a0 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h
+    ddq = (a0 + u * (6 * c3 + u * (12 * c4 + u * 20 * c5))) / h**2
+    return q, dq, ddq
