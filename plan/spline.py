@@ -1,0 +1,163 @@
+"""Clamped cubic splines through via points, thousands at a time.
+
+A trajectory is V via points between start and goal and V + 1 section durations. Position, velocity and
+acceleration are continuous and the ends are at rest. (Natural splines, the usual library default, would start and
+end with velocity; the paper does not print its end condition.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float, freeze
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _slopes(points: Array, h: Array) -> Array:
+    """Velocities at the knots that make the acceleration continuous: one tridiagonal solve a trajectory."""
+    batch, knots, n = points.shape
+    out = np.zeros((batch, knots, n))
+    upper = np.empty(knots)
+    for b in range(batch):
+        upper[0] = 0.0
+        for i in range(1, knots - 1):
+            h0, h1 = h[b, i - 1], h[b, i]
+            pivot = 2.0 * (h0 + h1) - h1 * upper[i - 1]
+            upper[i] = h0 / pivot
+            for j in range(n):
+                slope0 = (points[b, i, j] - points[b, i - 1, j]) / h0
+                slope1 = (points[b, i + 1, j] - points[b, i, j]) / h1
+                out[b, i, j] = (3.0 * (h1 * slope0 + h0 * slope1) - h1 * out[b, i - 1, j]) / pivot
+        for i in range(knots - 3, 0, -1):
+            for j in range(n):
+                out[b, i, j] -= upper[i] * out[b, i + 1, j]
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _states(points: Array, slopes: Array, h: Array, s: Array) -> Array:
+    """Position, velocity, acceleration at local times s of every section, shape (3, B, sections len(s), n)."""
+    batch, knots, n = points.shape
+    count = s.shape[0]
+    out = np.empty((3, batch, (knots - 1) * count, n))
+    for b in range(batch):
+        for k in range(knots - 1):
+            inverse = 1.0 / h[b, k]
+            for j in range(n):
+                q0, v0, v1 = points[b, k, j], slopes[b, k, j] * h[b, k], slopes[b, k + 1, j] * h[b, k]
+                d = points[b, k + 1, j] - q0
+                c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+                for i in range(count):
+                    x = s[i]
+                    out[0, b, k * count + i, j] = q0 + x * (v0 + x * (c2 + x * c3))
+                    out[1, b, k * count + i, j] = (v0 + x * (2.0 * c2 + 3.0 * c3 * x)) * inverse
+                    out[2, b, k * count + i, j] = (2.0 * c2 + 6.0 * c3 * x) * inverse * inverse
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _extremes(points: Array, slopes: Array, h: Array) -> tuple[Array, Array, Array]:
+    """Top speed of every section and joint, and the lowest and highest position of every joint."""
+    batch, knots, n = points.shape
+    speed = np.empty((batch, knots - 1, n))
+    low, high = np.empty((batch, n)), np.empty((batch, n))
+    for b in range(batch):
+        for j in range(n):
+            low[b, j], high[b, j] = points[b, 0, j], points[b, 0, j]
+        for k in range(knots - 1):
+            for j in range(n):
+                q0, v0, v1 = points[b, k, j], slopes[b, k, j] * h[b, k], slopes[b, k + 1, j] * h[b, k]
+                d = points[b, k + 1, j] - q0
+                c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+                top = max(abs(v0), abs(v1))
+                low[b, j], high[b, j] = min(low[b, j], q0 + d), max(high[b, j], q0 + d)
+                if abs(c3) > 1e-14:
+                    x = -c2 / (3.0 * c3)
+                    if 0.0 < x < 1.0:
+                        top = max(top, abs(v0 + x * (2.0 * c2 + 3.0 * c3 * x)))
+                inside = c2 * c2 - 3.0 * c3 * v0
+                if inside >= 0.0:
+                    # Both roots of v0 + 2 c2 x + 3 c3 x², by the form that does not cancel.
+                    half = -(c2 + (np.sqrt(inside) if c2 >= 0.0 else -np.sqrt(inside)))
+                    for root in range(2):
+                        if root == 0:
+                            x = half / (3.0 * c3) if abs(c3) > 1e-14 else 2.0
+                        else:
+                            x = v0 / half if abs(half) > 1e-14 else 2.0
+                        if 0.0 < x < 1.0:
+                            at = q0 + x * (v0 + x * (c2 + x * c3))
+                            low[b, j], high[b, j] = min(low[b, j], at), max(high[b, j], at)
+                speed[b, k, j] = top / h[b, k]
+    return speed, low, high
+
+
+@dataclass(frozen=True, eq=False)
+class Splines:
+    """A batch of B clamped cubic splines with V via points.
+
+    Attributes:
+        points: Start, via points, goal [rad].
+        durations: Section durations, all above zero [s].
+    """
+
+    points: Float[Array, "B K n"]
+    durations: Float[Array, "B S"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", freeze(np.ascontiguousarray(self.points, dtype=float)))
+        object.__setattr__(self, "durations", freeze(np.ascontiguousarray(self.durations, dtype=float)))
+
+    @cached_property
+    def slopes(self) -> Float[Array, "B K n"]:
+        """Velocities at the knots; zero at both ends [rad/s]."""
+        return _slopes(self.points, self.durations)
+
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array, Array]:
+        return _extremes(self.points, self.slopes, self.durations)
+
+    @property
+    def section_speeds(self) -> Float[Array, "B S n"]:
+        """Top speed of every section and joint, exact [rad/s]."""
+        return self._bounds[0]
+
+    @property
+    def top_speed(self) -> Float[Array, "B n"]:
+        """Top speed of every joint, exact [rad/s]."""
+        return self._bounds[0].max(axis=1)
+
+    @property
+    def lowest(self) -> Float[Array, "B n"]:
+        """Lowest position of every joint, exact [rad]."""
+        return self._bounds[1]
+
+    @property
+    def highest(self) -> Float[Array, "B n"]:
+        """Highest position of every joint, exact [rad]."""
+        return self._bounds[2]
+
+    @property
+    def total(self) -> Float[Array, " B"]:
+        """Whole duration [s]."""
+        return self.durations.sum(axis=1)
+
+    def states(self, s: Float[Array, " m"]) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration at local times s ∈ [0, 1] of every section, each (B, S·m, n)."""
+        q, dq, ddq = _states(self.points, self.slopes, self.durations, np.ascontiguousarray(s, dtype=float))
+        return q, dq, ddq
+
+    def at(self, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of the first trajectory at given times, each (T, n)."""
+        knots = np.concatenate([[0.0], np.cumsum(self.durations[0])])
+        section = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+        h = self.durations[0][section][:, None]
+        s = ((np.asarray(times) - knots[section]) / h[:, 0])[:, None]
+        q0, q1 = self.points[0][section], self.points[0][section + 1]
+        v0, v1 = self.slopes[0][section] * h, self.slopes[0][section + 1] * h
+        d = q1 - q0
+        c2, c3 = 3 * d - 2 * v0 - v1, v0 + v1 - 2 * d
+        return q0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2 * c2 + 3 * c3 * s)) / h, (2 * c2 + 6 * c3 * s) / h**2
