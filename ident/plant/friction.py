@@ -1,0 +1,173 @@
+"""Dry and viscous friction of a geared joint: bristles that stick, not a function of velocity.
+
+Every sliding contact is a LuGre bristle of deflection z,
+
+    dz/dt = v - σ0 |v| z / g(v, …),    F = σ0 z + σ1(v) dz/dt,
+
+which holds any torque below its level g at rest. The level carries the Stribeck fall, the mesh load, the seat's
+eccentricity, the direction and the temperature; viscous drag is the lubricant's, with shear thinning after Eyring.
+
+Source: Canudas de Wit et al. 1995 (LuGre); Eyring 1936 (shear thinning); Bittencourt and Gunnarsson 2010 (load,
+temperature).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float
+
+# Presliding of the ordinary (stiff) bristles before they slip [rad]: a few encoder counts at the joint.
+STIFF_PRESLIDING = 2e-4
+
+
+class FrictionLaw(NamedTuple):
+    """What sets the friction of each of n joints; all arrays have shape (n,), units referred to the joint.
+
+    Attributes:
+        coulomb: Dry friction while sliding [N m].
+        viscous: Viscous drag [N m s/rad].
+        bristle_stiffness: σ0 of the ordinary contact [N m/rad].
+        bristle_damping: σ1 of the ordinary contact at rest [N m s/rad].
+        stribeck, stribeck_velocity, stribeck_exponent: Excess at rest [N m], its velocity [rad/s], its shape.
+        eyring, eyring_velocity: Shear-thinning drag A asinh(v / v_E): A [N m], v_E [rad/s].
+        load, load_floor, load_drive: Mesh friction per transmitted torque, the torque below which the mesh does not
+            feel it [N m], and how much more a driving mesh rubs than a driven one.
+        seat, seat_order, seat_phase: Eccentric bearing seat: relative change of the level, lobes a turn, angle [rad].
+        coulomb_skew, viscous_skew: Difference between forward and backward motion [N m], [N m s/rad].
+        soft, soft_stiffness: A second, soft contact (presliding hysteresis): level [N m], stiffness [N m/rad].
+        thermal_viscous, thermal_coulomb: Decay of viscosity and dry friction per kelvin [1/K].
+        couple_to, couple_ratio: The other joint that also turns this joint's motor, and its ratio.
+        couple_coulomb, couple_viscous: Friction in the motor's combined motion [N m], [N m s/rad].
+        skid, skid_scale: Dry friction that grows with |acceleration| [N m], its scale [rad/s²] (outside the catalogue).
+    """
+
+    coulomb: Array
+    viscous: Array
+    bristle_stiffness: Array
+    bristle_damping: Array
+    stribeck: Array
+    stribeck_velocity: Array
+    stribeck_exponent: Array
+    eyring: Array
+    eyring_velocity: Array
+    load: Array
+    load_floor: Array
+    load_drive: Array
+    seat: Array
+    seat_order: Array
+    seat_phase: Array
+    coulomb_skew: Array
+    viscous_skew: Array
+    soft: Array
+    soft_stiffness: Array
+    thermal_viscous: Array
+    thermal_coulomb: Array
+    couple_to: Array
+    couple_ratio: Array
+    couple_coulomb: Array
+    couple_viscous: Array
+    skid: Array
+    skid_scale: Array
+
+
+def plain_friction(
+    coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]
+) -> FrictionLaw:
+    """Friction of a healthy joint: Coulomb that sticks, and viscous drag.
+
+    Args:
+        coulomb: Sliding friction [N m].
+        viscous: Viscous drag [N m s/rad].
+        inertia: Least inertia that moves with the joint [kg m²]; sets the bristles' damping.
+    """
+    n = len(coulomb)
+    zero, one = np.zeros(n), np.ones(n)
+    stiffness = np.maximum(coulomb, 1e-9) / STIFF_PRESLIDING
+    return FrictionLaw(
+        coulomb=np.array(coulomb, dtype=float),
+        viscous=np.array(viscous, dtype=float),
+        bristle_stiffness=stiffness,
+        bristle_damping=0.6 * np.sqrt(stiffness * inertia),
+        stribeck=zero.copy(),
+        stribeck_velocity=0.05 * one,
+        stribeck_exponent=1.3 * one,
+        eyring=zero.copy(),
+        eyring_velocity=0.1 * one,
+        load=zero.copy(),
+        load_floor=0.02 * coulomb + 1e-6,
+        load_drive=0.15 * one,
+        seat=zero.copy(),
+        seat_order=one.copy(),
+        seat_phase=zero.copy(),
+        coulomb_skew=zero.copy(),
+        viscous_skew=zero.copy(),
+        soft=zero.copy(),
+        soft_stiffness=one.copy(),
+        thermal_viscous=zero.copy(),
+        thermal_coulomb=zero.copy(),
+        couple_to=np.full(n, -1),
+        couple_ratio=zero.copy(),
+        couple_coulomb=zero.copy(),
+        couple_viscous=zero.copy(),
+        skid=zero.copy(),
+        skid_scale=one.copy(),
+    )
+
+
+@njit(cache=True)
+def seat_shape(angle: float) -> float:
+    """An eccentric seat rubs harder where it is tight: a bump a turn, of mean zero and amplitude about one."""
+    return (np.exp(0.5 * np.cos(angle)) - 1.0634833707413236) / 0.51526
+
+
+@njit(cache=True)
+def sliding_level(
+    law: FrictionLaw, j: int, v: float, angle: float, transmitted: float, acceleration: float, warm: float
+) -> float:
+    """g: the dry friction that the ordinary contact of joint j would have if it slid steadily at v [N m]."""
+    level = law.coulomb[j]
+    if law.seat[j] != 0.0:
+        level *= 1.0 + law.seat[j] * seat_shape(law.seat_order[j] * angle + law.seat_phase[j])
+    if law.stribeck[j] != 0.0:
+        level += law.stribeck[j] * np.exp(-((abs(v) / law.stribeck_velocity[j]) ** law.stribeck_exponent[j]))
+    if law.load[j] != 0.0:
+        floor = law.load_floor[j]
+        felt = np.sqrt(transmitted * transmitted + floor * floor) - floor
+        level += law.load[j] * felt * (1.0 + law.load_drive[j] * np.tanh(v * transmitted / (0.05 * floor + 1e-9)))
+    if law.coulomb_skew[j] != 0.0:
+        level += 0.5 * law.coulomb_skew[j] * np.tanh(v / 1e-3)
+    if law.skid[j] != 0.0:
+        level += law.skid[j] * np.tanh(abs(acceleration) / law.skid_scale[j])
+    if law.thermal_coulomb[j] != 0.0:
+        level *= np.exp(-law.thermal_coulomb[j] * warm)
+    return max(level, 1e-6)
+
+
+@njit(cache=True)
+def bristle(z: float, v: float, level: float, stiffness: float, damping: float, dt: float) -> tuple[float, float]:
+    """One step of a bristle: its new deflection [rad] and its torque [N m].
+
+    Implicit in z, so that it is stable at any speed; the damping dies out above creeping speed, or it would add
+    viscous drag.
+    """
+    bent = (z + dt * v) / (1.0 + dt * stiffness * abs(v) / level)
+    creep = level / stiffness * 50.0
+    rate = damping / (1.0 + (v / creep) ** 2)
+    return bent, stiffness * bent + rate * (bent - z) / dt
+
+
+@njit(cache=True)
+def viscous_drag(law: FrictionLaw, j: int, v: float, warm: float) -> float:
+    """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
+    drag = law.viscous[j] * v
+    if law.viscous_skew[j] != 0.0:
+        drag += 0.5 * law.viscous_skew[j] * abs(v)
+    if law.eyring[j] != 0.0:
+        drag += law.eyring[j] * np.arcsinh(v / law.eyring_velocity[j])
+    if law.thermal_viscous[j] != 0.0:
+        drag *= np.exp(-law.thermal_viscous[j] * warm)
+    return drag

@@ -1,0 +1,203 @@
+"""The arm's bodies for MuJoCo: the URDF's links as they really are, and what hangs on them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class AddedBody:
+    """A rigid body fixed to a link.
+
+    Attributes:
+        link: Name of the link.
+        mass: Mass [kg]; a negative one takes material away from the link.
+        com: Centre of mass in the link's frame [m].
+        radius: Radius of gyration, the same about every axis [m].
+    """
+
+    link: str
+    mass: float
+    com: tuple[float, float, float]
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Slosh:
+    """Liquid in a vessel on the last link: a mass on springs, free in three directions (outside the catalogue).
+
+    Attributes:
+        mass: Moving mass [kg].
+        place: Its rest in the last link's frame [m].
+        frequency: Of its oscillation [Hz].
+        damping_ratio: Share of critical damping.
+    """
+
+    mass: float
+    place: tuple[float, float, float]
+    frequency: float = 2.0
+    damping_ratio: float = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """How the real links differ from the URDF's; the n joints' arrays are read-only.
+
+    Attributes:
+        mass_scale: Factor on each link's mass and inertia, shape (n,).
+        inertia_scale: Further factor on the inertia about the centre of mass, shape (n,).
+        com_shift: Shift of the centres of mass [m], shape (n, 3).
+        geometry_shift: Shift of the joint frames in their parents [m], shape (n, 3).
+        gravity: In the base frame [m/s²], shape (3,).
+        added: Bodies fixed to links.
+        slosh: A swinging load, or None.
+        joint_inertia: Inertia that the joint itself adds (its rotor, where it is rigid) [kg m²], shape (n,).
+        tied: Rotors that two joints turn: (joint, other joint, ratio, inertia [kg m²]).
+    """
+
+    mass_scale: Float[Array, " n"]
+    inertia_scale: Float[Array, " n"]
+    com_shift: Float[Array, "n 3"]
+    geometry_shift: Float[Array, "n 3"]
+    joint_inertia: Float[Array, " n"]
+    gravity: Float[Array, " 3"]
+    added: tuple[AddedBody, ...] = ()
+    slosh: Slosh | None = None
+    tied: tuple[tuple[str, str, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        names = ("mass_scale", "inertia_scale", "com_shift", "geometry_shift", "joint_inertia", "gravity")
+        for name in names:
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    def replace(self, **changes: Any) -> Bodies:
+        return replace(self, **changes)
+
+
+def nominal_bodies(n: int) -> Bodies:
+    """The links exactly as the URDF says."""
+    one, zero = np.ones(n), np.zeros(n)
+    return Bodies(one, one, np.zeros((n, 3)), np.zeros((n, 3)), zero, np.array(STANDARD_GRAVITY))
+
+
+def build_model(urdf: str, joints: tuple[str, ...], links: tuple[str, ...], bodies: Bodies, step: float) -> Any:
+    """Compiles the arm.
+
+    Args:
+        urdf: URDF text; its geometry is not read.
+        joints: Joint names, base to tip.
+        links: The link that each joint moves.
+        bodies: How the links differ from it.
+        step: Step of the simulation [s].
+
+    Returns:
+        mujoco.MjModel, the n joints first, then those of a swinging load.
+    """
+    spec = mujoco.MjSpec.from_string(_without_geometry(urdf))
+    # Fixed links (tool mounts, cameras) become part of the link that carries them; the perturbations then act on all.
+    fixed = spec.compile()
+    spec = _as_chain(fixed, joints, bodies)
+    for body in bodies.added:
+        _add_body(spec, joints[links.index(body.link)], body)
+    if bodies.slosh is not None:
+        _add_slosh(spec, joints[-1], bodies.slosh)
+    for joint, other, ratio, inertia in bodies.tied:
+        tendon = spec.add_tendon(name=f"{joint}+{other}")
+        tendon.wrap_joint(joint, 1.0)
+        tendon.wrap_joint(other, ratio)
+        tendon.armature = inertia
+    model = spec.compile()
+    _set_options(model, bodies, step)
+    return model
+
+
+def _without_geometry(urdf: str) -> str:
+    root = ET.fromstring(urdf)
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
+    """A fresh spec with one body a joint, named after the joint, the changes of `bodies` applied."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    parent = spec.worldbody
+    for j, name in enumerate(joints):
+        joint = mujoco.mj_name2id(fixed, mujoco.mjtObj.mjOBJ_JOINT, name)
+        body = int(fixed.jnt_bodyid[joint])
+        scale = bodies.mass_scale[j]
+        parent = parent.add_body(
+            name=name,
+            pos=fixed.body_pos[body] + bodies.geometry_shift[j],
+            quat=fixed.body_quat[body],
+            mass=scale * fixed.body_mass[body],
+            ipos=fixed.body_ipos[body] + bodies.com_shift[j],
+            iquat=fixed.body_iquat[body],
+            inertia=scale * bodies.inertia_scale[j] * fixed.body_inertia[body],
+            explicitinertial=True,
+        )
+        parent.add_joint(
+            name=name,
+            type=mujoco.mjtJoint(int(fixed.jnt_type[joint])),
+            pos=fixed.jnt_pos[joint],
+            axis=fixed.jnt_axis[joint],
+            armature=bodies.joint_inertia[j],
+        )
+    return spec
+
+
+def _add_body(spec: Any, link: str, added: AddedBody) -> None:
+    """Fixes a body to a link, or takes one away: masses, first and second moments add."""
+    body = spec.body(link)
+    mass = body.mass + added.mass
+    old, com = np.array(body.ipos), np.array(added.com)
+    centre = (body.mass * old + added.mass * com) / mass
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, np.array(body.iquat))
+    turn = axes.reshape(3, 3)
+    inertia = turn @ np.diag(body.inertia) @ turn.T + added.mass * added.radius**2 * np.eye(3)
+    for part, place in ((body.mass, old - centre), (added.mass, com - centre)):
+        inertia += part * (place @ place * np.eye(3) - np.outer(place, place))
+    body.mass, body.ipos = mass, centre
+    values, vectors = np.linalg.eigh(inertia)
+    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(vectors).reshape(9))
+    body.iquat, body.inertia = quaternion, values
+
+
+def _add_slosh(spec: Any, link: str, slosh: Slosh) -> None:
+    pulse = 2.0 * np.pi * slosh.frequency
+    liquid = spec.body(link).add_body(name="slosh", pos=slosh.place)
+    for axis in np.eye(3):
+        liquid.add_joint(
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=axis,
+            stiffness=[slosh.mass * pulse**2, 0.0, 0.0],
+            damping=[2.0 * slosh.damping_ratio * slosh.mass * pulse, 0.0, 0.0],
+        )
+    liquid.mass, liquid.ipos = slosh.mass, np.zeros(3)
+    liquid.inertia = np.full(3, 4e-4 * slosh.mass)
+    liquid.explicitinertial = True
+
+
+def _set_options(model: Any, bodies: Bodies, step: float) -> None:
+    model.opt.timestep = step
+    model.opt.gravity[:] = bodies.gravity
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    off = mujoco.mjtDisableBit
+    # No constraint is left to solve: motions stay within limits, friction and drives are the plant's own.
+    for bit in (off.mjDSBL_CONSTRAINT, off.mjDSBL_SENSOR, off.mjDSBL_ACTUATION, off.mjDSBL_AUTORESET):
+        model.opt.disableflags |= int(bit)

@@ -1,0 +1,191 @@
+"""What the recording sees of the plant: encoders that count, drives that report their current.
+
+torque_measured(t) = sat(gain · τ(t - delay)) + offset + drift · t + noise, the noise coloured and growing with load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ident.arrays import Array, Float, freeze
+
+# Counts of a motor encoder's turn, and temperature resolution.
+MOTOR_COUNTS = 32768
+TEMPERATURE_STEP_K = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """Sensors of n joints; arrays of shape (n,).
+
+    Attributes:
+        white, coloured: Standard deviations of the torque's white and coloured noise [N m].
+        corner_hz: Corner of the coloured part.
+        load_growth: Relative growth of the noise from no torque to rated torque.
+        rated: Rated torque [N m].
+        count: Encoder resolution at the joint [rad].
+        count_noise: Standard deviation of the encoder's reading [counts].
+        encoder_offset: What the encoder reads at zero [rad].
+        gain: Torque reading's gain, 1 for true.
+        offset, drift, wander: Torque reading's offset [N m], its trend [N m/s], and the standard deviation that it
+            wanders in a minute [N m].
+        delay: Age of the torque reading [s].
+        limit: Torque that the reading can't exceed [N m].
+        sag: Relative rise of the reading when all drives together draw `sag_power` (outside the catalogue).
+        sag_power: [W].
+    """
+
+    white: Float[Array, " n"]
+    coloured: Float[Array, " n"]
+    corner_hz: float
+    load_growth: float
+    rated: Float[Array, " n"]
+    count: Float[Array, " n"]
+    count_noise: float
+    encoder_offset: Float[Array, " n"]
+    gain: Float[Array, " n"]
+    offset: Float[Array, " n"]
+    drift: Float[Array, " n"]
+    wander: Float[Array, " n"]
+    delay: float
+    limit: Float[Array, " n"]
+    sag: Float[Array, " n"]
+    sag_power: float = 150.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, freeze(value))
+
+    @classmethod
+    def typical(cls, rated: Float[Array, " n"], ratio: Float[Array, " n"]) -> Sensing:
+        """Sensors of a healthy drive: noise of a quarter per cent of the rated torque, white and coloured alike."""
+        return ideal_sensing(len(rated)).replace(
+            white=1.5e-3 * rated,
+            coloured=2.0e-3 * rated,
+            load_growth=1.0,
+            rated=np.array(rated),
+            count=2.0 * np.pi / (MOTOR_COUNTS * ratio),
+            count_noise=0.5,
+        )
+
+    @property
+    def noise_floor(self) -> Float[Array, " n"]:
+        """Standard deviation of the torque noise of an unloaded joint [N m]."""
+        return np.hypot(self.white, self.coloured)
+
+    def replace(self, **changes: Any) -> Sensing:
+        return replace(self, **changes)
+
+    def set(self, joint: int, **values: float) -> Sensing:
+        """A copy with values of one joint changed."""
+        changes = {}
+        for name, value in values.items():
+            array = np.array(getattr(self, name))
+            array[joint] = value
+            changes[name] = array
+        return self.replace(**changes)
+
+    def silent(self) -> Sensing:
+        """The same sensors without chance: what the visible amplitude of an effect is measured with."""
+        zero = np.zeros(len(self.white))
+        return self.replace(white=zero, coloured=zero, count_noise=0.0, wander=zero, count=np.full_like(zero, 1e-12))
+
+
+def ideal_sensing(n: int) -> Sensing:
+    """Sensors that read the truth."""
+    zero, one = np.zeros(n), np.ones(n)
+    return Sensing(
+        white=zero,
+        coloured=zero,
+        corner_hz=15.0,
+        load_growth=0.0,
+        rated=one,
+        count=1e-12 * one,
+        count_noise=0.0,
+        encoder_offset=zero,
+        gain=one,
+        offset=zero,
+        drift=zero,
+        wander=zero,
+        delay=0.0,
+        limit=np.inf * one,
+        sag=zero,
+    )
+
+
+def sample(ticks: Float[Array, " K"], values: Float[Array, "K n"], times: Float[Array, " T"]) -> Float[Array, "T n"]:
+    """Values at other times, linear between ticks."""
+    return np.column_stack([np.interp(times, ticks, column) for column in values.T])
+
+
+def read_torque(
+    sensing: Sensing,
+    ticks: Float[Array, " K"],
+    torque: Float[Array, "K n"],
+    speed: Float[Array, "K n"],
+    times: Float[Array, " T"],
+    clock: float,
+    rng: np.random.Generator,
+) -> Float[Array, "T n"]:
+    """The drives' torque readings.
+
+    Args:
+        sensing: The sensors.
+        ticks: Times of the controller's ticks in the run [s].
+        torque: Motor torque at the ticks [N m].
+        speed: Motor speed at the ticks [rad/s].
+        times: Times of the samples in the run [s].
+        clock: Session time at the start of the run [s].
+        rng: Source of the noise.
+    """
+    true = sample(ticks, torque, times - sensing.delay)
+    reading = true * sensing.gain
+    if np.any(sensing.sag):
+        power = np.abs(sample(ticks, (torque * speed).sum(axis=1, keepdims=True), times)) / sensing.sag_power
+        reading = reading * (1.0 + sensing.sag * power)
+    # A soft knee: the reading bends within a few per cent of its limit.
+    reading = reading / (1.0 + np.abs(reading / sensing.limit) ** 16) ** (1.0 / 16.0)
+    reading = reading + sensing.offset + np.outer(times + clock, sensing.drift)
+    noise = torque_noise(sensing, len(times), float(np.median(np.diff(times))), rng)
+    return reading + noise * (1.0 + sensing.load_growth * np.abs(true) / sensing.rated)
+
+
+def torque_noise(sensing: Sensing, samples: int, interval: float, rng: np.random.Generator) -> Float[Array, "T n"]:
+    """White and coloured (Ornstein-Uhlenbeck) noise of an unloaded joint, and the offset's wandering [N m]."""
+    n = len(sensing.white)
+    white = rng.standard_normal((samples, n)) * sensing.white
+    keep = np.exp(-2.0 * np.pi * sensing.corner_hz * interval)
+    drive = rng.standard_normal((samples, n)) * np.sqrt(1.0 - keep**2)
+    start = rng.standard_normal((1, n)) * keep
+    coloured, _ = lfilter([1.0], [1.0, -keep], drive, axis=0, zi=start)
+    steps = rng.standard_normal((samples, n)) * sensing.wander * np.sqrt(interval / 60.0)
+    return white + coloured * sensing.coloured + np.cumsum(steps, axis=0)
+
+
+def read_encoder(
+    sensing: Sensing,
+    ticks: Float[Array, " K"],
+    angle: Float[Array, "K n"],
+    times: Float[Array, " T"],
+    rng: np.random.Generator,
+) -> Float[Array, "T n"]:
+    """Encoder readings at the joint [rad]: whole counts of the motor's angle."""
+    counts = (sample(ticks, angle, times) + sensing.encoder_offset) / sensing.count
+    return np.round(counts + sensing.count_noise * rng.standard_normal(counts.shape)) * sensing.count
+
+
+def read_temperature(
+    ticks: Float[Array, " K"],
+    rise: Float[Array, "K n"],
+    times: Float[Array, " T"],
+    ambient: float,
+    rng: np.random.Generator,
+) -> Float[Array, "T n"]:
+    """Housing temperatures [degC] with a tenth of a degree of noise and resolution."""
+    true = ambient + sample(ticks, rise, times)
+    return np.round((true + 0.05 * rng.standard_normal(true.shape)) / TEMPERATURE_STEP_K) * TEMPERATURE_STEP_K

@@ -1,0 +1,164 @@
+"""Curves that start and end at rest, as functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from ident.arrays import Array, Float
+
+TICK_S = 1e-3
+"""Period of the controller [s]."""
+
+Curve = Callable[[Float[Array, " K"]], Float[Array, "K n"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A reference trajectory at the controller's ticks.
+
+    Attributes:
+        name: What it is, for file names.
+        q, dq, ddq: Position, velocity, acceleration, shape (K, n).
+    """
+
+    name: str
+    q: Float[Array, "K n"]
+    dq: Float[Array, "K n"]
+    ddq: Float[Array, "K n"]
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last tick [s]."""
+        return (len(self.q) - 1) * TICK_S
+
+    def reversed(self, name: str) -> Motion:
+        """The same path backwards."""
+        return Motion(name, self.q[::-1].copy(), -self.dq[::-1], self.ddq[::-1].copy())
+
+    def held(self, before: float, after: float) -> Motion:
+        """With standstill before and after [s]."""
+        pads = (round(before / TICK_S), round(after / TICK_S))
+        rest = np.zeros((1, self.q.shape[1]))
+        q = np.concatenate([np.repeat(self.q[:1], pads[0], 0), self.q, np.repeat(self.q[-1:], pads[1], 0)])
+        parts = [
+            np.concatenate([np.repeat(rest, pads[0], 0), values, np.repeat(rest, pads[1], 0)])
+            for values in (self.dq, self.ddq)
+        ]
+        return Motion(self.name, q, *parts)
+
+
+def ticks(duration: float) -> Float[Array, " K"]:
+    """Times of the controller's ticks from zero to a duration [s]."""
+    return np.arange(round(duration / TICK_S) + 1) * TICK_S
+
+
+def via_spline(name: str, points: Float[Array, "m n"], duration: float) -> Motion:
+    """Quintic spline through points at equal times, with rest (no velocity, no acceleration) at both ends."""
+    knots = np.linspace(0.0, duration, len(points))
+    rest = [(1, np.zeros(points.shape[1])), (2, np.zeros(points.shape[1]))]
+    spline = make_interp_spline(knots, points, k=5, bc_type=(rest, rest))
+    t = ticks(duration)
+    return Motion(name, spline(t), spline(t, 1), spline(t, 2))
+
+
+def window(t: Float[Array, " K"], duration: float, ramp: float) -> Float[Array, " K"]:
+    """0 → 1 → 0 with three continuous derivatives, flat in between."""
+    s = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
+    return s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
+
+
+def sampled(name: str, q: Float[Array, "K n"]) -> Motion:
+    """A motion from densely sampled positions of a smooth curve; derivatives by central differences.
+
+    The differences stand five ticks apart at most, far below any motion's time scale (errors under 1e-4).
+    """
+    dq = np.gradient(q, TICK_S, axis=0, edge_order=2)
+    ddq = np.gradient(dq, TICK_S, axis=0, edge_order=2)
+    dq[[0, -1]] = ddq[[0, -1]] = 0.0
+    return Motion(name, q, dq, ddq)
+
+
+def fourier(
+    name: str,
+    centre: Float[Array, " n"],
+    sines: Float[Array, "m n"],
+    cosines: Float[Array, "m n"],
+    base_hz: float,
+    duration: float,
+) -> Motion:
+    """Finite Fourier series about a pose, faded in and out over 15 % of the duration."""
+    t = ticks(duration)
+    order = 2.0 * np.pi * base_hz * np.arange(1, len(sines) + 1)
+    wave = np.sin(np.outer(t, order)) @ sines + np.cos(np.outer(t, order)) @ cosines
+    return sampled(name, centre + window(t, duration, 0.15 * duration)[:, None] * wave)
+
+
+def chirp(
+    name: str,
+    centre: Float[Array, " n"],
+    amplitude: Float[Array, " n"],
+    band_hz: tuple[float, float],
+    phase: Float[Array, " n"],
+    duration: float,
+) -> Motion:
+    """Logarithmic sweep of frequency about a pose; the swing falls as the frequency rises, so that speed falls slowly.
+
+    Args:
+        name: Of the motion.
+        centre: Pose [rad].
+        amplitude: Swing at the lowest frequency [rad].
+        band_hz: First and last frequency.
+        phase: Start of each joint's wave [rad].
+        duration: [s].
+    """
+    t = ticks(duration)
+    low, high = band_hz
+    rate = np.log(high / low) / duration
+    angle = 2.0 * np.pi * low * np.expm1(rate * t) / rate
+    swing = (np.exp(-rate * t)) ** 1.35 * window(t, duration, min(0.8, 0.15 * duration))
+    return sampled(name, centre + swing[:, None] * amplitude * np.sin(angle[:, None] + phase))
+
+
+def ramps(start: float, moves: Sequence[tuple[float, float]], acceleration: float, dwell: float) -> Float[Array, " K"]:
+    """Point-to-point moves of one joint at constant speeds, with smooth corners and standstill between them.
+
+    Args:
+        start: First position [rad].
+        moves: (goal [rad], speed [rad/s]) of each move.
+        acceleration: Mean acceleration of the corners [rad/s²].
+        dwell: Standstill after each move [s].
+    """
+    pieces = [np.full(max(round(0.1 / TICK_S), 1), start)]
+    at = start
+    for goal, speed in moves:
+        pieces.append(_ramp(at, goal, speed, acceleration))
+        pieces.append(np.full(max(round(dwell / TICK_S), 1), goal))
+        at = goal
+    return np.concatenate(pieces)
+
+
+def _ramp(start: float, goal: float, speed: float, acceleration: float) -> Float[Array, " K"]:
+    """One move: speed rises by a smooth step, stays, and falls."""
+    distance = abs(goal - start)
+    if distance < 1e-9:
+        return np.full(1, goal)
+    corner = speed / acceleration
+    if speed * corner > distance:  # too short to reach the speed
+        speed, corner = np.sqrt(distance * acceleration), np.sqrt(distance / acceleration)
+    total = distance / speed + corner
+    t = ticks(total)
+    s = np.clip(np.minimum(t, total - t) / corner, 0.0, 1.0)
+    profile = speed * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    path = np.concatenate([[0.0], np.cumsum(0.5 * (profile[1:] + profile[:-1]) * TICK_S)])
+    return start + np.sign(goal - start) * path * (distance / path[-1])
+
+
+def together(name: str, joints: Sequence[Float[Array, " K"]]) -> Motion:
+    """One motion of all joints, each waiting at its end for the slowest."""
+    longest = max(len(path) for path in joints)
+    columns = [np.concatenate([path, np.full(longest - len(path), path[-1])]) for path in joints]
+    return sampled(name, np.column_stack(columns))

@@ -1,0 +1,193 @@
+"""Runs motions on a hidden arm in closed loop, one after the other, on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.plant.contact import no_contact
+from ident.plant.friction import FrictionLaw
+from ident.plant.hardware import Hardware
+from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
+from ident.plant.mjcf import build_model
+from ident.plant.shapes import TICK_S, Motion
+from ident.plant.thermal import cool_down
+
+LARGEST_STEP_S = 5e-4
+# The spring between motor and link must turn by less than this angle of its own oscillation in a step.
+SPRING_PHASE = 0.35
+# Velocity filter of the controller [rad/s].
+FILTER_RAD_S = 900.0
+# Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
+APPROACH_S, SETTLE_S, ASIDE_RAD = 0.5, 0.4, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The truth of one run at the controller's ticks.
+
+    Attributes:
+        motion: What was asked for.
+        start: Session clock at its first tick [s].
+        log: What happened, K ticks.
+    """
+
+    motion: Motion
+    start: float
+    log: Log
+
+    @property
+    def times(self) -> Float[Array, " K"]:
+        """Time of the ticks since the start of the run [s]."""
+        return np.arange(len(self.log.angle)) * TICK_S
+
+
+class Simulator:
+    """One hidden arm, ready to run.
+
+    Args:
+        hardware: The arm.
+        rng: Source of encoder noise, of the friction's change from run to run, and of the approach.
+    """
+
+    def __init__(self, hardware: Hardware, rng: np.random.Generator) -> None:
+        self.hardware, self.rng = hardware, rng
+        arm, drive = hardware.arm, hardware.drive
+        rotors = np.where(drive.elastic, 0.0, drive.rotor_inertia)
+        bodies = hardware.bodies.replace(joint_inertia=rotors)
+        self.step = choose_step(hardware)
+        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step)
+        self.data = mujoco.MjData(self.model)
+        self.state = fresh_state(arm.n)
+        self.gains = controller_gains(hardware)
+
+    def run(self, motions: Sequence[Motion], pauses: Iterable[float], progress: Callable[[], None]) -> list[Trace]:
+        """All motions in order.
+
+        Args:
+            motions: What to do.
+            pauses: Standstill before each run [s].
+            progress: Called after each run.
+
+        Raises:
+            InputError: The simulation left the finite numbers: an effect's size is beyond what the arm can bear.
+        """
+        traces, clock = [], 0.0
+        for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
+            clock += pause
+            self.state.heat[:] = cool_down(self.hardware.heat, self.state.heat, pause)
+            traces.append(self._run_one(number, motion, clock))
+            clock += motion.duration
+            progress()
+        return traces
+
+    def _run_one(self, number: int, motion: Motion, clock: float) -> Trace:
+        laws = self._laws(number)
+        control = self._control()
+        approach = self._approach(motion.q[0])
+        self._place(approach.q[0])
+        for piece, start in ((approach, -approach.duration - TICK_S), (motion, 0.0)):
+            log = fresh_log(len(piece.q), self.hardware.n)
+            noise = self.hardware.sensing.count_noise * self.rng.standard_normal(piece.q.shape)
+            feed = self.hardware.arm.inverse_dynamics(piece.q, piece.dq, piece.ddq)
+            run_loop(self._engine, laws, control, self.state, piece.q, piece.dq, feed, noise, start, log)
+            if not check_finite(log, self.data):
+                raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
+        return Trace(motion, clock, log)
+
+    def _laws(self, number: int) -> Laws:
+        """The laws of one run: friction changes a little from run to run."""
+        h = self.hardware
+        spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
+        friction: FrictionLaw = h.friction._replace(
+            coulomb=h.friction.coulomb * spread[0], viscous=h.friction.viscous * spread[1]
+        )
+        here = h.contact_run in (-1, number)
+        return Laws(friction, h.drive, h.heat, h.outside, h.contact if here else no_contact())
+
+    def _control(self) -> Control:
+        sensing = self.hardware.sensing
+        return Control(
+            *self.gains,
+            limit=np.array(self.hardware.drive.effort_limit),
+            smoothing=float(-np.expm1(-FILTER_RAD_S * TICK_S)),
+            resolution=np.array(sensing.count),
+            offset=np.array(sensing.encoder_offset),
+            substeps=round(TICK_S / self.step),
+        )
+
+    def _approach(self, goal: Float[Array, " n"]) -> Motion:
+        """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""
+        aside = ASIDE_RAD * self.rng.uniform(-1.0, 1.0, self.hardware.n)
+        s = np.clip(np.arange(round((APPROACH_S + SETTLE_S) / TICK_S)) * TICK_S / APPROACH_S, 0.0, 1.0)
+        path = goal + np.outer((1.0 - s) ** 3 * (1.0 + 3.0 * s + 6.0 * s**2), aside)
+        dq = np.gradient(path, TICK_S, axis=0)
+        return Motion("approach", path, dq, np.gradient(dq, TICK_S, axis=0))
+
+    def _place(self, q: Float[Array, " n"]) -> None:
+        """Puts the arm at rest into a pose; temperatures stay."""
+        n, state = self.hardware.n, self.state
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:n] = q - self.hardware.sensing.encoder_offset
+        for array in (state.bent, state.bent_soft, state.bent_coupled, state.motor_speed, state.transmitted):
+            array[:] = 0.0
+        for array in (state.acceleration, state.speed_estimate):
+            array[:] = 0.0
+        state.motor_angle[:] = self.data.qpos[:n]
+        state.torque[:] = self.hardware.arm.gravity(q[None])[0]
+        if self.model.nq > n:  # liquid hangs where its springs bear it
+            mujoco.mj_kinematics(self.model, self.data)
+            turn = self.data.body("slosh").xmat.reshape(3, 3)
+            stiffness = self.model.jnt_stiffness[n:].reshape(3, -1)[:, 0]
+            mass = float(self.model.body("slosh").mass[0])
+            self.data.qpos[n:] = turn.T @ self.model.opt.gravity * mass / stiffness
+        mujoco.mj_forward(self.model, self.data)
+        self._engine = engine(self.model, self.data)
+
+
+def choose_step(hardware: Hardware) -> float:
+    """Step of the simulation [s]: half a tick, or the next power of two that resolves every spring."""
+    step = LARGEST_STEP_S
+    drive = hardware.drive
+    if not drive.elastic.any():
+        return step
+    link = least_link_inertia(hardware)
+    reduced = 1.0 / (1.0 / link + 1.0 / drive.rotor_inertia)
+    fastest = np.sqrt(drive.stiffness / reduced)[drive.elastic].max()
+    while fastest * step > SPRING_PHASE and step > 1e-5:
+        step /= 2.0
+    return step
+
+
+def least_link_inertia(hardware: Hardware) -> Float[Array, " n"]:
+    """Least inertia that each joint's spring can see: the link's with all others free, over some poses [kg m²]."""
+    arm = hardware.arm
+    rng = np.random.default_rng(0)
+    rotors = np.where(hardware.drive.elastic, 0.0, hardware.drive.rotor_inertia)
+    least = np.full(arm.n, np.inf)
+    for pose in np.clip(rng.uniform(-1.5, 1.5, (12, arm.n)), arm.lower, arm.upper):
+        mass = mass_matrix(hardware, pose) + np.diag(rotors)
+        least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
+    return least
+
+
+def mass_matrix(hardware: Hardware, q: Float[Array, " n"]) -> Float[Array, "n n"]:
+    """Joint-space inertia of the nominal links at a pose, without rotors [kg m²]."""
+    arm, unit = hardware.arm, np.eye(hardware.n)
+    pose = np.repeat(q[None], arm.n, axis=0)
+    columns = arm.inverse_dynamics(pose, np.zeros_like(unit), unit) - arm.gravity(pose)
+    return 0.5 * (columns + columns.T)
+
+
+def controller_gains(hardware: Hardware) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Stiffness [N m/rad] and damping [N m s/rad] for the controller's bandwidth at a middling pose."""
+    arm = hardware.arm
+    pose = np.clip(np.full(arm.n, 0.6), arm.lower, arm.upper)
+    inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
+    w = hardware.bandwidth
+    return w**2 * inertia, 2.0 * hardware.damping_ratio * w * inertia

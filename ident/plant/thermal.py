@@ -1,0 +1,76 @@
+"""Heat balance of each joint: the lubricant warms by what friction loses, the housing takes it up and cools to the air.
+
+    C_1 dθ_1/dt = P_loss - G_1 (θ_1 - θ_2),    C_2 dθ_2/dt = G_1 (θ_1 - θ_2) - G_2 θ_2
+
+with temperatures above the ambient.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.linalg import expm
+
+from ident.arrays import Array, Float
+
+AMBIENT_DEGC = 24.0
+
+
+class HeatLaw(NamedTuple):
+    """Thermal network of n joints; arrays of shape (n,).
+
+    Attributes:
+        lubricant, housing: Heat capacities C_1, C_2 [J/K].
+        inner, outer: Conductances G_1, G_2 [W/K].
+        copper: Motor's copper loss per torque squared that reaches the gear [W/(N m)²].
+    """
+
+    lubricant: Array
+    housing: Array
+    inner: Array
+    outer: Array
+    copper: Array
+
+
+def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> HeatLaw:
+    """A network whose lubricant settles at a rise above ambient under a rated loss.
+
+    Args:
+        rated_loss: Friction power of steady work [W].
+        rise: Lubricant's final temperature above ambient [K].
+        time_constant: Of the lubricant against the housing [s]; the housing's own is ten times as long.
+    """
+    inner = rated_loss / (0.75 * rise)
+    outer = rated_loss / (0.25 * rise)
+    return HeatLaw(
+        lubricant=time_constant * inner,
+        housing=10.0 * time_constant * outer,
+        inner=inner,
+        outer=outer,
+        copper=np.zeros(len(rated_loss)),
+    )
+
+
+@njit(cache=True)
+def warm_up(law: HeatLaw, heat: Array, j: int, loss: float, dt: float) -> None:
+    """Advances joint j's two temperatures above ambient [K] by dt [s] under a loss [W], in place."""
+    flow = law.inner[j] * (heat[j, 0] - heat[j, 1])
+    heat[j, 0] += dt * (loss - flow) / law.lubricant[j]
+    heat[j, 1] += dt * (flow - law.outer[j] * heat[j, 1]) / law.housing[j]
+
+
+def cool_down(law: HeatLaw, heat: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
+    """Temperatures above ambient [K] after a pause [s] at rest: the exact solution of the linear network."""
+    cooled = np.empty_like(heat)
+    for j in range(len(heat)):
+        inner, outer = law.inner[j], law.outer[j]
+        rate = np.array(
+            [
+                [-inner / law.lubricant[j], inner / law.lubricant[j]],
+                [inner / law.housing[j], -(inner + outer) / law.housing[j]],
+            ]
+        )
+        cooled[j] = expm(rate * pause) @ heat[j]
+    return cooled
