@@ -1,0 +1,225 @@
+"""What every planner has: problems to start from, a ledger that counts and remembers, a budget that ends it."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.files import atomic_write
+from plan.problem import Evaluation, PlanningProblem
+from plan.spline import Splines
+
+# Called with the evaluations so far, the evaluations allowed, and the best cost.
+Progress = Callable[[int, int, float], None]
+# Seconds between two checkpoints.
+CHECKPOINT_EVERY = 2.0
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a search may spend, whichever ends first.
+
+    Attributes:
+        evaluations: Trajectories evaluated.
+        seconds: Wall-clock time [s].
+    """
+
+    evaluations: int = 20_000
+    seconds: float = 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One trajectory that a search looked at.
+
+    Attributes:
+        problem: The problem whose decision vector it is.
+        x: Decision vector.
+        cost: Cost as evaluated: energy [J] or duration [s].
+        violation: What it breaks; zero for a feasible one.
+    """
+
+    problem: PlanningProblem
+    x: Float[Array, " d"]
+    cost: float
+    violation: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the search's own checks found nothing broken."""
+        return self.violation <= 1e-9
+
+    @property
+    def splines(self) -> Splines:
+        """The trajectory."""
+        return self.problem.decode(self.x)
+
+    def better_than(self, other: Candidate | None) -> bool:
+        """Feasible before infeasible; then by cost, or by what is broken."""
+        if other is None:
+            return True
+        if self.feasible != other.feasible:
+            return self.feasible
+        return self.cost < other.cost if self.feasible else self.violation < other.violation
+
+
+class BudgetSpentError(Exception):
+    """Ends a search from inside; never reaches the user."""
+
+
+@dataclass
+class Ledger:
+    """Counts evaluations and seconds, keeps the best candidate and the history, and writes the journal.
+
+    The journal is what makes every planner resumable alike: it holds the outcomes of all evaluations in order. A
+    planner asks for the same candidates again when it starts with the same seed, so a resumed search is fed from the
+    journal until that ends, without evaluating anything, and is then in the state in which it stopped.
+
+    Attributes:
+        budget: What may be spent.
+        progress: Called after each batch.
+        journal: File for checkpoints; none if None.
+        fingerprint: Tells journals of different tasks apart.
+    """
+
+    budget: Budget
+    progress: Progress | None = None
+    journal: Path | None = None
+    fingerprint: str = ""
+    evaluations: int = 0
+    best: Candidate | None = None
+    best_of: dict[str, Candidate] = field(default_factory=dict)
+    history: list[tuple[int, float, float]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    _told: list[Array] = field(default_factory=list)
+    _replay: Array | None = None
+    _started: float = field(default_factory=time.perf_counter)
+    _seconds_before: float = 0.0
+    _saved: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.journal is not None and self.journal.is_file():
+            with np.load(self.journal) as stored:
+                if str(stored["fingerprint"]) == self._digest:
+                    self._replay = stored["rows"]
+                    self._seconds_before = float(stored["seconds"])
+
+    @property
+    def seconds(self) -> float:
+        """Time spent so far, that of the interrupted search included [s]."""
+        return self._seconds_before + time.perf_counter() - self._started
+
+    @property
+    def remaining(self) -> int:
+        """Evaluations left; zero once the time is spent."""
+        return 0 if self.seconds >= self.budget.seconds else max(self.budget.evaluations - self.evaluations, 0)
+
+    def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Evaluation:
+        """Evaluates a batch against the budget.
+
+        Raises:
+            BudgetSpentError: Not one more evaluation is left.
+        """
+        x = np.atleast_2d(x)[: self.remaining]
+        if len(x) == 0:
+            raise BudgetSpentError
+        found = self._recall(len(x), problem.n)
+        if found is None:
+            found = problem.evaluate(x)
+        self._record(problem, x, found)
+        return found
+
+    def penalised(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Float[Array, " b"]:
+        """As `evaluate`, as one number to minimise; shorter than asked where the budget ends."""
+        return problem.penalised(self.evaluate(problem, x))
+
+    def save(self) -> None:
+        """Writes the journal, whole or not at all."""
+        if self.journal is None or not self._told:
+            return
+        with atomic_write(self.journal) as part, Path(part).open("wb") as stream:
+            rows = np.concatenate(self._told)
+            np.savez(stream, rows=rows, seconds=self.seconds, fingerprint=np.array(self._digest))
+        self._saved = time.perf_counter()
+
+    def count(self, evaluations: int) -> None:
+        """Adds evaluations that a solver made by itself."""
+        self.evaluations += evaluations
+
+    def offer(self, candidate: Candidate) -> None:
+        """Enters a candidate that was evaluated elsewhere."""
+        if candidate.better_than(self.best_of.get(candidate.problem.label)):
+            self.best_of[candidate.problem.label] = candidate
+        if candidate.better_than(self.best):
+            self.best = candidate
+            self.history.append((self.evaluations, self.seconds, candidate.cost if candidate.feasible else np.inf))
+
+    def _record(self, problem: PlanningProblem, x: Array, found: Evaluation) -> None:
+        self.evaluations += len(x)
+        violation = found.violation
+        order = np.lexsort((np.where(violation <= 1e-9, found.cost, violation), violation > 1e-9))
+        first = order[0]
+        self.offer(Candidate(problem, x[first].copy(), float(found.cost[first]), float(violation[first])))
+        if self.journal is not None:
+            self._told.append(_to_rows(found))
+            if time.perf_counter() - self._saved > CHECKPOINT_EVERY:
+                self.save()
+        if self.progress is not None and self.best is not None:
+            self.progress(self.evaluations, self.budget.evaluations, self.best.cost)
+
+    def _recall(self, count: int, n: int) -> Evaluation | None:
+        if self._replay is None or len(self._replay) < count or self._replay.shape[1] != 6 + n:
+            self._replay = None
+            return None
+        rows, self._replay = self._replay[:count], self._replay[count:]
+        return _from_rows(rows)
+
+    @property
+    def _digest(self) -> str:
+        return hashlib.sha256(self.fingerprint.encode()).hexdigest()
+
+
+def _to_rows(found: Evaluation) -> Array:
+    parts = (found.cost, found.collision, found.speed, found.torque, found.position, found.gap)
+    return np.column_stack([*parts, found.peak])
+
+
+def _from_rows(rows: Array) -> Evaluation:
+    return Evaluation(*rows[:, :6].T, peak=rows[:, 6:])
+
+
+class Planner(ABC):
+    """A way of searching.
+
+    Options live in the constructor; `search` gets the problems, one for each initial trajectory, best first.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+        """Looks for the best trajectory and leaves it in the ledger.
+
+        Args:
+            problems: One task from different initial trajectories.
+            ledger: Evaluates, counts, remembers.
+            rng: Source of randomness; the same seed gives the same search.
+        """
+
+    def run(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> Ledger:
+        """Searches until done or until the budget is spent."""
+        try:
+            self.search(problems, ledger, rng)
+        except BudgetSpentError:
+            ledger.notes.append("the budget ended the search")
+        finally:
+            ledger.save()
+        return ledger

@@ -1,0 +1,88 @@
+"""CMA-ES over the decision vector, from one or several initial trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import cma
+import numpy as np
+
+from ident.arrays import Array
+from plan.planners.base import Ledger, Planner
+from plan.problem import PlanningProblem
+
+
+@dataclass(frozen=True)
+class Evolution(Planner):
+    """Covariance matrix adaptation, run side by side from every initial trajectory.
+
+    The runs share the budget: all get the same number of generations first, then the better half, and so on, until
+    one is left (successive halving).
+
+    Attributes:
+        step: Initial standard deviation, as a share of each variable's range.
+        population: Candidates a generation; by the usual rule, 4 + 3 log d, times two, if 0.
+        round_length: Generations a round before the runs are halved.
+        tolerance: Ends a run when its costs lie this close together, as a share of the initial cost.
+    """
+
+    step: float = 0.05
+    population: int = 0
+    round_length: int = 25
+    tolerance: float = 1e-6
+    name: ClassVar[str] = "cma"
+
+    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+        """Runs until every surviving run has converged."""
+        runs = [_Run(problem, self, int(rng.integers(1, 2**31))) for problem in problems]
+        while runs:
+            for run in runs:
+                for _ in range(self.round_length):
+                    if run.done:
+                        break
+                    run.advance(ledger)
+            runs = sorted(runs, key=lambda run: run.best)[: (len(runs) + 1) // 2]
+            if len(runs) == 1 and runs[0].done:
+                return
+
+
+class _Run:
+    """One strategy in coordinates where every variable's range is one."""
+
+    def __init__(self, problem: PlanningProblem, options: Evolution, seed: int) -> None:
+        self.problem = problem
+        self.span = problem.upper - problem.lower
+        self.best = np.inf
+        size = options.population or 2 * (4 + int(3 * np.log(problem.dimension)))
+        self.strategy = cma.CMAEvolutionStrategy(
+            self._inward(problem.initial),
+            options.step,
+            {
+                "bounds": [0.0, 1.0],
+                "popsize": size,
+                "seed": seed,
+                "verbose": -9,
+                "tolfun": options.tolerance,
+                "tolfunhist": options.tolerance,
+                "tolx": 1e-6,
+            },
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether the strategy has converged."""
+        return bool(self.strategy.stop())
+
+    def advance(self, ledger: Ledger) -> None:
+        """One generation."""
+        asked = self.strategy.ask()
+        x = self.problem.lower + np.array(asked) * self.span
+        cost = ledger.penalised(self.problem, x)
+        self.best = min(self.best, float(cost.min()))
+        padded = np.concatenate([cost, np.full(len(asked) - len(cost), cost.max())])
+        self.strategy.tell(asked, padded.tolist())
+
+    def _inward(self, x: Array) -> Array:
+        return np.clip((x - self.problem.lower) / self.span, 1e-6, 1.0 - 1e-6)

@@ -1,0 +1,152 @@
+"""Proximal policy optimisation of a bandit: the paper's method.
+
+There is no state, so actor and critic have no input layer: the first hidden layer is its bias alone. The policy is a
+Gaussian over offsets from the initial trajectory, the critic one number, the baseline of the advantage.
+
+Source: paper, section 3 and Fig. 5, 6, 10; Schulman et al., "Proximal policy optimization algorithms", 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+
+from ident.arrays import Array, Float
+from plan.planners.base import Ledger, Planner
+from plan.planners.reward import REWARDS
+from plan.problem import PlanningProblem
+
+HIDDEN = (512, 256)
+
+
+@dataclass(frozen=True)
+class Ppo(Planner):
+    """PPO with the schedule of Fig. 10: 100 epochs for every seed, then rounds of 100 for one drawn by its learning.
+
+    An epoch is one trajectory, as in the paper; they are evaluated in batches.
+
+    Attributes:
+        reward: `bounded`, or `paper` for eq. 7 and 9.
+        epochs: Epochs in all.
+        round_length: Epochs of a seed before another may be drawn.
+        batch: Trajectories an update.
+        passes: Gradient steps an update.
+        clip: Range of the probability ratio.
+        spread: Initial standard deviation as a share of each variable's range.
+        learning_rate: Of Adam; falls linearly to a tenth.
+        entropy: Weight of the policy's entropy.
+    """
+
+    reward: Literal["bounded", "paper"] = "bounded"
+    epochs: int = 2100
+    round_length: int = 100
+    batch: int = 25
+    passes: int = 6
+    clip: float = 0.2
+    spread: float = 0.03
+    learning_rate: float = 1e-3
+    entropy: float = 0.0
+    name: ClassVar[str] = "ppo"
+
+    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+        """Trains one agent a seed, by turns."""
+        agents = [_Agent(problem, self, rng) for problem in problems]
+        spent = 0
+        for agent in agents:
+            spent += agent.learn(self.round_length, ledger)
+        while spent < self.epochs:
+            agent = agents[_draw(agents, rng)]
+            spent += agent.learn(min(self.round_length, self.epochs - spent), ledger)
+
+
+def _draw(agents: Sequence[_Agent], rng: np.random.Generator) -> int:
+    """Draws an agent: by the level it has reached, and by what its last round gained."""
+    level = np.array([agent.best for agent in agents])
+    gain = np.array([agent.gain for agent in agents])
+    score = (level - level.max()) / 0.05 + gain / max(gain.max(), 1e-9)
+    weight = np.exp(np.clip(score, -50.0, None))
+    return int(rng.choice(len(agents), p=weight / weight.sum()))
+
+
+class _Net(torch.nn.Module):
+    """Two hidden layers of rectifiers without an input, and linear heads."""
+
+    def __init__(self, heads: Sequence[int], generator: torch.Generator) -> None:
+        super().__init__()
+        first, second = HIDDEN
+        self.first = torch.nn.Parameter(torch.rand(first, generator=generator) * 0.1)
+        self.second = torch.nn.Parameter(torch.randn(second, first, generator=generator) * (2.0 / first) ** 0.5)
+        self.bias = torch.nn.Parameter(torch.zeros(second))
+        self.heads = torch.nn.ParameterList([torch.nn.Parameter(torch.zeros(size, second)) for size in heads])
+        self.offsets = torch.nn.ParameterList([torch.nn.Parameter(torch.zeros(size)) for size in heads])
+
+    def forward(self) -> list[torch.Tensor]:
+        hidden = torch.relu(self.second @ torch.relu(self.first) + self.bias)
+        return [weight @ hidden + offset for weight, offset in zip(self.heads, self.offsets, strict=True)]
+
+
+class _Agent:
+    """Actor and critic of one seed."""
+
+    def __init__(self, problem: PlanningProblem, options: Ppo, rng: np.random.Generator) -> None:
+        self.problem, self.options, self.rng = problem, options, rng
+        self.best, self.gain = -np.inf, 0.0
+        self.learned = 0
+        generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
+        d = problem.dimension
+        self.actor, self.critic = _Net((d, d), generator), _Net((1,), generator)
+        parameters = [*self.actor.parameters(), *self.critic.parameters()]
+        self.adam = torch.optim.Adam(parameters, lr=options.learning_rate, fused=True)
+        self.unit = options.spread * (problem.upper - problem.lower)
+
+    def learn(self, epochs: int, ledger: Ledger) -> int:
+        """Runs some epochs; returns how many."""
+        before, done = self.best, 0
+        while done < epochs:
+            size = min(self.options.batch, epochs - done)
+            self._update(size, ledger)
+            done += size
+        self.gain = max(self.best - before, 0.0) if np.isfinite(before) else 0.0
+        return done
+
+    def _update(self, size: int, ledger: Ledger) -> None:
+        with torch.no_grad():
+            mean, spread = (part.numpy() for part in self.actor())
+        noise = self.rng.normal(size=(size, len(mean)))
+        noise[size // 2 : 2 * (size // 2)] = -noise[: size // 2]  # antithetic pairs: the mean is felt with less noise
+        action = mean + np.exp(spread) * noise
+        found = ledger.evaluate(self.problem, self.problem.initial + action * self.unit)
+        reward = REWARDS[self.options.reward](self.problem, found)
+        self.best = max(self.best, float(-self.problem.penalised(found).min()))
+        self.learned += len(reward)
+        share = min(self.learned / max(self.options.epochs, 1), 1.0)
+        for group in self.adam.param_groups:
+            group["lr"] = self.options.learning_rate * (1.0 - 0.9 * share)
+        self._fit(torch.from_numpy(action[: len(reward)]).float(), _normalise(reward))
+
+    def _fit(self, action: torch.Tensor, reward: torch.Tensor) -> None:
+        options, old = self.options, None
+        for _ in range(options.passes):
+            mean, spread = self.actor()
+            (value,) = self.critic()
+            z = (action - mean) * torch.exp(-spread)
+            logarithm = -(0.5 * z * z + spread).sum(dim=1)
+            if old is None:
+                old = logarithm.detach()
+                advantage = reward - value.detach()
+            ratio = torch.exp(logarithm - old)
+            clipped = torch.clamp(ratio, 1.0 - options.clip, 1.0 + options.clip)
+            gained = torch.minimum(ratio * advantage, clipped * advantage).mean()
+            loss = -gained + 0.5 * ((value - reward) ** 2).mean() - options.entropy * spread.sum()
+            self.adam.zero_grad(set_to_none=True)
+            loss.backward()
+            self.adam.step()
+
+
+def _normalise(reward: Float[Array, " B"]) -> torch.Tensor:
+    """Rewards of a batch with mean zero and spread one: their scale carries no meaning."""
+    return torch.from_numpy((reward - reward.mean()) / (reward.std() + 1e-9)).float()
