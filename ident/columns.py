@@ -14,6 +14,7 @@ from ident.recording import CHANNELS, Recording, TelemetryIssue
 from ident.session_file import SessionFile
 
 TIME = "time"
+ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,9 @@ def assemble(name: str, table: Table, session_file: SessionFile, source: Path, f
             )
     _refuse_unknown_joints(joints, session_file)
     channels, issues = _channels(columns, joints, source)
+    for channel in ANGLES:
+        if channel in channels:
+            channels[channel] = session_file.angle_factor * channels[channel]
     channels["effort"] = _effort(columns, joints, session_file, source)
     time = _time(columns, len(channels["effort"]), session_file, source)
     return Recording(name=name, joints=joints, time=time, source=source, issues=(*table.issues, *issues), **channels)

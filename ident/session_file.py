@@ -14,7 +14,7 @@ from ident.errors import RecordingError
 from ident.recording import Payload
 
 NAME = "session.toml"
-KEYS = ("columns", "drive_gain_Nm_per_A", "effort_sign", "payload", "robot", "sample_rate_hz")
+KEYS = ("angle_unit", "columns", "drive_gain_Nm_per_A", "effort_sign", "payload", "robot", "sample_rate_hz")
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ class SessionFile:
         payload: Known body at the flange.
         robot: Name or URDF path of the robot.
         sample_rate_hz: Sampling rate of tables without a time column [Hz].
+        angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
         metadata: Everything else in the file.
     """
 
@@ -39,6 +40,7 @@ class SessionFile:
     payload: Payload | None = None
     robot: str | None = None
     sample_rate_hz: float | None = None
+    angle_factor: float = 1.0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -78,6 +80,7 @@ def load_session_file(path: Path) -> SessionFile:
         payload=_payload(data, path),
         robot=_robot(data, path),
         sample_rate_hz=_rate(data, path),
+        angle_factor=_angle_factor(data, path),
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
 
@@ -155,3 +158,10 @@ def _rate(data: dict[str, Any], path: Path) -> float | None:
     if rate <= 0:
         raise RecordingError(path, f"sample_rate_hz = {rate:g}", "give a positive rate [Hz]")
     return rate
+
+
+def _angle_factor(data: dict[str, Any], path: Path) -> float:
+    unit = data.get("angle_unit", "rad")
+    if unit not in ("rad", "deg"):
+        raise RecordingError(path, f"angle_unit = {unit!r}", 'write "rad" or "deg"')
+    return math.radians(1.0) if unit == "deg" else 1.0

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ident.arrays import Array, Int
 from ident.recording import Recording, Session
 
 FEWEST_BLOCKS = 5  # a median over held-out blocks, and a spread, need this many
@@ -42,5 +43,10 @@ def cut(run: Recording, number: int) -> tuple[Recording, ...]:
     if number <= 1:
         return (run,)
     edges = run.time[0] + run.duration * np.arange(1, number) / number
-    rows = [0, *np.searchsorted(run.time, edges), len(run)]
-    return tuple(run.at(slice(begin, end), f"{run.name}[{index}]") for index, (begin, end) in enumerate(pairwise(rows)))
+    return cut_before(run, np.searchsorted(run.time, edges))
+
+
+def cut_before(run: Recording, rows: Int[Array, " k"]) -> tuple[Recording, ...]:
+    """Cuts a run before each of some rows, given in order; the pieces are named `run[0]`, `run[1]`, …"""
+    edges = [0, *(int(row) for row in rows), len(run)]
+    return tuple(run.at(slice(a, b), f"{run.name}[{index}]") for index, (a, b) in enumerate(pairwise(edges)))

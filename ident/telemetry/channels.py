@@ -1,0 +1,193 @@
+"""Channels that hold still when they should not: stuck values, flat tops, commands that pose as measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.recording import Recording, Session, Severity, TelemetryIssue
+from ident.telemetry.report import in_runs, joints_at
+
+# A stuck channel repeats one value for this long, and this many samples, while its joint moves.
+STUCK_S, STUCK_SAMPLES = 0.3, 10
+# Coarse channels repeat values too: a stuck one does so for this many times its usual repetition.
+STUCK_REPETITIONS = 10.0
+# Motion that a frozen position hides, by the velocity or the command [rad]; well above what velocity noise sums up to.
+HIDDEN_TRAVEL = 0.02
+# Or it comes out of the freeze with a step this many times larger than its largest usual ones, and this large [rad].
+JUMP_STEPS, JUMP_RAD = 5.0, 0.005
+# More lost samples than this and the channel itself is broken.
+MOST_LOST = 0.3
+# Flat tops: most of the samples in the outermost twentieth of a channel's range hold exactly its extreme value.
+TOP_SHARE, TOP_RANGE, TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 0.5, 0.05, 10, 5, 0.3
+COMMAND_SHARE = 0.99
+COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
+    ("effort", "effort_command", "effort_is_model", "fatal", "log the measured torque or the motor current"),
+    ("position", "position_command", "position_is_command", "warning", "log the encoders' positions"),
+)
+
+
+def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops the samples in which a position or torque is frozen, and velocities that are."""
+    runs, told, joints, lost = [], [], set(), 0
+    for run in session.runs:
+        frozen = stuck_positions(run) | stuck_efforts(run)
+        rows = frozen.any(axis=1)
+        if not rows.any():
+            runs.append(run)
+            continue
+        columns = np.flatnonzero(frozen.any(axis=0))
+        joints |= set(columns.tolist())
+        first = int(np.flatnonzero(rows)[0])
+        lost += int(rows.sum())
+        channel = "position" if stuck_positions(run)[first].any() else "effort"
+        where = run.joints[int(np.argmax(frozen[first]))]
+        told.append(
+            (run.name, f"{channel} of {where} is frozen from {run.time[first]:.3f} s, {rows.sum()} samples in all")
+        )
+        if not rows.all():
+            runs.append(run.at(~rows))
+    issues = []
+    if told:
+        broken = lost > MOST_LOST * session.samples
+        evidence = in_runs(session, told) + ("" if broken else "; these samples are dropped")
+        remedy = "repair the channel and record again, or leave the run out" if broken else "look at the driver"
+        severity: Severity = "fatal" if broken else "warning"
+        issues.append(TelemetryIssue("stuck_channel", joints_at(session, joints), severity, evidence, remedy))
+        session = session if broken else session.replace(runs=runs)
+    session, velocities = _drop_stuck_velocity(session)
+    return session, issues + velocities
+
+
+def holds(values: Float[Array, " T"]) -> Int[Array, "h 2"]:
+    """First and last row of every stretch in which a channel repeats one value."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    return np.column_stack([np.append(0, changes + 1), np.append(changes, len(values) - 1)])
+
+
+def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Array, "h 2"]:
+    """Stretches long enough to be a stuck channel, given how long the channel usually repeats a value."""
+    found = holds(values)
+    lengths = found[:, 1] - found[:, 0] + 1
+    usual = float(np.median(lengths))
+    long = lengths >= max(STUCK_SAMPLES, STUCK_REPETITIONS * usual if len(found) > 2 else 0.0)
+    long &= time[found[:, 1]] - time[found[:, 0]] >= STUCK_S
+    return found[long]
+
+
+def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
+    """Samples in which a position is frozen although its joint moves."""
+    frozen = np.zeros(run.position.shape, dtype=bool)
+    for joint in range(len(run.joints)):
+        q = run.position[:, joint]
+        usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
+        for first, last in _long_holds(q, run.time):
+            stretch = slice(first, last + 1)
+            travel = _hidden_travel(run, joint, stretch)
+            jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
+            if travel > HIDDEN_TRAVEL or jump > max(JUMP_STEPS * usual_step, JUMP_RAD):
+                frozen[stretch, joint] = True
+    return frozen
+
+
+def _hidden_travel(run: Recording, joint: int, stretch: slice) -> float:
+    """How far the joint went by its velocity or command while its position stood still."""
+    travel = 0.0
+    if run.velocity is not None:
+        steps = run.velocity[stretch, joint][1:] * np.diff(run.time[stretch])
+        travel = float(np.ptp(np.concatenate([[0.0], np.cumsum(steps)])))
+    if run.position_command is not None:
+        travel = max(travel, float(np.ptp(run.position_command[stretch, joint])))
+    return travel
+
+
+def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
+    """Samples in which a torque is frozen, not at its extremes, although its joint moves."""
+    frozen = np.zeros(run.effort.shape, dtype=bool)
+    for joint in range(len(run.joints)):
+        tau = run.effort[:, joint]
+        for first, last in _long_holds(tau, run.time):
+            stretch = slice(first, last + 1)
+            whole = last - first + 1 > 0.9 * len(tau)
+            extreme = tau[first] in (tau.min(), tau.max()) and not whole
+            if not extreme and np.ptp(run.position[stretch, joint]) > HIDDEN_TRAVEL:
+                frozen[stretch, joint] = True
+    return frozen
+
+
+def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Velocities are not needed: where one is frozen, all are left out."""
+    told, joints = [], set()
+    for run in session.runs:
+        if run.velocity is None:
+            continue
+        for joint in range(len(run.joints)):
+            for first, last in _long_holds(run.velocity[:, joint], run.time):
+                travel = run.position[last, joint] - run.position[first, joint]
+                claimed = run.velocity[first, joint] * (run.time[last] - run.time[first])
+                if abs(travel - claimed) > max(HIDDEN_TRAVEL, 0.5 * abs(travel)):
+                    joints.add(joint)
+                    told.append((run.name, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s"))
+    if not told:
+        return session, []
+    evidence = in_runs(session, told) + "; velocities are not used"
+    issue = TelemetryIssue("stuck_channel", joints_at(session, joints), "warning", evidence, "look at the driver")
+    return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]
+
+
+def check_clipping(session: Session) -> list[TelemetryIssue]:
+    """Finds torques that are cut off at a constant value while the joint moves."""
+    told, joints, clipped = [], set(), 0
+    for run in session.runs:
+        if len(run) < STUCK_SAMPLES:
+            continue
+        # At rest a torque may hold any value; only moving samples can show a flat top.
+        moving = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1) > HIDDEN_TRAVEL
+        for joint in range(len(run.joints)):
+            for sign in (1.0, -1.0):
+                count, level = flat_top(sign * run.effort[moving, joint])
+                if count:
+                    clipped += count
+                    joints.add(joint)
+                    told.append((run.name, f"{run.joints[joint]} stays at {sign * level:.4g} N m for {count} samples"))
+    if not told:
+        return []
+    evidence = in_runs(session, told) + f"; {clipped / session.samples:.1%} of the samples"
+    remedy = "raise the limit of the channel or the drive, or record slower motion"
+    return [TelemetryIssue("clipped_effort", joints_at(session, joints), "warning", evidence, remedy)]
+
+
+def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
+    """Number of samples at a channel's cut-off maximum, and the maximum; zero if it is not cut off."""
+    if len(values) < TOP_SAMPLES or np.ptp(values) == 0.0:
+        return 0, 0.0
+    top = values.max()
+    near = values > top - TOP_RANGE * np.ptp(values)
+    at = values == top
+    stretches = holds(at.astype(float))
+    longest = max((int(last - first + 1) for first, last in stretches if at[first]), default=0)
+    # A coarse channel has few values near its top in any case: that is resolution, not a cut.
+    coarse = len(np.unique(values[values > top - 4.0 * TOP_RANGE * np.ptp(values)])) < 6
+    # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
+    outside = abs(top) > TOP_LEVEL * np.abs(values).max()
+    cut = at.sum() >= TOP_SAMPLES and longest >= TOP_STRETCH and at.sum() > TOP_SHARE * near.sum()
+    cut = cut and outside and not coarse
+    return (int(at.sum()), float(top)) if cut else (0, float(top))
+
+
+def check_commands(session: Session) -> list[TelemetryIssue]:
+    """Finds commands that are logged as measurements."""
+    issues = []
+    for measured, command, issue, severity, remedy in COMMANDS:
+        pairs = [run.channels() for run in session.runs if command in run.channels()]
+        if not pairs:
+            continue
+        values = np.concatenate([pair[measured] for pair in pairs])
+        commands = np.concatenate([pair[command] for pair in pairs])
+        moving = np.abs(np.diff(commands, axis=0)) > 0.0
+        same = (values == commands)[1:] & moving
+        joints = np.flatnonzero((same.sum(axis=0) > COMMAND_SHARE * moving.sum(axis=0)) & moving.any(axis=0))
+        if len(joints):
+            evidence = f"{session.name}: {measured} of {session.joints[joints[0]]} equals its command in every sample"
+            issues.append(TelemetryIssue(issue, joints_at(session, joints), severity, evidence, remedy))
+    return issues

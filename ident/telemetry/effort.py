@@ -1,0 +1,223 @@
+"""Measured torque against the robot's model: sign, scale, and torques that are only a model of themselves.
+
+Per joint, over all runs,
+
+    tau = a_g g(q) + a_i (rnea(q, dq, ddq) - g(q)) + b tanh(dq / eps) + c dq + o,
+
+all through the same filter, with a_g, a_i, b, c ≥ 0: gravity pulls, inertia resists and friction brakes, whatever the
+URDF's masses, the rotor's inertia and the level of friction are. A flipped sign can't be fitted so; its negative can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ident.arm import ArmModel
+from ident.arrays import Array, Bool, Float
+from ident.recording import Session, TelemetryIssue
+from ident.telemetry.report import joints_at
+from ident.telemetry.signals import Motion, filter_run
+
+# Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
+TRANSITION_RAD_S = 0.02
+# A joint is tested if it moves, or if gravity on it changes; else its torque can be anything within friction.
+MOVING_RAD_S = 0.02
+# Sign. On 17 UR10e, two Panda and one UR10 logs, moving joints reach at least 0.59 with the right sign and at most
+# 0.27 with the wrong one (a wrist on which friction and a mass error compensate).
+SIGN_EXPLAINS, SIGN_BETTER = 0.5, 0.3
+# Scale. Gravity's coefficient a_g was 0.84 to 1.44 on the heavy joints of these logs, 1.84 with an unknown payload of
+# 2.6 kg. Payloads can't lower it. Raw currents lie near 0.1, per cent of a rated torque near 0.3, N mm at 1000.
+SCALE_LOW, SCALE_HIGH = 0.5, 4.0
+# A joint is heavy if gravity changes on it by this share of the most loaded joint's change, and by 0.5 N m.
+HEAVY_SHARE, HEAVY_NM = 0.2, 0.5
+# Heavy joints reach 0.97 in these logs; a torque of which the model explains less than this is something else.
+FOLLOWS = 0.3
+# A model of itself. Friction terms lower the residual's variance by at least 22 % on every joint of these logs, and
+# by 2.6 % at most on the UR10e controller's own rigid model, which its logs hold as last columns.
+FRICTION_GAIN, RIGID_EXPLAINS, FRICTION_SHARE = 0.05, 0.99, 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Filtered states of all runs, and the model's torque in two parts, shapes (T, n)."""
+
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+    gravity: Float[Array, "T n"]
+    inertial: Float[Array, "T n"]
+
+    @property
+    def moving(self) -> Bool[Array, " n"]:
+        """Joints that move."""
+        return np.sqrt(np.mean(self.dq**2, axis=0)) > MOVING_RAD_S
+
+    @property
+    def heavy(self) -> Bool[Array, " n"]:
+        """Joints on which gravity changes much."""
+        change = self.gravity.std(axis=0)
+        return (change > HEAVY_SHARE * change.max()) & (change > HEAVY_NM)
+
+
+@dataclass(frozen=True)
+class SignedFit:
+    """The fit of one joint's torque, all physical coefficients non-negative.
+
+    Attributes:
+        explained: Share of the torque's variance that is explained.
+        gravity: a_g.
+        inertia: a_i.
+    """
+
+    explained: float
+    gravity: float
+    inertia: float
+
+
+def collect_states(session: Session, arm: ArmModel) -> States | None:
+    """The filtered motion of all runs; None where every run is too short."""
+    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    if not motions:
+        return None
+    q, dq, ddq, tau = (_stack(motions, name) for name in ("q", "dq", "ddq", "tau"))
+    gravity = arm.gravity(q)
+    return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity)
+
+
+def _stack(motions: Sequence[Motion], name: str) -> Float[Array, "T n"]:
+    return np.concatenate([getattr(motion, name) for motion in motions])
+
+
+def fit_signed(states: States, joint: int, sign: float, rows: Array | slice = slice(None)) -> SignedFit:
+    """Fits one joint's torque, times a sign, with non-negative coefficients."""
+    dq, tau = states.dq[rows, joint], sign * states.tau[rows, joint]
+    gravity = states.gravity[rows, joint]
+    columns = [gravity - gravity.mean(), states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
+    table = np.column_stack(columns)
+    size = np.linalg.norm(table, axis=0)
+    # Columns that are zero but for rounding would get coefficients without meaning.
+    live = size > 1e-6 * max(float(size.max()), 1e-12)
+    scaled = np.where(live, table / np.where(live, size, 1.0), 0.0)
+    ones = np.full((len(tau), 1), len(tau) ** -0.5)
+    weights, _ = nnls(np.hstack([scaled, ones, -ones]), tau)
+    residual = tau - np.hstack([scaled, ones, -ones]) @ weights
+    variance = float(tau.var())
+    coefficients = np.where(live, weights[:4] / np.where(live, size, 1.0), 0.0)
+    explained = 1.0 - float(np.mean(residual**2)) / variance if variance > 0.0 else 0.0
+    return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
+
+
+def explained_by_model(session: Session, arm: ArmModel) -> float:
+    """Median over the heavy joints of the share of torque that is explained with either sign."""
+    states = collect_states(session, arm)
+    if states is None or not states.heavy.any():
+        return 0.0
+    shares = [
+        max(fit_signed(states, int(joint), sign).explained for sign in (1.0, -1.0))
+        for joint in np.flatnonzero(states.heavy)
+    ]
+    return float(np.median(shares))
+
+
+def check_effort(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Sign, scale and origin of the measured torque."""
+    states = collect_states(session, arm)
+    if states is None:
+        return []
+    tested = [int(joint) for joint in np.flatnonzero((states.moving | states.heavy) & (states.tau.std(axis=0) > 0.0))]
+    right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
+    wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
+    flipped = [
+        joint
+        for joint in tested
+        if wrong[joint].explained > SIGN_EXPLAINS and wrong[joint].explained > right[joint].explained + SIGN_BETTER
+    ]
+    upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
+    issues = _tell_flipped(session, flipped, right, wrong)
+    issues += _check_scale(session, states, upright)
+    return issues + _check_origin(session, arm, states)
+
+
+def _tell_flipped(
+    session: Session, flipped: list[int], right: dict[int, SignedFit], wrong: dict[int, SignedFit]
+) -> list[TelemetryIssue]:
+    if not flipped:
+        return []
+    joint = max(flipped, key=lambda j: wrong[j].explained)
+    evidence = (
+        f"{session.name}: gravity, inertia and friction explain {wrong[joint].explained:.0%} of minus the effort of "
+        f"{session.joints[joint]}, and {max(right[joint].explained, 0.0):.0%} of the effort"
+    )
+    lines = ", ".join(f"{session.joints[j]} = -1" for j in flipped)
+    remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
+    return [TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy)]
+
+
+def _check_scale(session: Session, states: States, fits: dict[int, SignedFit]) -> list[TelemetryIssue]:
+    heavy = [joint for joint in fits if states.heavy[joint]]
+    remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
+    deaf = [joint for joint in heavy if fits[joint].explained < FOLLOWS]
+    off = [joint for joint in heavy if joint not in deaf and not SCALE_LOW < fits[joint].gravity < SCALE_HIGH]
+    issues = []
+    if deaf:
+        joint = min(deaf, key=lambda j: fits[j].explained)
+        evidence = (
+            f"{session.name}: gravity, inertia and friction explain {max(fits[joint].explained, 0.0):.0%} of the "
+            f"effort of {session.joints[joint]}, on which gravity changes by {states.gravity[:, joint].std():.1f} N m"
+        )
+        hint = "log the joint's whole torque: no external or gravity-free one, nor another joint's"
+        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, deaf), "fatal", evidence, hint))
+    if off:
+        joint = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
+        evidence = (
+            f"{session.name}: the effort of {session.joints[joint]} follows the model's gravity torque at "
+            f"{fits[joint].gravity:.3g} of its size: a current, a percentage or another unit"
+        )
+        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, remedy))
+    return issues
+
+
+def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
+    """Finds torques that a rigid model explains without any friction."""
+    step = max(1, len(states.q) // 4000)
+    moving = np.flatnonzero(states.moving & (states.tau.std(axis=0) > 0.0))
+    if len(states.q) < 20 * arm.n or not len(moving):
+        return []
+    rows = slice(None, None, step)
+    regressor = arm.regressor(states.q[rows], states.dq[rows], states.ddq[rows])
+    models = []
+    for joint in moving:
+        dq, tau = states.dq[rows, joint], states.tau[rows, joint]
+        rigid = np.column_stack([regressor[:, joint], states.ddq[rows, joint], np.ones(len(dq))])
+        friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
+        without, _ = _residual(rigid, tau)
+        with_friction, brake = _residual(np.column_stack([rigid, friction]), tau, friction.shape[1])
+        gain = 1.0 - with_friction.var() / max(without.var(), 1e-300)
+        exact = without.var() < 1e-12 * tau.var()
+        rigid_only = without.var() < (1.0 - RIGID_EXPLAINS) * tau.var() and brake < FRICTION_SHARE * tau.std()
+        if exact or (rigid_only and gain < FRICTION_GAIN):
+            models.append((int(joint), float(without.std() / tau.std()), brake))
+    # One joint without friction may be a fine gear; most joints without are a computer.
+    if len(models) < max(1.0, 0.5 * len(moving)):
+        return []
+    worst, left, brake = max(models, key=lambda found: -found[1])
+    evidence = (
+        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {left:.2%}, with "
+        f"{brake:.3f} N m of friction: a computed torque, not a measured one"
+    )
+    remedy = "log the measured torque or the motor current"
+    return [TelemetryIssue("effort_is_model", joints_at(session, [m[0] for m in models]), "fatal", evidence, remedy)]
+
+
+def _residual(table: Float[Array, "T k"], tau: Float[Array, " T"], last: int = 0) -> tuple[Float[Array, " T"], float]:
+    """Least-squares residual, and the RMS of what the last columns contribute."""
+    size = np.linalg.norm(table, axis=0)
+    size = np.where(size > 1e-9 * size.max(), size, np.inf)
+    weights, *_ = np.linalg.lstsq(table / size, tau, rcond=1e-8)
+    share = (table / size)[:, table.shape[1] - last :] @ weights[len(weights) - last :]
+    return tau - (table / size) @ weights, float(np.sqrt(np.mean(share**2))) if last else 0.0

@@ -1,0 +1,85 @@
+"""The order of the checks: each sees what the ones before it have mended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.joints import match_joints
+from ident.recording import Recording, Session, TelemetryIssue
+from ident.telemetry.amount import check_amount, check_excitation
+from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
+from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
+from ident.telemetry.clock import mend_jitter, mend_order, split_at_gaps
+from ident.telemetry.effort import check_effort
+from ident.telemetry.motion import mend_time_base, mend_velocity
+from ident.telemetry.report import TelemetryReport
+
+Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
+
+
+def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
+    """Checks a session, mends what can be mended safely, and compares it with the robot's model where one is given.
+
+    Args:
+        session: The recordings as read.
+        arm: The robot, without the session's payload.
+
+    Returns:
+        The issues, the mended session in the robot's joints, and the robot as the session needs it.
+
+    Raises:
+        RecordingError: No joint of the robot is recorded.
+    """
+    return inspect_sessions([session], arm)[0]
+
+
+def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -> tuple[TelemetryReport, ...]:
+    """Checks sessions that are to be used together: whether there is enough motion is asked of all of them at once."""
+    reports = [_inspect_alone(session, arm) for session in sessions]
+    mended = [report.session for report in reports if report.session.samples]
+    together = [*check_amount(mended), *check_excitation(mended, reports[0].arm)] if mended else []
+    first = TelemetryReport(reports[0].session, (*reports[0].issues, *together), reports[0].arm)
+    return (first, *reports[1:])
+
+
+def _inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
+    """All checks but those that ask for the amount of data."""
+    issues = list(session.issues())
+    if arm is not None:
+        session, matching = match_joints(session, arm.joint_names)
+        issues += matching
+        absent = [name for name in arm.joint_names if name not in session.joints]
+        arm = (arm.locked(absent) if absent else arm).with_payload(session.payload)
+    session = session.replace(runs=[_without_nan(run) for run in session.runs])
+    if not session.samples:
+        return TelemetryReport(session, tuple(issues), arm)
+    steps: tuple[Mending, ...] = (
+        mend_order,
+        lambda found: mend_degrees(found, arm),
+        mend_spikes,
+        lambda found: mend_wraps(found, arm),
+        lambda found: mend_time_base(found, arm),
+        mend_jitter,
+        drop_stuck,
+        split_at_jumps,
+        split_at_gaps,
+        mend_velocity,
+    )
+    for step in steps:
+        session, found = step(session)
+        issues += found
+    issues += check_clipping(session) + check_commands(session)
+    if arm is not None:
+        issues += check_effort(session, arm)
+    return TelemetryReport(session, tuple(issues), arm)
+
+
+def _without_nan(run: Recording) -> Recording:
+    """The rows in which every cell is a number."""
+    whole = np.isfinite(run.time)
+    for values in run.channels().values():
+        whole &= np.isfinite(values).all(axis=1)
+    return run if whole.all() else run.at(whole)

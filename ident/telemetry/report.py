@@ -1,0 +1,101 @@
+"""The result of a telemetry check: what was found, and the session as it may be used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ident.arm import ArmModel
+from ident.errors import RecordingError
+from ident.recording import Session, Severity, TelemetryIssue
+from ident.writing import write_session
+
+ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
+# These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
+TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
+
+
+@dataclass(frozen=True, eq=False)
+class TelemetryReport:
+    """What a telemetry check found.
+
+    Attributes:
+        session: The session with everything mended that can be mended safely, joints in the robot's order.
+        issues: What was found, the worst first.
+        arm: The robot with the joints locked that the recording lacks, and its payload; None if none was given.
+    """
+
+    session: Session
+    issues: tuple[TelemetryIssue, ...]
+    arm: ArmModel | None = None
+
+    def __post_init__(self) -> None:
+        ranked = sorted(self.issues, key=lambda issue: ORDER.index(issue.severity))
+        object.__setattr__(self, "issues", tuple(ranked))
+
+    @property
+    def fatal(self) -> tuple[TelemetryIssue, ...]:
+        """The issues that forbid a fit."""
+        return tuple(issue for issue in self.issues if issue.severity == "fatal")
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the recordings may be fitted."""
+        return not self.fatal
+
+    def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
+        """The issues of one kind."""
+        return tuple(found for found in self.issues if found.issue == issue)
+
+    def require_fit(self, learning: bool = True) -> TelemetryReport:
+        """Passes if the recordings may be used, else refuses.
+
+        Args:
+            learning: Whether something is to be fitted; an evaluation may do with little data.
+
+        Raises:
+            RecordingError: A fatal issue; names the file, the place and the remedy.
+        """
+        fatal = [issue for issue in self.fatal if learning or issue.issue not in TOO_LITTLE]
+        if fatal:
+            first, more = fatal[0], len(fatal) - 1
+            also = f" (and {more} more, see `ident inspect`)" if more else ""
+            where = str(self.session.path or self.session.name)
+            raise RecordingError(where, f"{first.issue}: {first.evidence}", first.remedy + also)
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "session": self.session.name,
+            "runs": len(self.session.runs),
+            "samples": self.session.samples,
+            "duration_s": self.session.duration,
+            "joints": list(self.session.joints),
+            "common_clock": self.session.common_clock,
+            "fit": self.is_fit,
+            "telemetry": [issue.to_dict() for issue in self.issues],
+        }
+
+    def mend(self, folder: str | Path) -> None:
+        """Writes the mended session as a folder of Parquet runs."""
+        write_session(self.session, folder)
+
+
+def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:
+    """Names of joints by their columns, in order, each once."""
+    return tuple(session.joints[column] for column in sorted(set(columns)))
+
+
+def in_runs(session: Session, told: Sequence[tuple[str, str]]) -> str:
+    """Evidence of several runs in one line: the first one's, and in how many more it was seen.
+
+    Args:
+        session: The session.
+        told: (run, what was seen), the most telling first.
+    """
+    run, what = told[0]
+    others = len({name for name, _ in told}) - 1
+    return f"{run}: {what}" + (f"; also in {others} of the other {len(session.runs) - 1} runs" if others else "")
