@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Array", "Bool", "Float", "Int", "freeze", "rms"]
+__all__ = ["Array", "Bool", "Float", "Int", "freeze"]
 
 Array = np.ndarray
 
@@ -17,8 +17,3 @@ def freeze(values: Any) -> Float[Array, "..."]:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
-
-
-def rms(values: Float[Array, "..."], axis: int | None = 0) -> Any:
-    """Root mean square along an axis."""
-    return np.sqrt(np.mean(np.square(values), axis=axis))

@@ -145,7 +145,7 @@ class LossModel:
         fits = [self._fit_joint(j, motions, analytic, widths) for j in range(len(joints))]
         values = np.stack([fit[0] for fit in fits], axis=1)
         return LossResults(
-            params=LossParameters(*values, transition_speed=widths),
+            params=LossParameters(values[0], values[1], values[2], values[3], widths),
             joints=joints,
             covariance=np.stack([fit[1] for fit in fits]),
             blocks=min(fit[2] for fit in fits),
@@ -173,7 +173,9 @@ class LossModel:
         self, j: int, motions: Sequence[Motion], analytic: Sequence[Array], widths: Array
     ) -> tuple[Array, Array, int, float, tuple[str, ...]]:
         used = [0, 1, 2, 3] if self.offset else [0, 1, 2]
-        rows, targets, blocks = [], [], []
+        rows: list[Array] = []
+        targets: list[Array] = []
+        blocks: list[Array] = []
         for motion, torque in zip(motions, analytic, strict=True):
             moving = motion.moving[:, j]
             rows.append(loss_columns(motion, widths)[moving, j][:, used])
@@ -204,7 +206,7 @@ class LossModel:
         if self.robust:
             start = np.linalg.lstsq(x / scale, y, rcond=None)[0]
             knee = HUBER_KNEE * 1.4826 * np.median(np.abs(y - (x / scale) @ start)) + 1e-9
-            objective = cp.sum(cp.huber((y - (x / scale) @ unknown) / knee, 1.0))
+            objective = cp.sum(cp.huber((y - (x / scale) @ unknown) / knee, 1))
         else:
             # The triangular factor holds all that squares need of the rows: three numbers instead of 10⁴.
             basis, factor = np.linalg.qr(x / scale)

@@ -312,7 +312,7 @@ def smooth(
         track, covariance = run(z, dt, regular, float(levels.jerk[j]), r, first)
         states[:, :, j] = track.T
         std[:, j] = np.sqrt(np.diag(covariance))
-    return Smoothed(*(freeze(state) for state in states), freeze(std))
+    return Smoothed(freeze(states[0]), freeze(states[1]), freeze(states[2]), freeze(std))
 
 
 def _transition(dt: float, s: float) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
