@@ -13,7 +13,7 @@ temperature).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -125,25 +125,23 @@ def seat_shape(angle: float) -> float:
 
 
 @njit(cache=True)
-def sliding_level(
-    law: FrictionLaw, j: int, v: float, angle: float, transmitted: float, acceleration: float, warm: float
-) -> float:
-    """g: the dry friction that the ordinary contact of joint j would have if it slid steadily at v [N m]."""
-    level = law.coulomb[j]
-    if law.seat[j] != 0.0:
-        level *= 1.0 + law.seat[j] * seat_shape(law.seat_order[j] * angle + law.seat_phase[j])
-    if law.stribeck[j] != 0.0:
-        level += law.stribeck[j] * np.exp(-((abs(v) / law.stribeck_velocity[j]) ** law.stribeck_exponent[j]))
-    if law.load[j] != 0.0:
-        floor = law.load_floor[j]
+def sliding_level(joint: Any, v: float, angle: float, transmitted: float, acceleration: float, warm: float) -> float:
+    """g: the dry friction that the ordinary contact of a joint would have if it slid steadily at v [N m]."""
+    level = joint.coulomb
+    if joint.seat != 0.0:
+        level *= 1.0 + joint.seat * seat_shape(joint.seat_order * angle + joint.seat_phase)
+    if joint.stribeck != 0.0:
+        level += joint.stribeck * np.exp(-((abs(v) / joint.stribeck_velocity) ** joint.stribeck_exponent))
+    if joint.load != 0.0:
+        floor = joint.load_floor
         felt = np.sqrt(transmitted * transmitted + floor * floor) - floor
-        level += law.load[j] * felt * (1.0 + law.load_drive[j] * np.tanh(v * transmitted / (0.05 * floor + 1e-9)))
-    if law.coulomb_skew[j] != 0.0:
-        level += 0.5 * law.coulomb_skew[j] * np.tanh(v / 1e-3)
-    if law.skid[j] != 0.0:
-        level += law.skid[j] * np.tanh(abs(acceleration) / law.skid_scale[j])
-    if law.thermal_coulomb[j] != 0.0:
-        level *= np.exp(-law.thermal_coulomb[j] * warm)
+        level += joint.load * felt * (1.0 + joint.load_drive * np.tanh(v * transmitted / (0.05 * floor + 1e-9)))
+    if joint.coulomb_skew != 0.0:
+        level += 0.5 * joint.coulomb_skew * np.tanh(v / 1e-3)
+    if joint.skid != 0.0:
+        level += joint.skid * np.tanh(abs(acceleration) / joint.skid_scale)
+    if joint.thermal_coulomb != 0.0:
+        level *= np.exp(-joint.thermal_coulomb * warm)
     return max(level, 1e-6)
 
 
@@ -161,13 +159,13 @@ def bristle(z: float, v: float, level: float, stiffness: float, damping: float, 
 
 
 @njit(cache=True)
-def viscous_drag(law: FrictionLaw, j: int, v: float, warm: float) -> float:
+def viscous_drag(joint: Any, v: float, warm: float) -> float:
     """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
-    drag = law.viscous[j] * v
-    if law.viscous_skew[j] != 0.0:
-        drag += 0.5 * law.viscous_skew[j] * abs(v)
-    if law.eyring[j] != 0.0:
-        drag += law.eyring[j] * np.arcsinh(v / law.eyring_velocity[j])
-    if law.thermal_viscous[j] != 0.0:
-        drag *= np.exp(-law.thermal_viscous[j] * warm)
+    drag = joint.viscous * v
+    if joint.viscous_skew != 0.0:
+        drag += 0.5 * joint.viscous_skew * abs(v)
+    if joint.eyring != 0.0:
+        drag += joint.eyring * np.arcsinh(v / joint.eyring_velocity)
+    if joint.thermal_viscous != 0.0:
+        drag *= np.exp(-joint.thermal_viscous * warm)
     return drag

@@ -10,11 +10,11 @@ from numba import njit
 
 from ident.arrays import Array
 from ident.plant.contact import Contact, push
-from ident.plant.friction import FrictionLaw, bristle, sliding_level, viscous_drag
+from ident.plant.friction import bristle, sliding_level, viscous_drag
 from ident.plant.native import call_step, step_address
-from ident.plant.outside import OutsideLaw, outside_torque
-from ident.plant.thermal import HeatLaw, warm_up
-from ident.plant.transmission import DriveLaw, hose_torque, ripple_torque, spring_torque
+from ident.plant.outside import outside_torque
+from ident.plant.thermal import warm_up
+from ident.plant.transmission import hose_torque, ripple_torque, spring_torque
 
 
 class Engine(NamedTuple):
@@ -35,12 +35,12 @@ class Engine(NamedTuple):
 
 
 class Laws(NamedTuple):
-    """All that acts on the joints."""
+    """All that acts on the joints: tables with one record a joint (see `records`), and the push from outside."""
 
-    friction: FrictionLaw
-    drive: DriveLaw
-    heat: HeatLaw
-    outside: OutsideLaw
+    friction: Array
+    drive: Array
+    heat: Array
+    outside: Array
     contact: Contact
 
 
@@ -50,36 +50,53 @@ class Control(NamedTuple):
     Attributes:
         stiffness, damping: Gains [N m/rad], [N m s/rad], shape (n,).
         limit: Torque limit [N m], shape (n,).
-        smoothing: Share of a new velocity estimate that the filter takes at each tick.
         resolution: Of the encoders at the joint [rad], shape (n,).
         offset: What the encoders read at zero [rad], shape (n,).
-        substeps: Steps of the simulation in a tick.
+        smoothing: Share of a new velocity estimate that the filter takes at each tick, shape (n,).
     """
 
     stiffness: Array
     damping: Array
     limit: Array
-    smoothing: float
     resolution: Array
     offset: Array
-    substeps: int
+    smoothing: Array
 
 
-class State(NamedTuple):
-    """What the plant remembers beside MuJoCo's state; arrays of shape (n,), heat (n, 2), scratch (3, n)."""
+# What the plant remembers of each joint, beside MuJoCo's state.
+STATE = np.dtype(
+    [
+        (name, float)
+        for name in (
+            "bent",  # deflections of the bristles [rad]: the ordinary contact, the soft one, the coupled motor's
+            "bent_soft",
+            "bent_coupled",
+            "motor_angle",
+            "motor_speed",
+            "transmitted",  # torque through the mesh [N m], as the mesh feels it
+            "acceleration",  # of the motor, as its bearings feel it [rad/s²]
+            "lubricant_rise",  # temperatures above ambient [K]
+            "housing_rise",
+            "reading",  # the encoder's last reading [rad]
+            "speed_estimate",  # the controller's [rad/s]
+            "torque",  # of the motor [N m]
+            "before",  # of the motor, a tick ago [N m]
+            "net",  # of the motor, less what its own friction takes [N m]
+            "link",  # torque that acts on the link directly [N m]
+            "spring",  # torque between motor and link [N m]
+        )
+    ]
+)
 
-    bent: Array
-    bent_soft: Array
-    bent_coupled: Array
-    motor_angle: Array
-    motor_speed: Array
-    transmitted: Array
-    acceleration: Array
-    heat: Array
-    reading: Array
-    speed_estimate: Array
-    torque: Array
-    scratch: Array
+
+def records(law: Any) -> Array:
+    """A law of n joints (named arrays) as n records: compiled code passes one table, not dozens of arrays."""
+    columns = [np.asarray(column) for column in law]
+    kinds = [(name, column.dtype) for name, column in zip(law._fields, columns, strict=True)]
+    table = np.zeros(len(columns[0]), dtype=np.dtype(kinds, align=True))
+    for name, column in zip(law._fields, columns, strict=True):
+        table[name] = column
+    return table
 
 
 class Log(NamedTuple):
@@ -111,10 +128,9 @@ def engine(model: Any, data: Any) -> Engine:
     )
 
 
-def fresh_state(n: int) -> State:
+def fresh_state(n: int) -> Array:
     """Bristles straight, everything at rest and at ambient temperature."""
-    shapes = {"heat": (n, 2), "scratch": (3, n)}
-    return State(**{name: np.zeros(shapes.get(name, (n,))) for name in State._fields})
+    return np.zeros(n, dtype=STATE)
 
 
 def fresh_log(ticks: int, n: int) -> Log:
@@ -122,100 +138,129 @@ def fresh_log(ticks: int, n: int) -> Log:
 
 
 @njit(cache=True)
-def friction_torque(law: FrictionLaw, state: State, speed: Array, j: int, angle: float, dt: float) -> float:
-    """Torque of all friction in joint j's drive, against its motion [N m]; bends the bristles."""
-    v, warm = speed[j], state.heat[j, 0]
-    level = sliding_level(law, j, v, angle, state.transmitted[j], state.acceleration[j], warm)
-    state.bent[j], torque = bristle(state.bent[j], v, level, law.bristle_stiffness[j], law.bristle_damping[j], dt)
-    if law.soft[j] != 0.0:
-        state.bent_soft[j], more = bristle(state.bent_soft[j], v, law.soft[j], law.soft_stiffness[j], 0.0, dt)
+def friction_torque(joint: Any, state: Any, dt: float) -> float:
+    """Torque of all friction in a joint's drive, against its motion [N m]; bends the bristles."""
+    v, warm = state.motor_speed, state.lubricant_rise
+    level = sliding_level(joint, v, state.motor_angle, state.transmitted, state.acceleration, warm)
+    state.bent, torque = bristle(state.bent, v, level, joint.bristle_stiffness, joint.bristle_damping, dt)
+    if joint.soft != 0.0:
+        state.bent_soft, more = bristle(state.bent_soft, v, joint.soft, joint.soft_stiffness, 0.0, dt)
         torque += more
-    return torque + viscous_drag(law, j, v, warm)
+    return torque + viscous_drag(joint, v, warm)
 
 
 @njit(cache=True)
-def coupled_torque(law: FrictionLaw, state: State, speed: Array, j: int, dt: float) -> float:
+def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> float:
     """Friction in the motion of a motor that two joints turn [N m]."""
-    both = speed[j] + law.couple_ratio[j] * speed[law.couple_to[j]]
-    level = max(law.couple_coulomb[j], 1e-6)
-    stiffness = law.bristle_stiffness[j] * min(level / law.coulomb[j], 1.0)
-    damping = 0.5 * law.bristle_damping[j]
-    state.bent_coupled[j], torque = bristle(state.bent_coupled[j], both, level, stiffness, damping, dt)
-    return torque + law.couple_viscous[j] * both
+    both = state.motor_speed + joint.couple_ratio * other_speed
+    level = max(joint.couple_coulomb, 1e-6)
+    stiffness = joint.bristle_stiffness * min(level / joint.coulomb, 1.0)
+    damping = 0.5 * joint.bristle_damping
+    state.bent_coupled, torque = bristle(state.bent_coupled, both, level, stiffness, damping, dt)
+    return torque + joint.couple_viscous * both
 
 
 @njit(cache=True)
-def motor_motion(engine: Engine, laws: Laws, state: State) -> None:
+def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
     """Takes over the motors' angle and speed from the links where the two are one body."""
-    for j in range(len(state.torque)):
-        if not laws.drive.elastic[j]:
-            state.motor_angle[j] = engine.qpos[j]
-            state.motor_speed[j] = engine.qvel[j]
+    for j in range(len(state)):
+        if not drive[j].elastic:
+            state[j].motor_angle = engine.qpos[j]
+            state[j].motor_speed = engine.qvel[j]
 
 
 @njit(cache=True)
-def advance(engine: Engine, laws: Laws, state: State, elapsed: float) -> None:
-    """One step of the plant under the motor torques in `state.torque`."""
-    n, dt, drive = len(state.torque), engine.dt, laws.drive
-    motor, link, spring, elastic = state.scratch[0], state.scratch[1], state.scratch[2], drive.elastic
-    motor_motion(engine, laws, state)
-    motor[:] = state.torque
+def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
+    """Works out all torques of a step and hands MuJoCo those on the links."""
+    n, dt = len(state), engine.dt
     for j in range(n):
-        rubbing = friction_torque(laws.friction, state, state.motor_speed, j, state.motor_angle[j], dt)
-        motor[j] -= rubbing + ripple_torque(drive, j, state.motor_angle[j], state.transmitted[j])
-        link[j] = hose_torque(drive, j, engine.qpos[j])
-        link[j] += outside_torque(laws.outside, j, engine.qpos, engine.qvel, elapsed)
-        loss = max(rubbing * state.motor_speed[j], 0.0) + laws.heat.copper[j] * state.torque[j] ** 2
-        warm_up(laws.heat, state.heat, j, loss, dt)
+        own, drive = state[j], laws.drive[j]
+        rubbing = friction_torque(laws.friction[j], own, dt)
+        own.net = own.torque - rubbing - ripple_torque(drive, own.motor_angle, own.transmitted)
+        own.link = hose_torque(drive, engine.qpos[j])
+        own.link += outside_torque(laws.outside[j], j, engine.qpos, engine.qvel, elapsed)
+        loss = max(rubbing * own.motor_speed, 0.0) + laws.heat[j].copper * own.torque**2
+        warm_up(laws.heat[j], own, loss, dt)
     for j in range(n):
-        if laws.friction.couple_to[j] >= 0:
-            shared = coupled_torque(laws.friction, state, state.motor_speed, j, dt)
-            motor[j] -= shared
-            motor[laws.friction.couple_to[j]] -= laws.friction.couple_ratio[j] * shared
+        joint = laws.friction[j]
+        if joint.couple_to >= 0:
+            shared = coupled_torque(joint, state[j], state[joint.couple_to].motor_speed, dt)
+            state[j].net -= shared
+            state[joint.couple_to].net -= joint.couple_ratio * shared
     for j in range(n):
-        if elastic[j]:
-            twist = state.motor_angle[j] - engine.qpos[j]
-            spring[j] = spring_torque(drive, j, twist, state.motor_speed[j] - engine.qvel[j])
-            engine.qfrc[j] = spring[j] + link[j]
+        own, drive = state[j], laws.drive[j]
+        if drive.elastic:
+            twist = own.motor_angle - engine.qpos[j]
+            own.spring = spring_torque(drive, twist, own.motor_speed - engine.qvel[j])
+            engine.qfrc[j] = own.spring + own.link
         else:
-            engine.qfrc[j] = motor[j] + link[j]
+            engine.qfrc[j] = own.net + own.link
+
+
+@njit(cache=True)
+def turn_motors(engine: Engine, drives: Array, state: Array) -> None:
+    """After a step: moves the motors that are bodies of their own, and notes what mesh and bearings feel."""
+    dt = engine.dt
+    for j in range(len(state)):
+        own, drive = state[j], drives[j]
+        if drive.elastic:
+            rate, carried = (own.net - own.spring) / drive.rotor_inertia, own.spring
+            own.motor_speed += dt * rate
+            own.motor_angle += dt * own.motor_speed
+        else:
+            rate = engine.qacc[j]
+            carried = own.net - drive.rotor_inertia * rate
+        # The mesh and the balls feel load and acceleration over a few milliseconds, not step by step.
+        own.transmitted += min(dt / 2e-3, 1.0) * (carried - own.transmitted)
+        own.acceleration += min(dt / 5e-3, 1.0) * (rate - own.acceleration)
+
+
+@njit(cache=True)
+def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
+    """One step of the plant under the motor torques in the state."""
+    motor_motion(engine, laws.drive, state)
+    apply_torques(engine, laws, state, elapsed)
     if laws.contact.body > 0:
         push(laws.contact, elapsed, engine.xpos, engine.xmat, engine.xipos, engine.xfrc)
     call_step(engine.function, engine.model, engine.data)  # type: ignore[call-arg]
-    for j in range(n):
-        if elastic[j]:
-            before = state.motor_speed[j]
-            state.motor_speed[j] += dt * (motor[j] - spring[j]) / drive.rotor_inertia[j]
-            state.motor_angle[j] += dt * state.motor_speed[j]
-            rate, carried = (state.motor_speed[j] - before) / dt, spring[j]
-        else:
-            rate = engine.qacc[j]
-            carried = motor[j] - drive.rotor_inertia[j] * rate
-        # The mesh and the balls feel load and acceleration over a few milliseconds, not step by step.
-        state.transmitted[j] += min(dt / 2e-3, 1.0) * (carried - state.transmitted[j])
-        state.acceleration[j] += min(dt / 5e-3, 1.0) * (rate - state.acceleration[j])
+    turn_motors(engine, laws.drive, state)
 
 
 @njit(cache=True)
-def command(control: Control, state: State, q: Array, dq: Array, feed: Array, noise: Array, tick: float) -> None:
+def command(control: Array, state: Array, q: Array, dq: Array, feed: Array, noise: Array, tick: float) -> None:
     """Reads the encoders and sets the motor torques [N m]."""
-    for j in range(len(state.torque)):
-        count = control.resolution[j]
-        reading = np.round((state.motor_angle[j] + control.offset[j]) / count + noise[j]) * count
-        rate = (reading - state.reading[j]) / tick
-        state.reading[j] = reading
-        state.speed_estimate[j] += control.smoothing * (rate - state.speed_estimate[j])
-        torque = feed[j] + control.stiffness[j] * (q[j] - reading)
-        torque += control.damping[j] * (dq[j] - state.speed_estimate[j])
-        state.torque[j] = min(max(torque, -control.limit[j]), control.limit[j])
+    for j in range(len(state)):
+        joint, own = control[j], state[j]
+        count = joint.resolution
+        reading = np.round((own.motor_angle + joint.offset) / count + noise[j]) * count
+        rate = (reading - own.reading) / tick
+        own.reading = reading
+        own.speed_estimate += joint.smoothing * (rate - own.speed_estimate)
+        torque = feed[j] + joint.stiffness * (q[j] - reading) + joint.damping * (dq[j] - own.speed_estimate)
+        own.before = own.torque
+        own.torque = min(max(torque, -joint.limit), joint.limit)
+
+
+@njit(cache=True)
+def note(log: Log, k: int, engine: Engine, state: Array) -> None:
+    """Writes one tick of the log."""
+    for j in range(len(state)):
+        log.angle[k, j] = state[j].motor_angle
+        log.speed[k, j] = state[j].motor_speed
+        log.speed_estimate[k, j] = state[j].speed_estimate
+        # The drive reports the mean of the current before and after the instant: no delay of its own.
+        log.torque[k, j] = 0.5 * (state[j].before + state[j].torque)
+        log.link_angle[k, j] = engine.qpos[j]
+        log.temperature[k, j] = state[j].housing_rise
 
 
 @njit(cache=True)
 def run_loop(
     engine: Engine,
     laws: Laws,
-    control: Control,
-    state: State,
+    control: Array,
+    substeps: int,
+    state: Array,
     q: Array,
     dq: Array,
     feed: Array,
@@ -226,31 +271,21 @@ def run_loop(
     """Follows a reference from tick to tick.
 
     Args:
-        engine, laws, control: The plant and its controller.
+        engine, laws: The plant.
+        control: The controllers, records of `Control`.
+        substeps: Steps of the simulation in a tick.
         state: Advanced in place.
         q, dq, feed: Reference position, velocity and feed-forward torque at K ticks, shape (K, n).
         noise: Encoder noise in counts, shape (K, n).
         start: Time of the first tick since the run began [s]; negative while the arm settles.
         log: Filled in place.
     """
-    tick = engine.dt * control.substeps
-    n = q.shape[1]
+    tick = engine.dt * substeps
     for k in range(q.shape[0]):
-        motor_motion(engine, laws, state)
-        if k == 0:
-            for j in range(n):
-                state.reading[j] = state.motor_angle[j] + control.offset[j]
-        before = state.torque.copy()
+        motor_motion(engine, laws.drive, state)
         command(control, state, q[k], dq[k], feed[k], noise[k], tick)
-        for j in range(n):
-            log.angle[k, j] = state.motor_angle[j]
-            log.speed[k, j] = state.motor_speed[j]
-            log.speed_estimate[k, j] = state.speed_estimate[j]
-            # The drive reports the mean of the current before and after the instant: no delay of its own.
-            log.torque[k, j] = state.torque[j] if k == 0 else 0.5 * (before[j] + state.torque[j])
-            log.link_angle[k, j] = engine.qpos[j]
-            log.temperature[k, j] = state.heat[j, 1]
-        for i in range(control.substeps):
+        note(log, k, engine, state)
+        for i in range(substeps):
             advance(engine, laws, state, start + k * tick + i * engine.dt)
 
 

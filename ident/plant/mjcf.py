@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,13 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+Point = tuple[float, float, float]
+
+
+def as_point(values: Sequence[float] | Array) -> Point:
+    """Three coordinates [m]."""
+    x, y, z = values
+    return float(x), float(y), float(z)
 
 
 @dataclass(frozen=True)
@@ -27,7 +35,7 @@ class AddedBody:
 
     link: str
     mass: float
-    com: tuple[float, float, float]
+    com: Point
     radius: float = 0.0
 
 
@@ -43,7 +51,7 @@ class Slosh:
     """
 
     mass: float
-    place: tuple[float, float, float]
+    place: Point
     frequency: float = 2.0
     damping_ratio: float = 0.08
 

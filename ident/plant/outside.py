@@ -7,7 +7,7 @@ reading of the drive (`sensing.Sensing.sag`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,19 +54,19 @@ def nothing_outside(n: int) -> OutsideLaw:
 
 
 @njit(cache=True)
-def outside_torque(law: OutsideLaw, j: int, q: Array, v: Array, elapsed: float) -> float:
+def outside_torque(joint: Any, j: int, q: Array, v: Array, elapsed: float) -> float:
     """Torque on joint j [N m], given all positions, velocities and the time since the run began [s]."""
     torque = 0.0
-    if law.cable[j] == 0.0 and law.product[j] == 0.0 and law.brake[j] == 0.0:
+    if joint.cable == 0.0 and joint.product == 0.0 and joint.brake == 0.0:
         return torque
     slide = np.tanh(v[j] / 0.01)
-    if law.cable[j] != 0.0:
-        centre = law.cable_centre[j] + law.cable_share[j] * q[law.cable_other[j]]
+    if joint.cable != 0.0:
+        centre = joint.cable_centre + joint.cable_share * q[joint.cable_other]
         # Angles wrap: the band lies on the circle.
-        away = np.arctan2(np.sin(q[j] - centre), np.cos(q[j] - centre)) / law.cable_width[j]
-        torque -= law.cable[j] * slide / (1.0 + away**6)
-    if law.product[j] != 0.0:
-        torque -= law.product[j] * v[j] * abs(v[law.product_other[j]])
-    if law.brake[j] != 0.0:
-        torque -= law.brake[j] * slide * np.exp(-elapsed / law.brake_decay[j])
+        away = np.arctan2(np.sin(q[j] - centre), np.cos(q[j] - centre)) / joint.cable_width
+        torque -= joint.cable * slide / (1.0 + away**6)
+    if joint.product != 0.0:
+        torque -= joint.product * v[j] * abs(v[joint.product_other])
+    if joint.brake != 0.0:
+        torque -= joint.brake * slide * np.exp(-elapsed / joint.brake_decay)
     return torque

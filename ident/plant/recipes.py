@@ -20,7 +20,7 @@ from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.limits import Limits
 from ident.plant.mjcf import AddedBody
 from ident.plant.motions import random_path
-from ident.plant.record import Channels, record_runs
+from ident.plant.record import Channels, draw_pauses, record_runs
 from ident.plant.shapes import Motion, via_spline
 from ident.recording import Payload, Session
 from ident.writing import write_session
@@ -128,7 +128,8 @@ def paper_sessions(progress: Callable[[], None]) -> list[Session]:
     for name, motions in plans.items():
         body, payload = weight(arm, PAYLOADS_KG[name]) if name in PAYLOADS_KG else (None, None)
         loaded = hardware.replace(bodies=hardware.bodies.replace(added=(body,))) if body else hardware
-        runs, _ = record_runs(loaded, motions, Channels(rate=RATE_HZ), rng.spawn(1)[0], progress=progress)
+        pauses = draw_pauses(len(motions), (4.0, 12.0), rng)
+        runs, _ = record_runs(loaded, motions, Channels(rate=RATE_HZ), rng.spawn(1)[0], pauses, progress)
         note = {"origin": "simulated by ident.plant; not measured on hardware"}
         sessions.append(Session(name, tuple(runs), payload=payload, robot="tm5-900", metadata=note))
     return sessions

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,12 +40,17 @@ class Channels:
     temperature: bool = False
 
 
+def draw_pauses(runs: int, bounds: tuple[float, float], rng: np.random.Generator) -> list[float]:
+    """Standstill before each run [s]; none before the first."""
+    return [0.0, *map(float, rng.uniform(*bounds, runs - 1))]
+
+
 def record_runs(
     hardware: Hardware,
     motions: Sequence[Motion],
     channels: Channels,
     rng: np.random.Generator,
-    pause: tuple[float, float] = (4.0, 12.0),
+    pauses: Sequence[float],
     progress: Progress = no_progress,
 ) -> tuple[list[Recording], list[Trace]]:
     """Runs motions on an arm and records them.
@@ -53,16 +59,14 @@ def record_runs(
         hardware: The hidden arm.
         motions: What it is asked to do.
         channels: What is logged, how often.
-        rng: Source of chance: plant, sensors and pauses have streams of their own, so that one does not shift another.
-        pause: Bounds of the standstill between runs [s].
+        rng: Source of chance: plant and sensors have streams of their own, so that one does not shift the other.
+        pauses: Standstill before each run [s].
         progress: Called after each run.
 
     Returns:
         The runs as recorded, and as they truly were.
     """
-    plant_rng, sensor_rng, clock_rng = rng.spawn(3)
-    pauses = clock_rng.uniform(*pause, len(motions))
-    pauses[0] = 0.0
+    plant_rng, sensor_rng = rng.spawn(2)
     simulator = Simulator(hardware, plant_rng)
     traces = simulator.run(motions, pauses, progress)
     width = max(len(str(len(motions))), 2)
@@ -76,25 +80,21 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
     """One run as the log shows it."""
     ticks, sensing, log = trace.times, hardware.sensing, trace.log
     times = np.arange(int(np.floor(ticks[-1] * channels.rate + 1e-9)) + 1) / channels.rate
-    position = read_encoder(sensing, ticks, log.angle, times, rng)
-    effort = read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng)
-    extra: dict[str, Array] = {}
-    if channels.velocity:
-        extra["velocity"] = sample(ticks, log.speed_estimate, times)
-    if channels.commands:
-        extra["position_command"] = sample(ticks, trace.motion.q, times)
-        extra["velocity_command"] = sample(ticks, trace.motion.dq, times)
+    channels_of: dict[str, Array | None] = {
+        "position": read_encoder(sensing, ticks, log.angle, times, rng),
+        "effort": read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng),
+        "velocity": sample(ticks, log.speed_estimate, times) if channels.velocity else None,
+        "position_command": sample(ticks, trace.motion.q, times) if channels.commands else None,
+        "velocity_command": sample(ticks, trace.motion.dq, times) if channels.commands else None,
+        "temperature": None,
+    }
     if channels.temperature:
-        extra["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
-    resolved = {key: np.round(values, _DECIMALS[key]) for key, values in extra.items()}
-    return Recording(
-        name=name,
-        joints=hardware.arm.joint_names,
-        time=np.round(trace.start + times, 6),
-        position=np.round(position, _DECIMALS["position"]),
-        effort=np.round(effort, _DECIMALS["effort"]),
-        **resolved,
-    )
+        channels_of["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
+    rounded: dict[str, Any] = {
+        key: np.round(values, _DECIMALS[key]) for key, values in channels_of.items() if values is not None
+    }
+    time = np.round(trace.start + times, 6)
+    return Recording(name=name, joints=hardware.arm.joint_names, time=time, **rounded)
 
 
 # A log's resolution: far below the sensors' own, so that files stay small.

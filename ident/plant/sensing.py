@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from ident.arrays import Array, Float, freeze
 
 # Counts of a motor encoder's turn, and temperature resolution.
-MOTOR_COUNTS = 32768
+MOTOR_COUNTS = 65536
 TEMPERATURE_STEP_K = 0.1
 
 
@@ -70,7 +70,7 @@ class Sensing:
             load_growth=1.0,
             rated=np.array(rated),
             count=2.0 * np.pi / (MOTOR_COUNTS * ratio),
-            count_noise=0.5,
+            count_noise=0.4,
         )
 
     @property

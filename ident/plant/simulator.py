@@ -13,7 +13,7 @@ from ident.errors import InputError
 from ident.plant.contact import no_contact
 from ident.plant.friction import FrictionLaw
 from ident.plant.hardware import Hardware
-from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
+from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
 from ident.plant.mjcf import build_model
 from ident.plant.shapes import TICK_S, Motion
 from ident.plant.thermal import cool_down
@@ -64,7 +64,7 @@ class Simulator:
         self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step)
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
-        self.gains = controller_gains(hardware)
+        self.control = self._control()
 
     def run(self, motions: Sequence[Motion], pauses: Iterable[float], progress: Callable[[], None]) -> list[Trace]:
         """All motions in order.
@@ -80,22 +80,28 @@ class Simulator:
         traces, clock = [], 0.0
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
-            self.state.heat[:] = cool_down(self.hardware.heat, self.state.heat, pause)
+            self._cool(pause)
             traces.append(self._run_one(number, motion, clock))
             clock += motion.duration
             progress()
         return traces
 
+    def _cool(self, pause: float) -> None:
+        """Lets the joints cool for a while [s]."""
+        rise = np.column_stack([self.state["lubricant_rise"], self.state["housing_rise"]])
+        cooled = cool_down(self.hardware.heat, rise, pause)
+        self.state["lubricant_rise"], self.state["housing_rise"] = cooled.T
+
     def _run_one(self, number: int, motion: Motion, clock: float) -> Trace:
         laws = self._laws(number)
-        control = self._control()
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
         for piece, start in ((approach, -approach.duration - TICK_S), (motion, 0.0)):
             log = fresh_log(len(piece.q), self.hardware.n)
             noise = self.hardware.sensing.count_noise * self.rng.standard_normal(piece.q.shape)
             feed = self.hardware.arm.inverse_dynamics(piece.q, piece.dq, piece.ddq)
-            run_loop(self._engine, laws, control, self.state, piece.q, piece.dq, feed, noise, start, log)
+            views = self._engine, laws, self.control, round(TICK_S / self.step), self.state
+            run_loop(*views, piece.q, piece.dq, feed, noise, start, log)
             if not check_finite(log, self.data):
                 raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
         return Trace(motion, clock, log)
@@ -108,18 +114,19 @@ class Simulator:
             coulomb=h.friction.coulomb * spread[0], viscous=h.friction.viscous * spread[1]
         )
         here = h.contact_run in (-1, number)
-        return Laws(friction, h.drive, h.heat, h.outside, h.contact if here else no_contact())
+        contact = h.contact if here else no_contact()
+        return Laws(records(friction), records(h.drive), records(h.heat), records(h.outside), contact)
 
-    def _control(self) -> Control:
-        sensing = self.hardware.sensing
-        return Control(
-            *self.gains,
-            limit=np.array(self.hardware.drive.effort_limit),
-            smoothing=float(-np.expm1(-FILTER_RAD_S * TICK_S)),
-            resolution=np.array(sensing.count),
-            offset=np.array(sensing.encoder_offset),
-            substeps=round(TICK_S / self.step),
+    def _control(self) -> Array:
+        h = self.hardware
+        law = Control(
+            *controller_gains(h),
+            limit=np.array(h.drive.effort_limit),
+            resolution=np.array(h.sensing.count),
+            offset=np.array(h.sensing.encoder_offset),
+            smoothing=np.full(h.n, -np.expm1(-FILTER_RAD_S * TICK_S)),
         )
+        return records(law)
 
     def _approach(self, goal: Float[Array, " n"]) -> Motion:
         """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""
@@ -134,12 +141,12 @@ class Simulator:
         n, state = self.hardware.n, self.state
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:n] = q - self.hardware.sensing.encoder_offset
-        for array in (state.bent, state.bent_soft, state.bent_coupled, state.motor_speed, state.transmitted):
-            array[:] = 0.0
-        for array in (state.acceleration, state.speed_estimate):
-            array[:] = 0.0
-        state.motor_angle[:] = self.data.qpos[:n]
-        state.torque[:] = self.hardware.arm.gravity(q[None])[0]
+        warmth = state[["lubricant_rise", "housing_rise"]].copy()
+        state[:] = np.zeros(1, dtype=state.dtype)
+        state[["lubricant_rise", "housing_rise"]] = warmth
+        state["motor_angle"] = self.data.qpos[:n]
+        state["reading"] = q
+        state["torque"] = self.hardware.arm.gravity(q[None])[0]
         if self.model.nq > n:  # liquid hangs where its springs bear it
             mujoco.mj_kinematics(self.model, self.data)
             turn = self.data.body("slosh").xmat.reshape(3, 3)

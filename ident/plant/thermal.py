@@ -7,7 +7,7 @@ with temperatures above the ambient.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,23 +54,20 @@ def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: 
 
 
 @njit(cache=True)
-def warm_up(law: HeatLaw, heat: Array, j: int, loss: float, dt: float) -> None:
-    """Advances joint j's two temperatures above ambient [K] by dt [s] under a loss [W], in place."""
-    flow = law.inner[j] * (heat[j, 0] - heat[j, 1])
-    heat[j, 0] += dt * (loss - flow) / law.lubricant[j]
-    heat[j, 1] += dt * (flow - law.outer[j] * heat[j, 1]) / law.housing[j]
+def warm_up(joint: Any, state: Any, loss: float, dt: float) -> None:
+    """Advances a joint's two temperatures above ambient [K] by dt [s] under a loss [W], in place."""
+    flow = joint.inner * (state.lubricant_rise - state.housing_rise)
+    state.lubricant_rise += dt * (loss - flow) / joint.lubricant
+    state.housing_rise += dt * (flow - joint.outer * state.housing_rise) / joint.housing
 
 
-def cool_down(law: HeatLaw, heat: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
+def cool_down(law: HeatLaw, rise: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
     """Temperatures above ambient [K] after a pause [s] at rest: the exact solution of the linear network."""
-    cooled = np.empty_like(heat)
-    for j in range(len(heat)):
+    cooled = np.empty_like(rise)
+    for j in range(len(rise)):
         inner, outer = law.inner[j], law.outer[j]
-        rate = np.array(
-            [
-                [-inner / law.lubricant[j], inner / law.lubricant[j]],
-                [inner / law.housing[j], -(inner + outer) / law.housing[j]],
-            ]
-        )
-        cooled[j] = expm(rate * pause) @ heat[j]
+        from_lubricant, from_housing = inner / law.lubricant[j], inner / law.housing[j]
+        lost = outer / law.housing[j]
+        rate = np.array([[-from_lubricant, from_lubricant], [from_housing, -from_housing - lost]])
+        cooled[j] = expm(rate * pause) @ rise[j]
     return cooled

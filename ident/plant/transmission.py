@@ -5,7 +5,7 @@ Source: Spong 1987 (two bodies and a spring); Hunt and Crossley 1975 (contact in
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -65,41 +65,40 @@ def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " 
 
 
 @njit(cache=True)
-def spring_torque(law: DriveLaw, j: int, twist: float, rate: float) -> float:
+def spring_torque(joint: Any, twist: float, rate: float) -> float:
     """Torque that the spring carries from motor to link [N m].
 
     Args:
-        law: The drives.
-        j: Joint.
+        joint: The drive, a record of `DriveLaw`.
         twist: Motor angle less link angle [rad].
         rate: Its rate [rad/s].
     """
-    half = 0.5 * law.gap[j]
+    half = 0.5 * joint.gap
     if half <= 0.0:
-        return law.stiffness[j] * twist + law.damping[j] * rate
+        return joint.stiffness * twist + joint.damping * rate
     if abs(twist) <= half:
         return 0.0
     depth = abs(twist) - half
     side = 1.0 if twist > 0.0 else -1.0
     # Contact damping grows from zero with the depth, and a contact never pulls.
     share = min(depth / half, 1.0)
-    return side * max(law.stiffness[j] * depth + side * law.damping[j] * share * rate, 0.0)
+    return side * max(joint.stiffness * depth + side * joint.damping * share * rate, 0.0)
 
 
 @njit(cache=True)
-def ripple_torque(law: DriveLaw, j: int, angle: float, transmitted: float) -> float:
+def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
     """Torque by which the teeth help or hinder at a motor angle [N m]: main order, and a little of half and double."""
-    if law.ripple[j] == 0.0:
+    if joint.ripple == 0.0:
         return 0.0
-    phase = law.ripple_order[j] * angle + law.ripple_phase[j]
+    phase = joint.ripple_order * angle + joint.ripple_phase
     wave = np.cos(phase) + 0.12 * np.cos(0.5 * phase) + 0.08 * np.cos(2.0 * phase)
-    return law.ripple[j] * (1.0 + law.ripple_load[j] * abs(transmitted) / law.effort_limit[j]) * wave
+    return joint.ripple * (1.0 + joint.ripple_load * abs(transmitted) / joint.effort_limit) * wave
 
 
 @njit(cache=True)
-def hose_torque(law: DriveLaw, j: int, angle: float) -> float:
+def hose_torque(joint: Any, angle: float) -> float:
     """Torque of the dress pack on the link [N m], against the deflection and stiffening with it."""
-    if law.hose_stiffness[j] == 0.0:
+    if joint.hose_stiffness == 0.0:
         return 0.0
-    span = law.hose_span[j]
-    return -law.hose_stiffness[j] * span * np.sinh((angle - law.hose_rest[j]) / span)
+    span = joint.hose_span
+    return -joint.hose_stiffness * span * np.sinh((angle - joint.hose_rest) / span)

@@ -1,0 +1,60 @@
+"""Between motor and link: elasticity, play, tooth ripple, and the dress pack."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.plant.causes.base import Cause, Parameters, Scene, between
+from ident.plant.hardware import Hardware
+
+# Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad].
+MESH_STIFFNESS = 200.0
+# Share of critical damping of the drive's own oscillation.
+DRIVE_DAMPING = 0.05
+
+
+def _damping(scene: Scene, stiffness: float, ratio: float) -> float:
+    return float(2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint]))
+
+
+def _elasticity(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    damping = _damping(scene, size, DRIVE_DAMPING)
+    hardware = scene.hardware.with_laws("drive", scene.joint, elastic=True, stiffness=size, damping=damping)
+    return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
+
+
+def _backlash(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    stiffness = MESH_STIFFNESS * scene.rated
+    damping = _damping(scene, stiffness, 2.0 * DRIVE_DAMPING)
+    hardware = scene.hardware.with_laws(
+        "drive", scene.joint, elastic=True, stiffness=stiffness, damping=damping, gap=size
+    )
+    return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
+
+
+def _ripple(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    phase = float(scene.rng.uniform(-np.pi, np.pi))
+    hardware = scene.hardware.with_laws("drive", scene.joint, ripple=size, ripple_phase=phase, ripple_load=0.5)
+    order = float(scene.hardware.drive.ripple_order[scene.joint])
+    return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+
+
+def _spring(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    rest = float(scene.rng.uniform(-0.8, 0.8))
+    hardware = scene.hardware.with_laws("drive", scene.joint, hose_stiffness=size, hose_rest=rest)
+    return hardware, {"stiffness_Nm_rad": size, "rest_rad": rest}
+
+
+def _stiffness_bounds(scene: Scene) -> tuple[float, float]:
+    """Softer than this the joint would sag by a third of a radian under its rated torque."""
+    return 3.0 * scene.rated, 2000.0 * scene.rated
+
+
+DRIVE = (
+    Cause(
+        "joint_elasticity", "stiffness_Nm_rad", lambda s: 150.0 * s.rated, _stiffness_bounds, _elasticity, inverse=True
+    ),
+    Cause("backlash", "gap_rad", lambda s: 2e-3, between(0.0, 0.05), _backlash),
+    Cause("torque_ripple", "amplitude_Nm", lambda s: 0.01 * s.rated, lambda s: (0.0, 0.15 * s.rated), _ripple),
+    Cause("spring_torque", "stiffness_Nm_rad", lambda s: 0.02 * s.rated, lambda s: (0.0, 0.3 * s.rated), _spring),
+)
