@@ -1,76 +1,76 @@
-"""A residual net as plain layers, so that it can be evaluated in batches here and written into CasADi elsewhere."""
+"""Residual nets as plain layers, so that they can be evaluated in batches here and written into CasADi elsewhere."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import torch
 
+from ident import networks
 from ident.arrays import Array, Float
-from ident.residual import DIRECTION_SCALES, ResidualNet
+from ident.residual import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
 
-ACTIVATIONS = {"tanh": torch.tanh, "silu": torch.nn.functional.silu}
+
+class ResidualTerm(Protocol):
+    """What the planner needs of a net."""
+
+    @property
+    def products(self) -> int:
+        """Multiplications of one evaluation."""
+
+    def torque(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
+    ) -> Float[Array, "T n"]:
+        """Residual torque, computed in single precision [N m]."""
+
+    def frozen(self, positions: Float[Array, " k"]) -> ResidualTerm:
+        """The net of the first joints, with the last k joints at rest at given positions [rad]: exact."""
+
+
+def read_residual(net: ResidualNet) -> ResidualTerm:
+    """A trained net as plain layers, its standardisation folded in."""
+    if isinstance(net.network, networks.DenseNet):
+        return DenseNet.from_residual(net)
+    return JointNets.from_residual(net)
 
 
 @dataclass(frozen=True, eq=False)
 class DenseNet:
-    """A fully connected net from joint states to torque, τ = W_L φ(… φ(W₁ z + b₁) …) + b_L.
-
-    z holds (q, dq, ddq), or (sin q, cos q, dq, ddq, tanh(dq / v) for each scale v), joint by joint in each part. The
-    standardisation of inputs and outputs is folded into the first and the last layer.
+    """The paper's kind: one fully connected net from (q, dq, ddq) to all torques, tanh inside.
 
     Attributes:
         weights: One matrix a layer, shape (out, in).
         biases: One vector a layer.
-        activation: Name of φ: `tanh` or `silu`.
-        rich: Whether z is the longer form.
-        scales: Speeds v of the direction features [rad/s].
     """
 
     weights: tuple[Float[Array, "o i"], ...]
     biases: tuple[Float[Array, " o"], ...]
-    activation: str = "silu"
-    rich: bool = True
-    scales: tuple[float, ...] = DIRECTION_SCALES
 
     @classmethod
     def from_residual(cls, net: ResidualNet) -> DenseNet:
-        """Reads a trained net, its standardisation folded in."""
-        layers = net.layers()
-        weights, biases = [w.copy() for w, _ in layers], [b.copy() for _, b in layers]
-        biases[0] -= weights[0] @ (net.input_mean / net.input_std)
-        weights[0] /= net.input_std
-        scale = net.output_std * net.gain
-        weights[-1] *= scale[:, None]
-        biases[-1] *= scale
-        options = net.options
-        return cls(tuple(weights), tuple(biases), options.activation, options.features == "rich")
+        """Reads a trained net of the `paper` preset."""
+        linear = [module for module in net.network.modules() if isinstance(module, torch.nn.Linear)]
+        weights = [module.weight.detach().numpy().astype(float) for module in linear]
+        biases = [module.bias.detach().numpy().astype(float) for module in linear]
+        biases[0] = biases[0] - weights[0] @ (net.input_mean / net.input_std)
+        weights[0] = weights[0] / net.input_std
+        weights[-1] = weights[-1] * net.output_std[:, None]
+        biases[-1] = biases[-1] * net.output_std
+        return cls(tuple(weights), tuple(biases))
 
     def frozen(self, positions: Float[Array, " k"]) -> DenseNet:
-        """The net of the first joints, with the last k joints at rest at given positions [rad]: exact.
-
-        Their inputs are constants, so they go into the first bias; their outputs are dropped.
-        """
-        held = np.asarray(positions, dtype=float)
+        """As in `ResidualTerm`: the held joints' inputs are constants and go into the first bias."""
         total = self.weights[-1].shape[0]
-        kept = total - len(held)
-        zeros = np.zeros(len(held))
-        places = [np.sin(held), np.cos(held)] if self.rich else [held]
-        moving = [zeros] * (2 + (len(self.scales) if self.rich else 0))
-        parts = [*places, *moving]
-        constant = np.concatenate([np.concatenate([np.zeros(kept), part]) for part in parts])
-        columns = np.concatenate([np.arange(kept) + total * i for i in range(len(parts))])
-        first, last = self.weights[0], self.weights[-1][:kept]
-        biases = (self.biases[0] + first @ constant, *self.biases[1:-1], self.biases[-1][:kept])
-        weights = (first[:, columns], *self.weights[1:-1], last)
-        return DenseNet(weights, biases, self.activation, self.rich, self.scales)
-
-    @property
-    def parameters(self) -> int:
-        """Number of weights and biases."""
-        return self.products + sum(bias.size for bias in self.biases)
+        kept = total - len(positions)
+        held = np.zeros(self.weights[0].shape[1])
+        held[kept:total] = positions
+        columns = np.concatenate([np.arange(kept) + total * part for part in range(3)])
+        biases = (self.biases[0] + self.weights[0] @ held, *self.biases[1:-1], self.biases[-1][:kept])
+        weights = (self.weights[0][:, columns], *self.weights[1:-1], self.weights[-1][:kept])
+        return DenseNet(weights, biases)
 
     @property
     def products(self) -> int:
@@ -78,32 +78,111 @@ class DenseNet:
         return sum(weight.size for weight in self.weights)
 
     def torque(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
     ) -> Float[Array, "T n"]:
-        """Residual torque, computed in single precision [N m]."""
-        return self.forward(self.features(q, dq, ddq)).numpy().astype(float)
-
-    def features(self, q: Array, dq: Array, ddq: Array) -> torch.Tensor:
-        """Inputs of the net for states of shape (…, n), in single precision."""
-        q, dq, ddq = (torch.from_numpy(np.asarray(values, dtype=np.float32)) for values in (q, dq, ddq))
-        if not self.rich:
-            return torch.cat([q, dq, ddq], dim=-1)
-        directions = [torch.tanh(dq / scale) for scale in self.scales]
-        return torch.cat([torch.sin(q), torch.cos(q), dq, ddq, *directions], dim=-1)
-
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """Torque from the inputs of the net."""
+        """As in `ResidualTerm`; the rigid torque is not looked at."""
+        x = torch.from_numpy(np.concatenate([q, dq, ddq], axis=-1).astype(np.float32))
         with torch.inference_mode():
-            return self.after_first(torch.nn.functional.linear(features, *self._single[0]))
+            return self.after_first(torch.nn.functional.linear(x, *self._single[0])).numpy().astype(float)
 
     def after_first(self, x: torch.Tensor) -> torch.Tensor:
         """Torque from the first layer's sums, before its activation."""
         with torch.inference_mode():
             for weight, bias in self._single[1:]:
-                x = torch.nn.functional.linear(ACTIVATIONS[self.activation](x), weight, bias)
+                x = torch.nn.functional.linear(torch.tanh(x), weight, bias)
             return x
 
     @cached_property
     def _single(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         pairs = zip(self.weights, self.biases, strict=True)
         return [(torch.from_numpy(w.astype(np.float32)), torch.from_numpy(b.astype(np.float32))) for w, b in pairs]
+
+
+@dataclass(frozen=True, eq=False)
+class JointNets:
+    """The default kind: small nets for each joint, averaged over members, SiLU inside.
+
+    A joint's inputs are dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, and √(τ² + ε²) tanh(dq / v₁).
+
+    Attributes:
+        weights: One array a layer, shape (members, n, in, out).
+        biases: One array a layer, shape (members, n, out).
+    """
+
+    weights: tuple[Float[Array, "m n i o"], ...]
+    biases: tuple[Float[Array, "m n o"], ...]
+
+    @classmethod
+    def from_residual(cls, net: ResidualNet) -> JointNets:
+        """Reads a trained net of the `default` preset."""
+        network = net.network
+        assert isinstance(network, networks.JointNets)
+        shape = (network.members, network.joints)
+        weights = [w.detach().numpy().astype(float).reshape(*shape, *w.shape[1:]) for w in network.weights]
+        biases = [b.detach().numpy().astype(float).reshape(*shape, -1) for b in network.biases]
+        biases[0] = biases[0] - np.einsum("ni,mnio->mno", net.input_mean / net.input_std, weights[0])
+        weights[0] = weights[0] / net.input_std[:, :, None]
+        weights[-1] = weights[-1] * net.output_std[:, None, None]
+        biases[-1] = biases[-1] * net.output_std[:, None]
+        return cls(tuple(weights), tuple(biases))
+
+    def frozen(self, positions: Float[Array, " k"]) -> JointNets:
+        """As in `ResidualTerm`: joints know nothing of each other."""
+        kept = self.weights[0].shape[1] - len(positions)
+        return JointNets(tuple(w[:, :kept] for w in self.weights), tuple(b[:, :kept] for b in self.biases))
+
+    @property
+    def products(self) -> int:
+        """Multiplications of one evaluation."""
+        return sum(weight.size for weight in self.weights)
+
+    def torque(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
+    ) -> Float[Array, "T n"]:
+        """As in `ResidualTerm`; the position enters by the rigid torque alone."""
+        joints = dq.shape[1]
+        out = np.empty(dq.shape)
+        for j in range(joints):
+            out[:, j] = self.joint_torque(j, dq[:, j], ddq[:, j], rigid[:, j])
+        return out
+
+    def joint_torque(
+        self, j: int, dq: Float[Array, " T"], ddq: Float[Array, " T"], rigid: Float[Array, " T"]
+    ) -> Float[Array, " T"]:
+        """Residual torque of one joint [N m]."""
+        v, a, load = (torch.from_numpy(np.asarray(part, dtype=np.float32)) for part in (dq, ddq, rigid))
+        with torch.inference_mode():
+            near, far = (torch.tanh(v / scale) for scale in DIRECTION_SCALES)
+            rounded = torch.sqrt(load * load + LOAD_ROUNDING**2) * near
+            x = torch.stack([v, a, near, far, load, rounded], dim=1)
+            first, second, last = self._single[j]
+            x = torch.nn.functional.silu(torch.addmm(first[1], x, first[0]))
+            for weight, bias in second:
+                x = torch.nn.functional.silu(torch.addmm(bias, x, weight))
+            return torch.addmv(last[1], x, last[0]).numpy().astype(float)
+
+    @cached_property
+    def _single(self) -> list[tuple]:
+        """Layers of each joint with all members side by side: inner matrices block by block, outputs averaged."""
+        return [_side_by_side([w[:, j] for w in self.weights], [b[:, j] for b in self.biases]) for j in self._joints]
+
+    @property
+    def _joints(self) -> range:
+        return range(self.weights[0].shape[1])
+
+
+def _side_by_side(weights: list[Array], biases: list[Array]) -> tuple:
+    def single(values: Array) -> torch.Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+    members = len(weights[0])
+    first = single(np.concatenate(list(weights[0]), axis=1)), single(biases[0].reshape(-1))
+    inner = []
+    for weight, bias in zip(weights[1:-1], biases[1:-1], strict=True):
+        rows, columns = weight.shape[1:]
+        blocks = np.zeros((members * rows, members * columns))
+        for m in range(members):
+            blocks[m * rows : (m + 1) * rows, m * columns : (m + 1) * columns] = weight[m]
+        inner.append((single(blocks), single(bias.reshape(-1))))
+    last = single(weights[-1].reshape(-1) / members), single(np.array([biases[-1].mean()]))
+    return first, inner, last

@@ -11,7 +11,7 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from plan.chain import Chain
-from plan.network import DenseNet
+from plan.network import ResidualTerm
 from plan.rigid import _rnea
 from plan.spline import Splines
 
@@ -43,39 +43,39 @@ class Losses:
         viscous: C_m [N m s/rad].
         coulomb: f_c [N m].
         offset: Constant torque [N m].
-        transition_speed: Width v₀ of tanh(dq / v₀) in place of the sign; 0 for the sign itself [rad/s].
+        transition_speed: Width v₀ of tanh(dq / v₀) in place of the sign, joint by joint; 0 for the sign [rad/s].
     """
 
     motor_inertia: Float[Array, " n"]
     viscous: Float[Array, " n"]
     coulomb: Float[Array, " n"]
     offset: Float[Array, " n"]
-    transition_speed: float = 0.0
+    transition_speed: Float[Array, " n"]
 
     @classmethod
     def zero(cls, n: int) -> Losses:
         """No loss."""
-        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+        return cls(*(np.zeros(n) for _ in range(5)))
 
     @property
-    def arrays(self) -> tuple[Array, Array, Array, Array, float]:
+    def arrays(self) -> tuple[Array, ...]:
         """What the compiled loop reads."""
-        parts = (self.motor_inertia, self.viscous, self.coulomb, self.offset)
-        inertia, viscous, coulomb, offset = (np.ascontiguousarray(part, dtype=float) for part in parts)
-        return inertia, viscous, coulomb, offset, float(self.transition_speed)
+        parts = (self.motor_inertia, self.viscous, self.coulomb, self.offset, self.transition_speed)
+        return tuple(np.ascontiguousarray(part, dtype=float) for part in parts)
 
 
 @njit(cache=True, fastmath=True, nogil=True)
 def _torque_states(rot, off, axes, sliding, mass, com, inertia, gravity, bm, cm, fc, offset, width, q, dq, ddq):  # type: ignore[no-untyped-def]
-    tau = np.empty(q.shape)
+    """Rigid torque with losses, and rigid torque alone."""
+    tau, rigid = np.empty(q.shape), np.empty(q.shape)
     work = np.empty((q.shape[1], 18))
     for t in range(q.shape[0]):
-        _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], ddq[t], work, tau[t])
+        _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], ddq[t], work, rigid[t])
         for j in range(q.shape[1]):
             v = dq[t, j]
-            slip = np.tanh(v / width) if width > 0.0 else np.sign(v)
-            tau[t, j] += bm[j] * ddq[t, j] + cm[j] * v + fc[j] * slip + offset[j]
-    return tau
+            slip = np.tanh(v / width[j]) if width[j] > 0.0 else np.sign(v)
+            tau[t, j] = rigid[t, j] + bm[j] * ddq[t, j] + cm[j] * v + fc[j] * slip + offset[j]
+    return tau, rigid
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class ChainTorque:
 
     chain: Chain
     losses: Losses
-    net: DenseNet | None = None
+    net: ResidualTerm | None = None
 
     @property
     def n(self) -> int:
@@ -102,9 +102,9 @@ class ChainTorque:
     ) -> Float[Array, "B T n"]:
         """Joint torque [N m]."""
         flat = [np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)]
-        tau = _torque_states(*self.chain.dynamics, *self.losses.arrays, *flat)
+        tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, *flat)
         if self.net is not None:
-            tau += self.net.torque(*flat)
+            tau += self.net.torque(*flat, rigid)
         return tau.reshape(np.shape(q))
 
 

@@ -21,6 +21,8 @@ FREE: tuple[Free, ...] = ("vias", "times", "both")
 
 # Limits are kept to this share during the search: torque is sampled there, and checked densely afterwards.
 SHARE = 0.998
+# A sum of broken limits up to this counts as none: a millionth of a limit, or 20 nm.
+TOLERANCE = 1e-6
 # Section durations may shrink to this share of the initial ones, or grow to its inverse.
 SQUEEZE = 0.05
 # Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost.
@@ -79,7 +81,7 @@ class Evaluation:
     @property
     def feasible(self) -> Bool[Array, " B"]:
         """Whether nothing is broken."""
-        return self.violation <= 1e-9
+        return self.violation <= TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +219,7 @@ class PlanningProblem:
     def penalised(self, evaluation: Evaluation) -> Float[Array, " B"]:
         """One number to minimise: cost as a share of the initial one, and a penalty for what is broken."""
         broken = evaluation.violation
-        return evaluation.cost / self.scale + np.minimum(3.0 * broken, 20.0) + 0.3 * (broken > 1e-9)
+        return evaluation.cost / self.scale + np.minimum(3.0 * broken, 20.0) + 0.3 * (broken > TOLERANCE)
 
     def with_initial(self, splines: Splines, **changes: object) -> PlanningProblem:
         """The same problem started from another trajectory (the first of a batch)."""

@@ -14,8 +14,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from plan.problem import Evaluation, PlanningProblem
+from plan.problem import TOLERANCE, Evaluation, PlanningProblem
 from plan.spline import Splines
+from plan.threads import torch_threads
 
 # Called with the evaluations so far, the evaluations allowed, and the best cost.
 Progress = Callable[[int, int, float], None]
@@ -55,7 +56,7 @@ class Candidate:
     @property
     def feasible(self) -> bool:
         """Whether the search's own checks found nothing broken."""
-        return self.violation <= 1e-9
+        return self.violation <= TOLERANCE
 
     @property
     def splines(self) -> Splines:
@@ -165,7 +166,7 @@ class Ledger:
     def _record(self, problem: PlanningProblem, x: Array, found: Evaluation) -> None:
         self.evaluations += len(x)
         violation = found.violation
-        order = np.lexsort((np.where(violation <= 1e-9, found.cost, violation), violation > 1e-9))
+        order = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))
         first = order[0]
         self.offer(Candidate(problem, x[first].copy(), float(found.cost[first]), float(violation[first])))
         if self.journal is not None:
@@ -203,6 +204,7 @@ class Planner(ABC):
     """
 
     name: ClassVar[str]
+    threads: ClassVar[int] = 1
 
     @abstractmethod
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
@@ -217,7 +219,8 @@ class Planner(ABC):
     def run(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> Ledger:
         """Searches until done or until the budget is spent."""
         try:
-            self.search(problems, ledger, rng)
+            with torch_threads(self.threads):
+                self.search(problems, ledger, rng)
         except BudgetSpentError:
             ledger.notes.append("the budget ended the search")
         finally:

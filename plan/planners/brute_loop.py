@@ -9,10 +9,12 @@ import torch
 from numba import njit
 
 from ident.arrays import Array, Float
-from plan.network import DenseNet
+from plan.network import DenseNet, JointNets
 from plan.power import ChainTorque, Metric
-from plan.rigid import _rnea
+from plan.rigid import _rnea, inverse_dynamics
 
+# Rigid torques in a table of the default net.
+TABLE = 1024
 KINDS: dict[Metric, int] = {"signed": 0, "positive": 1, "absolute": 2, "copper": 3}
 
 
@@ -124,26 +126,79 @@ def _add_energies(c, turns, v1, a1, cos1, sin1, loss1, loss2, loss3, v2, v3, wei
             energy[m] += w * (p1 + p2 + p3)
 
 
-def energies_of_block(model: ChainTorque, courses: Courses, second: int, metric: Metric) -> Float[Array, "M M"]:
-    """Energies for one course of joint 2, every course of joint 3 (rows) and of joint 1 (columns)."""
-    first = courses.states[0]
-    count = first.shape[2]
-    losses = [_loss(model, j, courses.states[j]) for j in range(3)]
-    turns = turns_against_gravity(model)
-    still = np.zeros_like(first[0])
-    wheel = (np.cos(first[0]), np.sin(first[0])) if turns else (still, still)
-    own = np.ascontiguousarray(courses.states[1][:, :, second])
-    net = None if model.net is None else _NetBlock(model.net, courses, second)
-    empty = np.empty((0, 0, 0), dtype=np.float32)
-    out = np.empty((count, count))
-    for third in range(count):
-        other = np.ascontiguousarray(courses.states[2][:, :, third])
-        c = _coefficients(*model.chain.dynamics, turns, own, other)
-        sums = (losses[0], losses[1][:, second].copy(), losses[2][:, third].copy())
-        residual = empty if net is None else net.torque(third)
-        rest = (own[1], other[1], courses.weights, KINDS[metric], residual, out[third])
-        _add_energies(c, turns, first[1], first[2], *wheel, *sums, *rest)
-    return out
+@njit(cache=True, fastmath=True, nogil=True)
+def _look_up(c, turns, v1, a1, cos1, sin1, low, step, table1, table2, table3, out):  # type: ignore[no-untyped-def]
+    """Residual torque from tables over the rigid torque, linear in between.
+
+    Args:
+        c, turns, v1, a1, cos1, sin1: As in `_add_energies`.
+        low, step: First rigid torque of each joint's table and its step, shape (3,) [N m].
+        table1: Of the first joint, shape (K, M, G).
+        table2, table3: Of the other two joints' courses, shape (K, G).
+        out: Result, shape (K, M, 3).
+    """
+    nodes, courses = v1.shape
+    last = table1.shape[2] - 2
+    for k in range(nodes):
+        for m in range(courses):
+            v, a = v1[k, m], a1[k, m]
+            for j in range(3):
+                load = c[k, j, 0] + c[k, j, 1] * a + c[k, j, 2] * v + c[k, j, 3] * v * v
+                if turns:
+                    load += c[k, j, 4] * cos1[k, m] + c[k, j, 5] * sin1[k, m]
+                place = (load - low[j]) / step[j]
+                i = min(max(int(place), 0), last)
+                part = place - i
+                if j == 0:
+                    left, right = table1[k, m, i], table1[k, m, i + 1]
+                elif j == 1:
+                    left, right = table2[k, i], table2[k, i + 1]
+                else:
+                    left, right = table3[k, i], table3[k, i + 1]
+                out[k, m, j] = left + part * (right - left)
+
+
+class BruteLoop:
+    """Energies of all grid points of a three-joint arm, block by block.
+
+    With the default net, a joint's residual depends on its own course and its rigid torque only: each course gets a
+    table over that torque. The paper's net has to be evaluated as a whole; its first layer is a sum over the joints,
+    tabled for each.
+    """
+
+    def __init__(self, model: ChainTorque, courses: Courses, metric: Metric) -> None:
+        self.model, self.courses, self.metric = model, courses, metric
+        first = courses.states[0]
+        self.turns = turns_against_gravity(model)
+        still = np.zeros_like(first[0])
+        self.wheel = (np.cos(first[0]), np.sin(first[0])) if self.turns else (still, still)
+        self.losses = [_loss(model, j, courses.states[j]) for j in range(3)]
+        self.tables = JointTables(model, courses) if isinstance(model.net, JointNets) else None
+        self.sums = FirstLayer(model.net, courses) if isinstance(model.net, DenseNet) else None
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing is read from tables by interpolation."""
+        return self.tables is None
+
+    def block(self, second: int) -> Float[Array, "M M"]:
+        """Energies for one course of joint 2, every course of joint 3 (rows) and of joint 1 (columns)."""
+        _, v1, a1 = self.courses.states[0]
+        own = np.ascontiguousarray(self.courses.states[1][:, :, second])
+        out = np.empty((v1.shape[1], v1.shape[1]))
+        residual = np.empty((*v1.shape, 3) if self.model.net is not None else (0, 0, 0))
+        for third in range(len(out)):
+            other = np.ascontiguousarray(self.courses.states[2][:, :, third])
+            c = _coefficients(*self.model.chain.dynamics, self.turns, own, other)
+            if self.tables is not None:
+                parts = self.tables.of(second, third)
+                _look_up(c, self.turns, v1, a1, *self.wheel, *parts, residual)
+            elif self.sums is not None:
+                residual = self.sums.torque(second, third)
+            sums = (self.losses[0], self.losses[1][:, second].copy(), self.losses[2][:, third].copy())
+            rest = (own[1], other[1], self.courses.weights, KINDS[self.metric], residual, out[third])
+            _add_energies(c, self.turns, v1, a1, *self.wheel, *sums, *rest)
+        return out
 
 
 def turns_against_gravity(model: ChainTorque) -> bool:
@@ -155,31 +210,70 @@ def turns_against_gravity(model: ChainTorque) -> bool:
 
 def _loss(model: ChainTorque, j: int, states: Float[Array, "3 K M"]) -> Float[Array, "K M"]:
     losses = model.losses
-    width = losses.transition_speed
+    width = float(losses.transition_speed[j])
     slip = np.tanh(states[1] / width) if width > 0 else np.sign(states[1])
     rate = losses.motor_inertia[j] * states[2] + losses.viscous[j] * states[1]
     return rate + losses.coulomb[j] * slip + losses.offset[j]
 
 
-class _NetBlock:
-    """The net for one course of joint 2: its first layer is a sum over the joints, each tabled beforehand."""
+class JointTables:
+    """The default net, joint by joint and course by course, over the rigid torque."""
 
-    def __init__(self, net: DenseNet, courses: Courses, second: int) -> None:
+    def __init__(self, model: ChainTorque, courses: Courses) -> None:
+        assert isinstance(model.net, JointNets)
+        low, high = _rigid_range(model, courses)
+        self.low, self.step = low, (high - low) / (TABLE - 1)
+        self.tables = [
+            _table(model.net, j, courses.states[j], low[j] + self.step[j] * np.arange(TABLE)) for j in range(3)
+        ]
+
+    def of(self, second: int, third: int) -> tuple[Array, ...]:
+        """What the loop needs for one course of joints 2 and 3."""
+        rows = (np.ascontiguousarray(self.tables[j][:, course]) for j, course in ((1, second), (2, third)))
+        return (self.low, self.step, self.tables[0], *rows)
+
+
+def _table(net: JointNets, j: int, states: Float[Array, "3 K M"], loads: Float[Array, " G"]) -> Float[Array, "K M G"]:
+    nodes, courses = states.shape[1:]
+    out = np.empty((nodes, courses, len(loads)))
+    for k in range(nodes):
+        v, a = (np.repeat(part[k], len(loads)) for part in states[1:])
+        out[k] = net.joint_torque(j, v, a, np.tile(loads, courses)).reshape(courses, len(loads))
+    return out
+
+
+def _rigid_range(model: ChainTorque, courses: Courses) -> tuple[Float[Array, " 3"], Float[Array, " 3"]]:
+    """Lowest and highest rigid torque of each joint over a sample of the grid, widened by a quarter.
+
+    Beyond it a table is continued by its last slope; the grid's best are evaluated without tables anyway.
+    """
+    rng = np.random.default_rng(0)  # fixed: the tables are no part of the search
+    count = courses.states[0].shape[2]
+    chosen = rng.integers(0, count, (3, 4000))
+    q, dq, ddq = (
+        np.stack([courses.states[j][part][:, chosen[j]].reshape(-1) for j in range(3)], axis=1) for part in range(3)
+    )
+    rigid = inverse_dynamics(model.chain, q, dq, ddq)
+    low, high = rigid.min(axis=0), rigid.max(axis=0)
+    return low - 0.25 * (high - low) - 0.1, high + 0.25 * (high - low) + 0.1
+
+
+class FirstLayer:
+    """The paper's net with its first layer tabled: a sum over the joints."""
+
+    def __init__(self, net: DenseNet, courses: Courses) -> None:
         self.net = net
-        tables = [_first_layer(net, j, courses.states[j]) for j in range(3)]
-        bias = torch.from_numpy(net.biases[0].astype(np.float32))
-        self.base = tables[0] + (tables[1][:, second] + bias)[:, None]
-        self.third = tables[2]
+        self.parts = [_first_layer(net, j, courses.states[j]) for j in range(3)]
+        self.bias = torch.from_numpy(net.biases[0].astype(np.float32))
 
-    def torque(self, third: int) -> Float[Array, "K M 3"]:
+    def torque(self, second: int, third: int) -> Float[Array, "K M 3"]:
         """Residual torque at every node for every course of joint 1."""
-        return self.net.after_first(self.base + self.third[:, third][:, None]).numpy()
+        others = self.parts[1][:, second] + self.parts[2][:, third] + self.bias
+        return self.net.after_first(self.parts[0] + others[:, None]).numpy().astype(float)
 
 
 def _first_layer(net: DenseNet, j: int, states: Float[Array, "3 K M"]) -> torch.Tensor:
     """What one joint's states add to the first layer's sums, shape (K, M, width)."""
-    n = net.weights[-1].shape[0]
-    q, dq, ddq = (torch.from_numpy(part.astype(np.float32))[:, :, None] for part in states)
-    own = net.features(q.numpy(), dq.numpy(), ddq.numpy())
-    columns = net.weights[0][:, j::n].astype(np.float32)
+    own = torch.from_numpy(np.stack(list(states), axis=-1).astype(np.float32))
+    columns = net.weights[0][:, j :: net.weights[-1].shape[0]].astype(np.float32)
     return own @ torch.from_numpy(np.ascontiguousarray(columns)).T
