@@ -109,7 +109,7 @@ class HybridModel:
         with atomic_folder(target) as part:
             (part / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
             (part / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
-            (part / "model.toml").write_text(tomli_w.dumps(self._record()), encoding="utf-8")
+            (part / "model.toml").write_text(tomli_w.dumps(self.record()), encoding="utf-8")
             if self.net is not None:
                 self.net.save(part)
         return target
@@ -145,7 +145,8 @@ class HybridModel:
             provenance=record.get("provenance", {}),
         )
 
-    def _record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
+        """All of the model but its URDFs and weights, as it stands in model.toml."""
         numbers = self.arm.inertial_parameters.reshape(self.arm.n, 10)
         loss: dict[str, Any] = {name: getattr(self.loss, name).tolist() for name in NAMES}
         loss["transition_speed_rad_s"] = self.loss.transition_speed.tolist()

@@ -1,0 +1,200 @@
+"""The `ident` command: parses, calls, prints."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ident.errors import InputError
+from ident.files import atomic_write
+
+app = typer.Typer(
+    name="ident",
+    help="Identify a robot arm, and find out why it does not move as its model says.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+console = Console()
+
+Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
+Robot = Annotated[
+    str | None, typer.Option("--robot", help="URDF path, tm5-900, or a name of example-robot-data (panda, ur10, …).")
+]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Topic = Annotated[str, typer.Option(help="Topic of the joint states, for ROS 2 bags.")]
+SessionFile = Annotated[Path | None, typer.Option(help="A session.toml, for folders that can't hold one.")]
+Cutoff = Annotated[float | None, typer.Option(help="Corner of the filter for torques and columns [Hz].")]
+
+
+def write_json(path: Path | None, record: dict[str, Any]) -> None:
+    """Writes a result file, whole or not at all."""
+    if path is not None:
+        with atomic_write(path) as part:
+            part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the model, the report and the timeline.")] = Path("out/demo"),
+    logs: Annotated[Path | None, typer.Option(help="Recordings other than the shipped ones.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The main job on the shipped recordings: fit, evaluate, report, timeline."""
+    from ident.demo import run_demo
+
+    write_json(json_file, run_demo(out, logs, console))
+
+
+@app.command()
+def inspect(
+    sessions: Sessions,
+    robot: Robot = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    mend: Annotated[Path | None, typer.Option(help="Write the mended sessions into this folder.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Checks the telemetry before anything is fitted."""
+    from ident.console import issue_table
+    from ident.opening import inspect_paths
+
+    _, reports = inspect_paths(sessions, robot, topic, session_file)
+    for report in reports:
+        found, session = report.issues, report.session
+        console.print(f"{session.name}: {len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s")
+        console.print(issue_table(found) if found else "telemetry: nothing found")
+        console.print("fit for use" if report.is_fit else "[red]not fit for use[/]")
+        if mend is not None:
+            report.mend(mend / session.name if len(reports) > 1 else mend)
+    write_json(json_file, {"schema": "ident.telemetry/1", "sessions": [report.to_dict() for report in reports]})
+
+
+@app.command()
+def fit(
+    sessions: Sessions,
+    out: Annotated[Path, typer.Option(help="Folder of the fitted model.")],
+    robot: Robot = None,
+    links: Annotated[int, typer.Option(help="6 for the full arm, 3 for the lumped three-joint model.")] = 6,
+    inertia: Annotated[str, typer.Option(help="nominal, base or consistent.")] = "nominal",
+    net: Annotated[str, typer.Option(help="default, paper or none.")] = "default",
+    offset: Annotated[bool, typer.Option(help="Fit a constant torque a joint too.")] = False,
+    robust: Annotated[bool, typer.Option(help="Huber's loss for the loss figures.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the net.")] = 0,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Fits analytic + loss + residual net."""
+    from ident.console import issue_table, progress_bar
+    from ident.hybrid import FitOptions, fit_hybrid
+    from ident.opening import open_sessions
+
+    options = FitOptions(links, inertia, net, offset, robust, seed)  # type: ignore[arg-type]
+    opened = open_sessions(sessions, robot, topic, session_file, cutoff)
+    if opened.issues:
+        console.print(issue_table(opened.issues))
+    checkpoint = out.with_name(out.name + ".training")
+    with progress_bar(console, "residual net") as progress:
+        results = fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
+    results.model.save(out)
+    _remove_checkpoint(checkpoint)
+    console.print(results.loss.summary(), markup=False)
+    console.print(f"condition number of the motions: {results.inertia.condition_number:.0f}")
+    console.print(f"model written to {out}")
+    write_json(json_file, {"schema": "ident.fit/1", **results.model.record()})
+
+
+def _remove_checkpoint(folder: Path) -> None:
+    """A finished training needs its checkpoint no more."""
+    file = folder / "checkpoint.safetensors"
+    if file.is_file():
+        file.unlink()
+        folder.rmdir()
+
+
+@app.command()
+def evaluate(
+    sessions: Sessions,
+    model: Annotated[list[Path], typer.Option(help="Folder of a fitted model; give several to compare them.")],
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    html: Annotated[Path | None, typer.Option(help="Write the report to this file.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
+    from ident.console import ladder_table
+    from ident.evaluation import evaluate as score
+    from ident.hybrid import HybridModel
+    from ident.opening import open_for_model
+    from ident.report import write_evaluation_report
+
+    models = [(path.name, HybridModel.load(path)) for path in model]
+    opened = [open_for_model(sessions, loaded, topic, session_file, cutoff) for _, loaded in models]
+    pairs = zip(models, opened, strict=True)
+    results = [score(loaded, data.groups, name) for (name, loaded), data in pairs]
+    for result in results:
+        console.print(f"[bold]{result.model}[/]")
+        for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
+            console.print(ladder_table(one))
+    if html is not None:
+        write_evaluation_report(html, [loaded for _, loaded in models], results, opened[0].issues)
+        console.print(f"report written to {html}")
+    write_json(json_file, {"schema": "ident.evaluations/1", "models": [result.to_dict() for result in results]})
+
+
+@app.command()
+def view(
+    sessions: Sessions,
+    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
+    robot: Robot = None,
+    rrd: Annotated[Path | None, typer.Option(help="Save the timeline to this file instead of opening it.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The Rerun timeline: measured torque against every rung, residuals, energy, the moving arm."""
+    from ident.hybrid import HybridModel
+    from ident.opening import open_for_model, open_sessions
+    from ident.timeline import show_timeline, write_timeline
+
+    loaded = HybridModel.load(model) if model else None
+    if loaded is not None:
+        opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
+    else:
+        opened = open_sessions(sessions, robot, topic, session_file, cutoff, learning=False)
+    if rrd is not None:
+        write_timeline(rrd, opened.arm, opened.motions, loaded, opened.issues)
+        console.print(f"timeline written to {rrd}")
+    else:
+        show_timeline(opened.arm, opened.motions, loaded, opened.issues)
+    write_json(json_file, {"schema": "ident.view/1", "runs": [motion.name for motion in opened.motions]})
+
+
+def main() -> None:
+    """Runs the command; the user's mistakes end in one line and exit status 2."""
+    try:
+        status = app(standalone_mode=False)
+    except InputError as error:
+        print(f"ident: {error}".replace("\n", " "), file=sys.stderr)
+        sys.exit(2)
+    except typer.Abort:
+        print("ident: stopped", file=sys.stderr)
+        sys.exit(130)
+    except Exception as error:
+        if type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
+            print(f"ident: {error.format_message()}; see ident --help", file=sys.stderr)
+            sys.exit(2)
+        raise
+    except KeyboardInterrupt:
+        print("ident: stopped", file=sys.stderr)
+        sys.exit(130)
+    sys.exit(status if isinstance(status, int) else 0)

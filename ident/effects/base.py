@@ -1,0 +1,173 @@
+"""What an effect is: columns of extra joint torque that a model lacks, linear in coefficients, inside a small grid.
+
+An effect says what torque it would add, given the motion; it never sees the measured torque. The diagnosis filters the
+columns like the measured torque, takes out what a refit of the baseline could explain, and asks the data.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array, Float
+from ident.signals import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class RunContext:
+    """One run as the effects see it; T samples of n joints, before the common filter.
+
+    Attributes:
+        motion: The run (q, dq, ddq smoothed, time on the session clock, filter).
+        arm: The rigid arm with its payload.
+        rigid: Rigid torque of the motion [N m].
+        link: Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
+        friction: Modelled friction torque of the baseline (viscous + Coulomb) [N m].
+        direction: Direction of motion in [-1, 1], with each joint's own transition width.
+        temperature: Measured joint temperature [degC], or None.
+        position_command: Commanded position [rad], or None.
+    """
+
+    motion: Motion
+    arm: ArmModel
+    rigid: Float[Array, "T n"]
+    link: Float[Array, "T n"]
+    friction: Float[Array, "T n"]
+    direction: Float[Array, "T n"]
+    temperature: Float[Array, "T n"] | None = None
+    position_command: Float[Array, "T n"] | None = None
+
+    @property
+    def n(self) -> int:
+        return self.motion.n
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval [s]."""
+        return self.motion.interval
+
+
+@dataclass(frozen=True, eq=False)
+class SessionContext:
+    """All runs, in order, and what holds for all of them.
+
+    Attributes:
+        runs: The runs.
+        common_clock: Whether time goes on from run to run.
+        joint_names: The joints.
+        gear_ratios: Reduction of each joint, or None where it is not known.
+        rated_torque: Effort limits [N m].
+    """
+
+    runs: tuple[RunContext, ...]
+    common_clock: bool
+    joint_names: tuple[str, ...]
+    gear_ratios: Float[Array, " n"] | None
+    rated_torque: Float[Array, " n"]
+
+    @property
+    def n(self) -> int:
+        return len(self.joint_names)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of an effect's inner grid: the figures in which its torque is not linear.
+
+    Attributes:
+        inner: Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}.
+        other: Another joint that takes part (coupling), or None.
+    """
+
+    inner: Mapping[str, float] = field(default_factory=dict)
+    other: int | None = None
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def to_dict(self) -> dict[str, float]:
+        return {"value": self.value, "low": self.low, "high": self.high}
+
+
+class Effect(ABC):
+    """An effect of the catalogue.
+
+    Class attributes:
+        id: Fixed identifier.
+        scope: `joint` if it belongs to one joint (or the link that the joint moves), `arm` if to the whole arm.
+        rows: `own` if its torque acts on its own joint only: columns of shape (T, k); `all` if on any: (T, n, k).
+        nonnegative: Indices of columns whose coefficients can't be negative.
+        summary: One line for reports: what happens and where to look.
+    """
+
+    id: ClassVar[str]
+    scope: ClassVar[Literal["joint", "arm"]] = "joint"
+    rows: ClassVar[Literal["own", "all"]] = "own"
+    nonnegative: ClassVar[tuple[int, ...]] = ()
+    summary: ClassVar[str] = ""
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        """Why these recordings can't show the effect at a joint at all, or None. Must be cheap."""
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        """The inner grid at a joint (`joint` is 0 for an effect of the whole arm)."""
+        return (Variant(),)
+
+    @abstractmethod
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        """Torque columns of every run [N m per unit of coefficient], (T, k) or (T, n, k) by `rows`.
+
+        Whole sessions are asked for at once because some effects remember from run to run.
+        """
+
+    @abstractmethod
+    def parameters(
+        self,
+        session: SessionContext,
+        joint: int,
+        variant: Variant,
+        coefficients: Float[Array, " k"],
+        covariance: Float[Array, "k k"],
+    ) -> dict[str, Interval]:
+        """Physical figures of the catalogue from coefficients; 95 % intervals for a known variant."""
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
+        """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
+        return None
+
+
+def linear_interval(
+    weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], shift: float = 0.0
+) -> Interval:
+    """Interval of a linear combination of coefficients."""
+    value = float(weights @ coefficients) + shift
+    reach = 1.96 * float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
+    return Interval(value, value - reach, value + reach)
+
+
+def delta_interval(
+    function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
+) -> Interval:
+    """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
+    size = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * step / 1e-2
+    gradient = np.array(
+        [
+            (function(coefficients + size[i] * unit) - function(coefficients - size[i] * unit)) / (2 * size[i])
+            for i, unit in enumerate(np.eye(len(coefficients)))
+        ]
+    )
+    value = float(function(coefficients))
+    reach = 1.96 * float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+    return Interval(value, value - reach, value + reach)
