@@ -13,7 +13,9 @@ Array = np.ndarray
 
 
 def freeze(values: Any) -> Float[Array, "..."]:
-    """Copies values into a read-only float array."""
+    """Copies values into a read-only float array; an array that is one already, and no view, is taken as it is."""
+    if isinstance(values, np.ndarray) and values.dtype == float and values.flags.owndata and not values.flags.writeable:
+        return values
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

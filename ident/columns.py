@@ -142,7 +142,7 @@ def assemble(name: str, table: Table, session_file: SessionFile, source: Path, f
     _refuse_unknown_joints(joints, session_file)
     channels, issues = _channels(columns, joints, source)
     for channel in ANGLES:
-        if channel in channels:
+        if channel in channels and session_file.angle_factor != 1.0:
             channels[channel] = session_file.angle_factor * channels[channel]
     channels["effort"] = _effort(columns, joints, session_file, source)
     time = _time(columns, len(channels["effort"]), session_file, source)
@@ -175,7 +175,7 @@ def _channels(
             continue
         lacking = tuple(joint for joint in joints if joint not in have)
         if not lacking:
-            channels[channel] = np.column_stack([columns[f"{joint}/{channel}"] for joint in joints])
+            channels[channel] = stack([columns[f"{joint}/{channel}"] for joint in joints])
         else:
             issues.append(
                 TelemetryIssue(
@@ -187,6 +187,16 @@ def _channels(
                 )
             )
     return channels, issues
+
+
+def stack(columns: Sequence[Float[Array, " T"]], rows: int = 4096) -> Float[Array, "T n"]:
+    """Columns side by side, read-only. Block by block, so that each line of the cache is written once."""
+    table = np.empty((len(columns[0]), len(columns)))
+    for start in range(0, len(table), rows):
+        for index, column in enumerate(columns):
+            table[start : start + rows, index] = column[start : start + rows]
+    table.setflags(write=False)
+    return table
 
 
 def _fill_temperature(columns: Mapping[str, Float[Array, " T"]]) -> dict[str, Float[Array, " T"]]:
@@ -209,7 +219,8 @@ def _effort(
     for joint in joints:
         sign = session_file.effort_sign.get(joint, 1.0)
         if f"{joint}/effort" in columns:
-            torque.append(sign * columns[f"{joint}/effort"])
+            effort = columns[f"{joint}/effort"]
+            torque.append(effort if sign == 1.0 else -effort)
         elif f"{joint}/current" not in columns:
             raise RecordingError(source, f"missing column {joint}/effort", f"add it, or drop the joint {joint}")
         elif joint not in session_file.drive_gain:
@@ -220,7 +231,7 @@ def _effort(
             )
         else:
             torque.append(sign * session_file.drive_gain[joint] * columns[f"{joint}/current"])
-    return np.column_stack(torque)
+    return stack(torque)
 
 
 def _time(

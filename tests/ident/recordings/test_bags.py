@@ -1,0 +1,185 @@
+"""ROS 2 bags: every storage, order of joints and spread over messages gives the same run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ident.errors import RecordingError
+from ident.reading import load_session
+from ident.recording import Recording
+
+TYPES = get_typestore(Stores.ROS2_HUMBLE)
+JointState = TYPES.types["sensor_msgs/msg/JointState"]
+Header = TYPES.types["std_msgs/msg/Header"]
+Time = TYPES.types["builtin_interfaces/msg/Time"]
+Text = TYPES.types["std_msgs/msg/String"]
+RECEIPT_NS = 1_700_000_000_000_000_000
+
+
+def joint_state(run: Recording, row: int, joints: Iterable[str], stamped: bool = True, effort: bool = True) -> object:
+    """One row of a run as a message that names some joints, in the given order."""
+    columns = [run.joints.index(joint) for joint in joints]
+    nanoseconds = round(run.time[row] * 1e9) if stamped else 0
+    stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    values = (run.position, run.velocity, run.effort)
+    position, velocity, torque = (np.ascontiguousarray(v[row, columns]) for v in values if v is not None)
+    return JointState(
+        header=Header(stamp=stamp, frame_id=""),
+        name=[run.joints[column] for column in columns],
+        position=position,
+        velocity=velocity,
+        effort=torque if effort else np.empty(0),
+    )
+
+
+def write_bag(
+    folder: Path,
+    messages: Iterable[tuple[int, object]],
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    topic: str = "/joint_states",
+    kind: str = "sensor_msgs/msg/JointState",
+) -> Path:
+    with Writer(folder, version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection(topic, kind, typestore=TYPES)
+        for receipt, message in messages:
+            writer.write(connection, RECEIPT_NS + receipt, TYPES.serialize_cdr(message, kind))
+    return folder
+
+
+def rows_of(run: Recording, **options: bool) -> list[tuple[int, object]]:
+    return [(round(run.time[k] * 1e9), joint_state(run, k, run.joints, **options)) for k in range(len(run))]
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("lone", [False, True], ids=["folder", "lone file"])
+def test_a_bag_gives_back_the_run(storage: StoragePlugin, lone: bool, run: Recording, tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", rows_of(run), storage)
+    if lone:
+        (data,) = (file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+        path = data.rename(tmp_path / data.name)
+    session = load_session(path)
+    read = session.runs[0]
+    assert read.issues == ()
+    np.testing.assert_allclose(read.time, run.time, atol=1e-9)
+    for channel, values in run.channels().items():
+        np.testing.assert_array_equal(getattr(read, channel), values)
+
+
+def test_bag_folders_are_runs_of_a_session(run: Recording, tmp_path: Path) -> None:
+    for name, start in (("first", 0.0), ("second", 10.0)):
+        write_bag(tmp_path / name, rows_of(run.replace(time=run.time + start)))
+    session = load_session(tmp_path)
+    assert [each.name for each in session.runs] == ["first", "second"]
+    assert session.common_clock
+
+
+def test_without_stamps_the_time_of_receipt_counts(run: Recording, tmp_path: Path) -> None:
+    read = load_session(write_bag(tmp_path / "bag", rows_of(run, stamped=False))).runs[0]
+    np.testing.assert_allclose(read.time - read.time[0], run.time, atol=1e-6)
+    assert read.time[0] == pytest.approx(RECEIPT_NS * 1e-9)
+
+
+def test_joints_may_come_in_any_order(run: Recording, tmp_path: Path) -> None:
+    messages = [(k, joint_state(run, k, "ab" if k % 2 else "ba")) for k in range(len(run))]
+    read = load_session(write_bag(tmp_path / "bag", messages)).runs[0].select(("a", "b"))
+    np.testing.assert_array_equal(read.position, run.position)
+    np.testing.assert_array_equal(read.effort, run.effort)
+
+
+def test_joints_may_be_spread_over_messages_of_one_stamp(run: Recording, tmp_path: Path) -> None:
+    messages = [(2 * k + i, joint_state(run, k, joint)) for k in range(len(run)) for i, joint in enumerate("ab")]
+    read = load_session(write_bag(tmp_path / "bag", messages)).runs[0]
+    assert read.issues == ()
+    np.testing.assert_array_equal(read.position, run.position)
+
+
+def test_a_slower_publisher_is_interpolated_and_told(run: Recording, tmp_path: Path) -> None:
+    """Every second message of one joint is missing: linear interpolation of a sine is off by (ω dt)²/8 at most."""
+    messages = [(k, joint_state(run, k, j)) for k in range(len(run) - 1) for j in "ab" if j == "a" or k % 2 == 0]
+    read = load_session(write_bag(tmp_path / "bag", messages)).runs[0]
+    assert [issue.severity for issue in read.issues] == ["note"]
+    expected = run.at(slice(0, len(read))).position
+    assert np.abs(read.position - expected).max() < 0.02**2 / 8 * 1.01
+
+
+def test_joints_without_torque_are_left_out_and_told(run: Recording, tmp_path: Path) -> None:
+    """Fingers: position only, in messages of their own."""
+    messages = [
+        (2 * k + i, joint_state(run, k, joint, effort=joint == "a"))
+        for k in range(len(run))
+        for i, joint in enumerate("ab")
+    ]
+    read = load_session(write_bag(tmp_path / "bag", messages)).runs[0]
+    assert read.joints == ("a",)
+    assert read.issues[0].joints == ("b",)
+
+
+def test_columns_rename_joints(run: Recording, tmp_path: Path) -> None:
+    write_bag(tmp_path / "bag", rows_of(run))
+    (tmp_path / "bag/session.toml").write_text('[columns]\n"a/position" = "panda_joint1/position"\n')
+    assert load_session(tmp_path / "bag").joints == ("panda_joint1", "b")
+
+
+def test_what_is_no_joint_state_is_refused(run: Recording, tmp_path: Path) -> None:
+    """The message names the topics that are there, the right one first."""
+    bag = write_bag(tmp_path / "other", rows_of(run), topic="/arm/joint_states")
+    with pytest.raises(RecordingError, match=r"no topic /joint_states; .*: /arm/joint_states"):
+        load_session(bag)
+    assert len(load_session(bag, topic="/arm/joint_states").runs[0]) == len(run)
+    text = write_bag(tmp_path / "text", [(0, Text(data="x"))], kind="std_msgs/msg/String")
+    with pytest.raises(RecordingError, match=r"holds std_msgs/msg/String.*that are there: /joint_states"):
+        load_session(text)
+    with pytest.raises(RecordingError, match="no message on /joint_states"):
+        load_session(write_bag(tmp_path / "none", []))
+    with pytest.raises(RecordingError, match="no effort"):
+        load_session(write_bag(tmp_path / "silent", rows_of(run, effort=False)))
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "bag.mcap"])
+@pytest.mark.parametrize("content", [b"", b"SQLite format 3\x00 no such thing", b"\x89MCAP0\r\n no such thing"])
+def test_a_broken_bag_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=name):
+        load_session(tmp_path / name)
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_a_bag_cut_short_is_refused(storage: StoragePlugin, run: Recording, tmp_path: Path) -> None:
+    folder = write_bag(tmp_path / "bag", rows_of(run), storage)
+    (data,) = (file for file in folder.iterdir() if file.suffix in (".db3", ".mcap"))
+    data.write_bytes(data.read_bytes()[: data.stat().st_size // 3])
+    with pytest.raises(RecordingError, match="not a whole ROS 2 bag"):
+        load_session(folder)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize(
+    ("stem", "joints"),
+    [
+        ("panda/unisa_fer/panda_exciting_trajectory", [f"fer_joint{i}" for i in range(1, 8)]),
+        (
+            "ur10_cb/ur10_exciting_trajectory",
+            [f"{j}_joint" for j in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")],
+        ),
+    ],
+)
+def test_a_real_bag_equals_the_table_made_from_it(
+    stem: str, joints: list[str], real_data: Path, tmp_path: Path
+) -> None:
+    """To the nine digits that the table was written with."""
+    names = {"q": "position", "dq": "velocity", "effort": "effort"}
+    columns = [f'{short}_{joint} = "{joint}/{name}"' for short, name in names.items() for joint in joints]
+    settings = tmp_path / "session.toml"
+    settings.write_text("\n".join(["[columns]", 't = "time"', *columns]))
+    bag = load_session(real_data / f"{stem}.db3").runs[0]
+    table = load_session(real_data / f"{stem}.csv", session_file=settings).runs[0]
+    assert bag.joints == table.joints
+    np.testing.assert_allclose(bag.time, table.time, atol=1e-7)
+    for channel, values in table.channels().items():
+        np.testing.assert_allclose(getattr(bag, channel), values, rtol=1e-8, atol=1e-8)

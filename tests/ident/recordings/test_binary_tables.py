@@ -1,0 +1,105 @@
+"""Parquet and NumPy archives: exact round trips, and refusals of what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from ident.errors import RecordingError
+from ident.reading import load_recording, load_session
+from ident.recording import Payload, Recording, Session
+from ident.writing import write_recording, write_session
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_what_is_written_is_read_back_bit_for_bit(suffix: str, run: Recording, tmp_path: Path) -> None:
+    write_recording(run, tmp_path / f"run{suffix}")
+    read = load_recording(tmp_path / f"run{suffix}")
+    np.testing.assert_array_equal(read.time, run.time)
+    assert read.channels().keys() == run.channels().keys()
+    for channel, values in run.channels().items():
+        np.testing.assert_array_equal(getattr(read, channel), values)
+
+
+def test_a_session_survives_a_round_trip(run: Recording, tmp_path: Path) -> None:
+    """Runs, payload, robot and the rest of session.toml; a gain that is in the effort is not applied again."""
+    later = run.replace(name="run2", time=run.time + 10.0, current=run.effort / 7.0)
+    session = Session(
+        "s", (run, later), payload=Payload(1.5, (0.0, 0.1, 0.2)), robot="panda", metadata={"note": "made up"}
+    )
+    write_session(session, tmp_path / "out")
+    read = load_session(tmp_path / "out")
+    assert [r.name for r in read.runs] == ["run", "run2"]
+    assert (read.payload, read.robot, read.metadata, read.common_clock) == (
+        session.payload,
+        "panda",
+        {"note": "made up"},
+        True,
+    )
+    np.testing.assert_array_equal(read.runs[1].effort, run.effort)
+
+
+def test_single_precision_and_timestamps_become_seconds(run: Recording, tmp_path: Path) -> None:
+    table = pa.table(
+        {
+            "time": pa.array((run.time * 1e9).astype("int64"), pa.timestamp("ns")),
+            "a/position": pa.array(run.position[:, 0], pa.float32()),
+            "a/effort": pa.array(np.arange(400)),
+        }
+    )
+    pq.write_table(table, tmp_path / "run.parquet")
+    read = load_recording(tmp_path / "run.parquet")
+    np.testing.assert_allclose(read.time, run.time, atol=1e-9)
+    np.testing.assert_allclose(read.position[:, 0], run.position[:, 0], atol=1e-6)
+
+
+def test_npz_holds_native_columns_or_stacked_arrays(run: Recording, tmp_path: Path) -> None:
+    np.savez(tmp_path / "stacked.npz", time=run.time, position=run.position, effort=run.effort, joints=["a", "b"])
+    columns = {f"{j}/{c}": getattr(run, c)[:, k] for k, j in enumerate("ab") for c in ("position", "effort")}
+    np.savez(tmp_path / "columns.npz", time=run.time, **columns)
+    for name in ("stacked", "columns"):
+        read = load_recording(tmp_path / f"{name}.npz")
+        np.testing.assert_array_equal(read.position, run.position)
+        np.testing.assert_array_equal(read.effort, run.effort)
+
+
+def test_nan_in_a_binary_table_is_fatal_and_named(run: Recording, tmp_path: Path) -> None:
+    position = np.array(run.position)
+    position[7, 1] = np.nan
+    write_recording(run.replace(position=position), tmp_path / "run.parquet")
+    (issue,) = load_recording(tmp_path / "run.parquet").issues
+    assert (issue.issue, issue.severity, issue.joints) == ("nan_cells", "fatal", ("b",))
+    assert "run.parquet, row 8, column b/position" in issue.evidence
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.npz"])
+@pytest.mark.parametrize("content", [b"", b"PAR1 no such thing", b"PK\x03\x04 no such thing"])
+def test_a_broken_file_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=name):
+        load_session(tmp_path)
+
+
+def test_archives_that_make_no_table_are_refused(run: Recording, tmp_path: Path) -> None:
+    whole = {"time": run.time, "position": run.position, "effort": run.effort, "joints": np.array(["a", "b"])}
+    for change, expected in (
+        ({"joints": None}, "no array joints"),
+        ({"time": run.time[:3]}, "equally long"),
+        ({"effort": run.effort[:, :1]}, "has shape"),
+        ({"joints": np.array(["a", "b"], dtype=object)}, "plain arrays"),
+        ({"effort": None}, "missing column a/effort"),
+    ):
+        arrays = {key: value for key, value in {**whole, **change}.items() if value is not None}
+        np.savez(tmp_path / "run.npz", **arrays)
+        with pytest.raises(RecordingError, match=expected):
+            load_session(tmp_path)
+
+
+def test_text_in_a_parquet_column_is_refused(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"time": [0.0], "a/position": ["x"], "a/effort": [1.0]}), tmp_path / "run.parquet")
+    with pytest.raises(RecordingError, match=r"column a/position: holds no numbers"):
+        load_session(tmp_path)

@@ -1,0 +1,130 @@
+"""CSV and foreign text tables: whatever the layout, the same numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.errors import RecordingError
+from ident.reading import load_recording, load_session
+from ident.recording import Recording
+
+NUMBERED = '[columns]\n1 = "time"\n2 = "a/position"\n3 = "b/position"\n4 = "a/effort"\n5 = "b/effort"\n'
+
+LAYOUTS: dict[str, Callable[[list[str]], str]] = {
+    "plain": lambda lines: "\n".join(lines) + "\n",
+    "no line end": lambda lines: "\n".join(lines),
+    "crlf": lambda lines: "\r\n".join(lines) + "\r\n",
+    "blank lines": lambda lines: "\n\n".join(lines) + "\n",
+    "byte order mark": lambda lines: "\ufeff" + "\n".join(lines),
+    "semicolons": lambda lines: "\n".join(lines).replace(",", ";"),
+    "decimal commas": lambda lines: "\n".join(lines).replace(",", ";").replace(".", ","),
+    "tabs": lambda lines: "\n".join(lines).replace(",", "\t"),
+    "pipes": lambda lines: "\n".join(lines).replace(",", "|"),
+    "blanks": lambda lines: "\n".join("  " + line for line in lines).replace(",", "   "),
+    "blanks after commas": lambda lines: "\n".join(lines).replace(",", ", "),
+    "header in a comment": lambda lines: "# made up\n# " + "\n".join(lines).replace(",", " "),
+    "quoted header": lambda lines: "\n".join([",".join(f'"{n}"' for n in lines[0].split(",")), *lines[1:]]),
+    "extra column": lambda lines: "\n".join([lines[0] + ",note", *(line + ",hello" for line in lines[1:])]),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_gives_the_same_arrays(layout: str, lines: list[str], run: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(LAYOUTS[layout](lines), encoding="utf-8")
+    read = load_recording(path)
+    assert read.joints == run.joints
+    assert read.issues == ()
+    for channel in ("time", "position", "effort"):
+        np.testing.assert_allclose(getattr(read, channel), getattr(run, channel), atol=5.1e-7)
+
+
+def test_columns_by_number_need_no_header(lines: list[str], run: Recording, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("\n".join(lines[1:]))
+    (tmp_path / "session.toml").write_text(NUMBERED)
+    read = load_session(tmp_path).runs[0]
+    np.testing.assert_allclose(read.position, run.position, atol=5.1e-7)
+    np.testing.assert_allclose(read.effort, run.effort, atol=5.1e-7)
+
+
+def test_renaming_the_position_renames_the_joint(lines: list[str], tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("\n".join(lines).replace("a/", "fer/"))
+    (tmp_path / "session.toml").write_text('[columns]\n"fer/position" = "a/position"\n')
+    assert load_session(tmp_path).joints == ("a", "b")
+
+
+def test_a_rate_stands_in_for_time(lines: list[str], run: Recording, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("\n".join(lines).replace("time", "zeit"))
+    (tmp_path / "run.toml").write_text("sample_rate_hz = 100\n")
+    np.testing.assert_allclose(load_session(tmp_path / "run.csv").runs[0].time, run.time, atol=1e-12)
+
+
+def test_torque_is_sign_times_gain_times_current(lines: list[str], run: Recording, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("\n".join(lines).replace("effort", "current"))
+    (tmp_path / "session.toml").write_text("[drive_gain_Nm_per_A]\na = 2\nb = 3\n[effort_sign]\nb = -1\n")
+    read = load_session(tmp_path).runs[0]
+    np.testing.assert_allclose(read.effort, run.effort * [2.0, -3.0], atol=2e-6)
+    assert read.current is not None
+
+
+def test_degrees_are_converted_where_session_toml_says_so(lines: list[str], run: Recording, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("\n".join(lines))
+    (tmp_path / "run.toml").write_text('angle_unit = "deg"\n')
+    np.testing.assert_allclose(load_session(tmp_path / "run.csv").runs[0].position, np.radians(run.position), atol=1e-8)
+
+
+def test_a_slow_temperature_is_filled_between_its_cells(lines: list[str], tmp_path: Path) -> None:
+    rows = [
+        f"{line},{20 + k // 100 if k % 100 == 0 else ''},{30 if k % 50 == 0 else ''}"
+        for k, line in enumerate(lines[1:])
+    ]
+    (tmp_path / "run.csv").write_text("\n".join([lines[0] + ",a/temperature,b/temperature", *rows]))
+    read = load_recording(tmp_path / "run.csv")
+    assert read.issues == ()
+    assert read.temperature is not None
+    assert read.temperature[50, 0] == pytest.approx(20.5)
+
+
+BAD: dict[str, tuple[Callable[[list[str]], str], str, str]] = {
+    "empty": (lambda lines: "", "", "is empty"),
+    "blank": (lambda lines: "\n \n\n", "", "is empty"),
+    "header only": (lambda lines: lines[0] + "\n", "", "no rows"),
+    "header only, no line end": (lambda lines: lines[0], "", "no whole row"),
+    "no joint": (lambda lines: "\n".join(lines).replace("/", "_"), "", "no column <joint>/position"),
+    "missing effort": (lambda lines: "\n".join(lines).replace("b/effort", "b/foo"), "", "missing column b/effort"),
+    "missing position": (lambda lines: "\n".join(lines).replace("b/position", "x"), "", "missing column b/position"),
+    "missing time": (lambda lines: "\n".join(lines).replace("time", "zeit"), "", "missing column time"),
+    "column twice": (lambda lines: "\n".join(lines).replace("b/position", "a/position"), "", "are both"),
+    "current without gain": (lambda lines: "\n".join(lines).replace("effort", "current"), "", "no drive gain"),
+    "header too short": (lambda lines: "\n".join([lines[0] + ",c", *lines[1:]]), "", "number of cells"),
+    "mapped column missing": (lambda lines: "\n".join(lines), '[columns]\nx = "a/position"', "no column 'x'"),
+    "not a native name": (lambda lines: "\n".join(lines), '[columns]\n1 = "a/pos"', "no native column"),
+    "misspelt key": (lambda lines: "\n".join(lines), "[efort_sign]\na = 1", "did you mean 'effort_sign'"),
+    "sign of no joint": (lambda lines: "\n".join(lines), "[effort_sign]\nz = 1", "names the joint 'z'"),
+    "sign of 2": (lambda lines: "\n".join(lines), "[effort_sign]\na = 2", "a sign is 1 or -1"),
+    "gain of text": (lambda lines: "\n".join(lines), '[drive_gain_Nm_per_A]\na = "x"', "finite number"),
+    "negative rate": (lambda lines: "\n".join(lines), "sample_rate_hz = -1", "positive rate"),
+    "negative payload": (lambda lines: "\n".join(lines), "[payload]\nmass_kg = -1", "not negative"),
+    "payload's place": (lambda lines: "\n".join(lines), "[payload]\nmass_kg = 1\ncom_m = [1, 2]", "three numbers"),
+    "unknown unit": (lambda lines: "\n".join(lines), 'angle_unit = "turns"', "angle_unit"),
+    "not TOML": (lambda lines: "\n".join(lines), "[columns", "not TOML"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused_in_one_line(case: str, lines: list[str], tmp_path: Path) -> None:
+    """Every message is one line, names the file, what is wrong and the remedy."""
+    spoil, settings, expected = BAD[case]
+    (tmp_path / "run.csv").write_text(spoil(lines))
+    (tmp_path / "session.toml").write_text(settings)
+    with pytest.raises(RecordingError) as caught:
+        load_session(tmp_path)
+    message = str(caught.value)
+    assert expected in message
+    assert "run.csv" in message or "session.toml" in message
+    assert caught.value.remedy
+    assert "\n" not in message
