@@ -136,7 +136,8 @@ class ArmModel:
         states = [np.asfortranarray(np.asarray(values, dtype=float).T) for values in (q, dq, ddq)]
         if states[0].shape[1] == 0:
             return np.zeros((0, self.n))
-        return np.ascontiguousarray(pin.rneaInParallel(THREADS, self._pool, *states).T)
+        torque = pin.rneaInParallel(THREADS, self._pool, *states)
+        return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)  # one state comes back as a vector
 
     def gravity(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
         """Torque that holds the arm still [N m]."""

@@ -61,7 +61,8 @@ class Simulator:
         rotors = np.where(drive.elastic, 0.0, drive.rotor_inertia)
         bodies = hardware.bodies.replace(joint_inertia=rotors)
         self.step = choose_step(hardware)
-        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step)
+        springs = bool(drive.elastic.any())
+        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, springs)
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
         self.control = self._control()
@@ -163,6 +164,7 @@ def choose_step(hardware: Hardware) -> float:
     drive = hardware.drive
     if not drive.elastic.any():
         return step
+    step /= 2.0
     link = least_link_inertia(hardware)
     reduced = 1.0 / (1.0 / link + 1.0 / drive.rotor_inertia)
     fastest = np.sqrt(drive.stiffness / reduced)[drive.elastic].max()

@@ -73,6 +73,7 @@ class Cause:
         view: What a fit may absorb before the rest counts as visible: `refit`: link inertias, rotor, linear
             friction, bias; `loss`: rotor, linear friction, bias; `raw`: rotor, linear friction.
         inverse: Whether a smaller size shows more.
+        needs_all: Whether its amplitude needs the whole session (a trend, one event), not a part of the runs.
     """
 
     id: str
@@ -83,6 +84,7 @@ class Cause:
     whole_arm: bool = False
     view: View = "refit"
     inverse: bool = False
+    needs_all: bool = False
 
     def checked(self, scene: Scene, size: float) -> float:
         """The size, if it is physical.

@@ -54,7 +54,7 @@ DRIVE = (
     Cause(
         "joint_elasticity", "stiffness_Nm_rad", lambda s: 150.0 * s.rated, _stiffness_bounds, _elasticity, inverse=True
     ),
-    Cause("backlash", "gap_rad", lambda s: 2e-3, between(0.0, 0.05), _backlash),
+    Cause("backlash", "gap_rad", lambda s: 5e-4, between(0.0, 0.05), _backlash),
     Cause("torque_ripple", "amplitude_Nm", lambda s: 0.01 * s.rated, lambda s: (0.0, 0.15 * s.rated), _ripple),
     Cause("spring_torque", "stiffness_Nm_rad", lambda s: 0.02 * s.rated, lambda s: (0.0, 0.3 * s.rated), _spring),
 )

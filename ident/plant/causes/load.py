@@ -93,5 +93,5 @@ LOAD = (
     ),
     Cause("link_inertial_error", "mass_share", lambda s: 0.15, between(-0.6, 2.0), _link_inertia, view="loss"),
     Cause("gravity_misalignment", "tilt_rad", lambda s: 0.015, between(0.0, 0.35), _tilt, whole_arm=True),
-    Cause("external_contact", "force_N", lambda s: 20.0, between(0.0, 500.0), _contact),
+    Cause("external_contact", "force_N", lambda s: 20.0, between(0.0, 500.0), _contact, needs_all=True),
 )

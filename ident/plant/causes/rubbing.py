@@ -99,7 +99,7 @@ RUBBING = (
     Cause("stribeck_friction", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _stribeck),
     Cause("nonlinear_viscous_friction", "eyring_Nm", lambda s: 0.25 * s.coulomb, _up_to, _nonlinear_viscous),
     Cause("load_dependent_friction", "mu", lambda s: 0.06, between(0.0, 0.5), _load),
-    Cause("thermal_friction", "viscous_loss", lambda s: 0.45, between(0.0, 0.95), _thermal),
+    Cause("thermal_friction", "viscous_loss", lambda s: 0.45, between(0.0, 0.95), _thermal, needs_all=True),
     Cause("presliding_hysteresis", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _hysteresis),
     Cause(
         "position_dependent_friction",
