@@ -15,7 +15,7 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recording import Payload
 from ident.regressor import compute_regressor
-from ident.robots import example_robots_folder, find_urdf, normalise_urdf
+from ident.robots import example_robots_folder, find_urdf, normalise_urdf, read_reductions
 
 THREADS = 2
 
@@ -52,9 +52,16 @@ class ArmModel:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
         path = find_urdf(robot)
-        arm = cls.from_urdf(path.read_text(encoding="utf-8"), path)
-        if joints is None or set(joints) == set(arm.joint_names):
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            raise RobotError(path, "not a text file", "give a URDF file") from None
+        except OSError as error:
+            raise RobotError(path, f"can't be read ({error.strerror})", "check its permissions") from None
+        arm = cls.from_urdf(text, path)
+        if joints is None:
             return arm
+        arm._require_joints(joints)
         return arm.locked([name for name in arm.joint_names if name not in set(joints)])
 
     @classmethod
@@ -65,14 +72,14 @@ class ArmModel:
             RobotError: As `load`.
         """
         where = str(source or "URDF")
-        urdf = normalise_urdf(text, where, locked or {})
+        urdf, fixed = normalise_urdf(text, where, locked or {})
         try:
             model = pin.buildModelFromXML(urdf)
         except (ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise RobotError(where, f"the URDF parser refused it ({reason})", "check it with check_urdf") from None
         _require_serial_arm(model, where)
-        return cls(model.name, urdf, model, tuple(model.names)[1:], source, dict(locked or {}))
+        return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed)
 
     @property
     def n(self) -> int:
@@ -98,6 +105,14 @@ class ArmModel:
     def effort_limit(self) -> Float[Array, " n"]:
         """Torque limits [N m or N]."""
         return freeze(self.model.effortLimit)
+
+    @property
+    def gear_ratios(self) -> Float[Array, " n"] | None:
+        """Reduction of each joint from the URDF's transmissions; None where a joint has none."""
+        ratios = read_reductions(self.urdf)
+        if any(name not in ratios for name in self.joint_names):
+            return None
+        return freeze([ratios[name] for name in self.joint_names])
 
     @property
     def joint_axes(self) -> Float[Array, "n 3"]:
@@ -181,12 +196,11 @@ class ArmModel:
 
         Inertias changed by `with_inertial_parameters` are carried over.
         """
-        where = str(self.source or self.name)
-        unknown = [name for name in joints if name not in self.joint_names]
-        if unknown:
-            raise RobotError(where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(self.joint_names)}")
-        if len(joints) == self.n:
-            raise RobotError(where, "every joint would be locked", "keep at least one joint")
+        if not joints:
+            return self
+        self._require_joints(joints)
+        if set(joints) == set(self.joint_names):
+            raise RobotError(self.source or self.name, "every joint would be locked", "keep at least one joint")
         at = self.neutral[[self.joint_names.index(name) for name in joints]] if positions is None else positions
         fixed = {name: float(value) for name, value in zip(joints, at, strict=True)}
         reduced = ArmModel.from_urdf(self.urdf, self.source, fixed)
@@ -257,6 +271,13 @@ class ArmModel:
                 held = self.joint_names[anchor - 1]
                 inertias[held] = inertias[held] + placed
         return np.concatenate([inertias[name].toDynamicParameters() for name in reduced.joint_names])
+
+    def _require_joints(self, joints: Sequence[str]) -> None:
+        """Raises RobotError unless all are joints of this arm."""
+        unknown = next((name for name in joints if name not in self.joint_names), None)
+        if unknown is not None:
+            what, remedy = f"no moving joint {unknown!r}", f"its joints are: {', '.join(self.joint_names)}"
+            raise RobotError(self.source or self.name, what, remedy)
 
     def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
         fixed = self.locked_joints if locked is None else locked

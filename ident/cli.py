@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
+from ident.console import ladder_table, make_console, print_issues, progress_bar
 from ident.errors import InputError
 from ident.files import atomic_write
 
@@ -20,7 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-console = Console()
+console = make_console()
 
 Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
 Robot = Annotated[
@@ -61,14 +61,13 @@ def inspect(
     json_file: JsonFile = None,
 ) -> None:
     """Checks the telemetry before anything is fitted."""
-    from ident.console import issue_table
     from ident.opening import inspect_paths
 
     _, reports = inspect_paths(sessions, robot, topic, session_file)
     for report in reports:
-        found, session = report.issues, report.session
+        session = report.session
         console.print(f"{session.name}: {len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s")
-        console.print(issue_table(found) if found else "telemetry: nothing found")
+        print_issues(console, report.issues)
         console.print("fit for use" if report.is_fit else "[red]not fit for use[/]")
         if mend is not None:
             report.mend(mend / session.name if len(reports) > 1 else mend)
@@ -92,20 +91,18 @@ def fit(
     json_file: JsonFile = None,
 ) -> None:
     """Fits analytic + loss + residual net."""
-    from ident.console import issue_table, progress_bar
     from ident.hybrid import FitOptions, fit_hybrid
     from ident.opening import open_sessions
 
     options = FitOptions(links, inertia, net, offset, robust, seed)  # type: ignore[arg-type]
     opened = open_sessions(sessions, robot, topic, session_file, cutoff)
-    if opened.issues:
-        console.print(issue_table(opened.issues))
+    print_issues(console, opened.issues)
     checkpoint = out.with_name(out.name + ".training")
     with progress_bar(console, "residual net") as progress:
         results = fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
     results.model.save(out)
     _remove_checkpoint(checkpoint)
-    console.print(results.loss.summary(), markup=False)
+    console.print(results.loss.summary(), markup=False, soft_wrap=True)
     console.print(f"condition number of the motions: {results.inertia.condition_number:.0f}")
     console.print(f"model written to {out}")
     write_json(json_file, {"schema": "ident.fit/1", **results.model.record()})
@@ -130,7 +127,6 @@ def evaluate(
     json_file: JsonFile = None,
 ) -> None:
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
-    from ident.console import ladder_table
     from ident.evaluation import evaluate as score
     from ident.hybrid import HybridModel
     from ident.opening import open_for_model

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -36,15 +37,19 @@ def _pairs(mean: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray
     return [f"{a:.2f} ± {b:.2f}" for a, b in zip(mean, std, strict=True)]
 
 
-def issue_table(issues: Sequence[TelemetryIssue]) -> Table:
-    """Telemetry issues, the worst first."""
-    table = Table(title=f"telemetry: {len(issues)} findings", title_justify="left")
-    for column in ("severity", "issue", "joints", "evidence", "remedy"):
-        table.add_column(column, overflow="fold")
-    for issue in issues:
-        severity = f"[{COLOURS[issue.severity]}]{issue.severity}[/]"
-        table.add_row(severity, issue.issue, ", ".join(issue.joints) or "all", issue.evidence, issue.remedy)
-    return table
+def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
+    """Telemetry issues, the worst first, a line each and the remedy below."""
+    for issue in sorted(issues, key=lambda found: list(COLOURS).index(found.severity)):
+        head = f"[{COLOURS[issue.severity]}]{issue.severity}[/] [bold]{issue.issue}[/]: {escape(issue.evidence)}"
+        console.print(head, soft_wrap=True)
+        if issue.severity != "note":
+            console.print(f"    remedy: {escape(issue.remedy)}", soft_wrap=True)
+
+
+def make_console() -> Console:
+    """Standard output; wide where it is no terminal, since a file has no edge."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
 
 
 @contextmanager

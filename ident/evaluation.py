@@ -2,8 +2,8 @@
 
 Energy error of a run, joint by joint: E = ∫ (τ_model − τ_measured) dq dt, negative where the model knows too little
 loss. Torque errors are taken after the common low-pass, so that they are the model's and not the sensor's, and where
-the joint moves: a joint at rest carries any torque up to its Coulomb level, which no model of (q, dq, ddq) can tell. The
-error at rest is given beside it.
+the joint moves: a joint at rest carries any torque up to its Coulomb level, which no model of (q, dq, ddq) can tell.
+The error at rest is given beside it.
 
 Source: paper, tables 1 and 2 and figure 9.
 """

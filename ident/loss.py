@@ -97,6 +97,8 @@ class LossResults:
         for j, joint in enumerate(self.joints):
             for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
                 value = getattr(self.params, name)[j]
+                if limits[j, k, 0] == limits[j, k, 1] == 0.0:
+                    continue  # was not fitted
                 note = "  on its bound" if name in self.at_bound[j] else ""
                 interval = f"[{limits[j, k, 0]:.4g}, {limits[j, k, 1]:.4g}]"
                 lines.append(f"{joint:<22}{name:<15}{value:>10.4g}  {interval:<24}{unit}{note}")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import RobotError
+from ident.urdf_checks import check_urdf
 
 # The name a user types -> path below example-robot-data's robots folder.
 EXAMPLE_ROBOTS = {
@@ -24,6 +25,8 @@ EXAMPLE_ROBOTS = {
 }
 SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf"}
 MOVING = ("revolute", "continuous", "prismatic")
+# A branch with more joints than a finger has is another arm.
+MOST_FINGER_JOINTS = 4
 
 
 def data_path(relative: str) -> Path:
@@ -69,11 +72,7 @@ def parse_urdf(text: str, where: str) -> ET.Element:
         raise RobotError(where, f"not XML ({error})", "give a URDF file") from None
     if root.tag != "robot":
         raise RobotError(where, f"the root element is <{root.tag}>, not <robot>", "give a URDF file (expand xacro)")
-    for joint in root.findall("joint"):
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            if element is None or not element.get("link"):
-                raise RobotError(where, f"joint {joint.get('name')!r} names no {end} link", f"add <{end} link=…/>")
+    check_urdf(root, where)
     return root
 
 
@@ -83,7 +82,10 @@ def moving_joints(root: ET.Element) -> list[ET.Element]:
 
 
 def gripper_joints(root: ET.Element) -> list[str]:
-    """Names of the joints beyond the first fork of the tree: fingers, by which an arm is no longer a chain."""
+    """Names of the joints beyond the first fork of the tree: fingers, by which an arm is no longer a chain.
+
+    Empty where the branches are no fingers: they begin at the base, or are as long as an arm.
+    """
     children: dict[str, list[ET.Element]] = {}
     for joint in root.findall("joint"):
         children.setdefault(link_of(joint, "parent"), []).append(joint)
@@ -94,10 +96,13 @@ def gripper_joints(root: ET.Element) -> list[str]:
 
     child_links = {link_of(joint, "child") for joint in root.findall("joint")}
     link = next((item.get("name") for item in root.findall("link") if item.get("name") not in child_links), None)
+    arm_joints = 0
     while link is not None:
         alive = [(joint, names) for joint in children.get(link, []) if (names := moving_below(joint))]
         if len(alive) > 1:
-            return [name for _, names in alive for name in names]
+            fingers = arm_joints > 0 and max(len(names) for _, names in alive) <= MOST_FINGER_JOINTS
+            return [name for _, names in alive for name in names] if fingers else []
+        arm_joints += bool(alive) and alive[0][0].get("type") in MOVING
         link = link_of(alive[0][0], "child") if alive else None
     return []
 
@@ -162,15 +167,19 @@ def lock_joints(root: ET.Element, positions: Mapping[str, float]) -> None:
                 joint.remove(element)
 
 
-def normalise_urdf(text: str, where: str, locked: Mapping[str, float], lock_gripper: bool = True) -> str:
-    """Locks joints and makes continuous joints revolute without limits, so that nq = nv = n."""
+def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[str, dict[str, float]]:
+    """Locks joints and makes continuous joints revolute without limits, so that nq = nv = n.
+
+    Returns:
+        The URDF, and the joints that are locked in it: those given, and a gripper's at zero [rad or m].
+    """
     root = parse_urdf(text, where)
     names = [joint.get("name") or "" for joint in moving_joints(root)]
     unknown = [name for name in locked if name not in names]
     if unknown:
         raise RobotError(where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(names)}")
-    fingers = gripper_joints(root) if lock_gripper else []
-    lock_joints(root, {**dict.fromkeys(fingers, 0.0), **locked})
+    fixed = {**dict.fromkeys(gripper_joints(root), 0.0), **locked}
+    lock_joints(root, fixed)
     for joint in moving_joints(root):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
@@ -179,4 +188,14 @@ def normalise_urdf(text: str, where: str, locked: Mapping[str, float], lock_grip
                 limit = ET.SubElement(joint, "limit", effort="1e6", velocity="1e3")
             limit.set("lower", "-1e9")
             limit.set("upper", "1e9")
-    return ET.tostring(root, encoding="unicode")
+    return ET.tostring(root, encoding="unicode"), fixed
+
+
+def read_reductions(text: str) -> dict[str, float]:
+    """Gear ratio of each joint that a URDF's `<transmission>` elements name."""
+    found = {}
+    for transmission in ET.fromstring(text).findall("transmission"):
+        joint, reduction = transmission.find("joint"), transmission.find("actuator/mechanicalReduction")
+        if joint is not None and reduction is not None and reduction.text:
+            found[joint.get("name", "")] = abs(float(reduction.text))
+    return found

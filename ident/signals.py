@@ -6,8 +6,9 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -66,6 +67,8 @@ class Motion:
         lowpass: The filter that every torque and column goes through.
         std: Standard deviation of q, dq, ddq from the smoother, shape (3, n).
         payload: Known body at the flange.
+        temperature: Measured joint temperature [degC], or None.
+        position_command: Commanded position [rad], or None.
     """
 
     name: str
@@ -78,6 +81,8 @@ class Motion:
     lowpass: Lowpass
     std: Float[Array, "3 n"]
     payload: Payload | None = None
+    temperature: Float[Array, "T n"] | None = None
+    position_command: Float[Array, "T n"] | None = None
 
     @property
     def n(self) -> int:
@@ -118,8 +123,10 @@ class Motion:
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
-        q, dq, ddq, tau = (freeze(values[:, columns]) for values in (self.q, self.dq, self.ddq, self.tau))
-        return Motion(self.name, joints, self.time, q, dq, ddq, tau, self.lowpass, self.std[:, columns], self.payload)
+        names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command")
+        kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
+        return replace(self, joints=tuple(joints), **cut)
 
 
 def session_noise(session: Session) -> NoiseLevels:
@@ -134,14 +141,29 @@ def prepare_run(
     states = smooth(run.time, run.position, levels)
     rate = 1.0 / run.sample_interval
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
-    if len(grid) == len(run) and np.max(np.abs(grid - run.time)) < 1e-3 / rate:
-        q, dq, ddq, tau = states.q, states.dq, states.ddq, run.effort
-    else:
-        q, dq, ddq = _resample(run.time, states, grid)
-        tau = np.stack([np.interp(grid, run.time, column) for column in run.effort.T], axis=1)
-    q, dq, ddq, tau = (freeze(values) for values in (q, dq, ddq, tau))
+    even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
+    q, dq, ddq = (states.q, states.dq, states.ddq) if even else _resample(run.time, states, grid)
+
+    def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
+        if values is None or even:
+            return values
+        return np.stack([np.interp(grid, run.time, column) for column in values.T], axis=1)
+
+    effort = on_grid(run.effort)
+    assert effort is not None
     return Motion(
-        run.name, run.joints, freeze(grid), q, dq, ddq, tau, Lowpass.design(rate, cutoff), states.std, payload
+        name=run.name,
+        joints=run.joints,
+        time=freeze(grid),
+        q=freeze(q),
+        dq=freeze(dq),
+        ddq=freeze(ddq),
+        tau=freeze(effort),
+        lowpass=Lowpass.design(rate, cutoff),
+        std=states.std,
+        payload=payload,
+        temperature=on_grid(run.temperature),
+        position_command=on_grid(run.position_command),
     )
 
 
@@ -155,11 +177,11 @@ def prepare(session: Session, cutoff: float | None = None) -> tuple[Motion, ...]
     Raises:
         RecordingError: No run is long enough.
     """
-    levels = session_noise(session)
     long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
     if not long:
         where = str(session.path or session.name)
         raise RecordingError(where, f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+    levels = session_noise(session.replace(runs=long))
     return tuple(prepare_run(run, levels, session.payload, cutoff) for run in long)
 
 
