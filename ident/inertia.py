@@ -285,4 +285,6 @@ def _condition(information: Array) -> float:
     """Condition number of the column-scaled regressor behind an information matrix."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     values = np.linalg.eigvalsh(information / np.outer(size, size))
+    if values[-1] <= 0.0:
+        return float("inf")
     return float(np.sqrt(values[-1] / max(values[0], 1e-16 * values[-1])))
