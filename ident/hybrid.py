@@ -127,23 +127,37 @@ class HybridModel:
             source = Path(record["robot"]["source"])
             robot = ArmModel.from_urdf((path / "robot.urdf").read_text(encoding="utf-8"), source)
             nominal = ArmModel.from_urdf((path / "arm.urdf").read_text(encoding="utf-8"), source)
-            links = np.concatenate([record["inertia"]["links"][name] for name in nominal.links])
-            loss = LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s")))
-            figures = tuple(LossFigure(**entry) for entry in record["loss"].get("figures", []))
-        except (KeyError, OSError, TypeError, ValueError) as error:
+            model = cls(
+                robot=robot,
+                nominal=nominal,
+                arm=_identified(nominal, record["inertia"]["links"]),
+                loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
+                net=ResidualNet.load(path) if record.get("net", {}).get("preset", "none") != "none" else None,
+                links=record["robot"]["links"],
+                inertia=record["inertia"]["mode"],
+                figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
+                provenance=record.get("provenance", {}),
+            )
+            model._check()
+        except ModelError:
+            raise
+        except InputError as error:
+            raise ModelError(path, f"its URDF is damaged ({error.what})", "fit the model again") from None
+        except (AttributeError, IndexError, KeyError, OSError, TypeError, ValueError) as error:
             raise ModelError(path / "model.toml", f"damaged ({error!r})", "fit the model again") from None
-        same = np.array_equal(links, nominal.inertial_parameters)
-        return cls(
-            robot=robot,
-            nominal=nominal,
-            arm=nominal if same else nominal.with_inertial_parameters(links),
-            loss=loss,
-            net=ResidualNet.load(path) if (path / "residual.json").exists() else None,
-            links=record["robot"]["links"],
-            inertia=record["inertia"]["mode"],
-            figures=figures,
-            provenance=record.get("provenance", {}),
-        )
+        return model
+
+    def _check(self) -> None:
+        """Raises ValueError unless the parts speak of the same joints, in finite numbers."""
+        n = self.arm.n
+        for name in (*NAMES, "transition_speed"):
+            values = getattr(self.loss, name)
+            if values.shape != (n,) or not np.all(np.isfinite(values)):
+                raise ValueError(f"{name} of the loss is {values.tolist()}, not {n} numbers")
+        if not np.all(np.isfinite(self.arm.inertial_parameters)):
+            raise ValueError("an inertia is not finite")
+        if self.net is not None and self.net.n != n:
+            raise ValueError(f"the net has {self.net.n} joints, the arm {n}")
 
     def record(self) -> dict[str, Any]:
         """All of the model but its URDFs and weights, as it stands in model.toml."""
@@ -166,6 +180,7 @@ class HybridModel:
                 "links": {name: row.tolist() for name, row in zip(self.arm.links, numbers, strict=True)},
             },
             "loss": loss,
+            "net": {"preset": self.net.options.preset if self.net is not None else "none"},
             "provenance": self.provenance,
         }
 
@@ -177,6 +192,15 @@ class HybridModel:
                 f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}",
                 "fit a model for this robot",
             )
+
+
+def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:
+    """The rigid arm with the link inertias of model.toml."""
+    numbers = np.array([links[name] for name in nominal.links], dtype=float)
+    if numbers.shape != (nominal.n, 10):
+        raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
+    same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
+    return nominal if same else nominal.with_inertial_parameters(numbers.ravel())
 
 
 def _read_record(path: Path) -> dict[str, Any]:

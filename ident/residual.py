@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
 from ident.arrays import Array, Bool, Float, freeze
@@ -250,15 +250,18 @@ class _Training:
             save_file({name: value.contiguous() for name, value in tensors.items()}, part, metadata)
 
     def resume(self, folder: Path, fingerprint: str) -> None:
-        """Takes up a checkpoint of the same data and options, if there is one."""
+        """Takes up a checkpoint of the same data and options, if there is one that can be read."""
         path = folder / "checkpoint.safetensors"
         if not path.is_file():
             return
-        with safe_open(path, framework="pt") as stream:
-            metadata = stream.metadata()
-        if metadata["fingerprint"] != fingerprint:
+        try:
+            with safe_open(path, framework="pt") as stream:
+                metadata = stream.metadata() or {}
+            tensors = load_file(path)
+        except (OSError, SafetensorError):
+            return  # damaged: the training starts afresh and writes it anew
+        if metadata.get("fingerprint") != fingerprint:
             return
-        tensors = load_file(path)
 
         def part(prefix: str) -> dict[str, torch.Tensor]:
             return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
