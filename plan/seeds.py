@@ -8,7 +8,7 @@ the line are the places through which the tip may go. Trees lead from the start 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,10 @@ from plan.scene import Scene
 DIRECTIONS = 8
 # Initial positions from which the arm is brought to a point.
 TRIES = 12
+# A point where the arm collides is moved outwards by so many girths in all before it is given up.
+INFLATIONS = (1.0, 2.0, 3.0)
+# Trees look near their ends first, then half a turn around them: reach beyond the ends [rad] and nodes.
+RANGES = ((0.7, 600), (np.pi, 4000))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +120,16 @@ def find_seeds(problem: PlanningProblem, rng: np.random.Generator, options: Tree
         options: How the trees grow; the margin is the problem's unless given.
     """
     options = options or TreeOptions(margin=problem.margin)
-    tip = _Tip(problem.scene.arm)
+    tip, width = _Tip(problem.scene.arm), girth(problem.scene)
     ends = tip.place(problem.start), tip.place(problem.goal)
+    rings = [midplane_targets(*ends, problem.scene.obstacles, share * width) for share in INFLATIONS]
     seeds = []
-    for label, target in midplane_targets(*ends, problem.scene.obstacles, girth(problem.scene)):
-        seeds.append(_find_seed(problem, tip, label, target, rng, options))
+    for rays in zip(*rings, strict=True):
+        for label, target in rays:
+            seed = _find_seed(problem, tip, label, target, rng, options)
+            if not seed.reason or label == "midpoint":
+                break
+        seeds.append(seed)
     return seeds
 
 
@@ -140,10 +149,9 @@ def _find_seed(
     reached = _reach(problem, tip, target, rng, options)
     if isinstance(reached, str):
         return Seed(label, target, reason=reached)
-    low, high = _search_range(problem)
     halves: list[Path] = []
     for a, b, name in ((problem.start, reached, "from the start"), (reached, problem.goal, "to the goal")):
-        path = connect(problem.scene, a, b, low, high, options, rng)
+        path = _connect(problem, a, b, options, rng)
         if not path.found:
             return Seed(label, target, reason=f"{name}: {path.reason}")
         halves.append(path)
@@ -151,11 +159,15 @@ def _find_seed(
     return Seed(label, target, points[1:-1])
 
 
-def _search_range(problem: PlanningProblem) -> tuple[Array, Array]:
-    """Where trees look: half a turn round start and goal, within the limits [rad]."""
-    ends = np.array([problem.start, problem.goal])
-    low = np.maximum(problem.limits.lower, ends.min(axis=0) - np.pi)
-    return low, np.minimum(problem.limits.upper, ends.max(axis=0) + np.pi)
+def _connect(problem: PlanningProblem, a: Array, b: Array, options: TreeOptions, rng: np.random.Generator) -> Path:
+    """A way between two positions: looked for near them first, which gives shorter ones."""
+    for reach, nodes in RANGES:
+        low = np.maximum(problem.limits.lower, np.minimum(a, b) - reach)
+        high = np.minimum(problem.limits.upper, np.maximum(a, b) + reach)
+        path = connect(problem.scene, a, b, low, high, replace(options, nodes=nodes), rng)
+        if path.found:
+            break
+    return path
 
 
 def _reach(

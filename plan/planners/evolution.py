@@ -26,21 +26,24 @@ class Evolution(Planner):
         population: Candidates a generation; by the usual rule, 4 + 3 log d, times two, if 0.
         round_length: Generations a round before the runs are halved.
         tolerance: Ends a run when its costs lie this close together, as a share of the initial cost.
+        most: Evaluations after which the search ends; no end but the budget's if 0.
     """
 
     step: float = 0.05
     population: int = 0
     round_length: int = 25
     tolerance: float = 1e-6
+    most: int = 0
     name: ClassVar[str] = "cma"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
         """Runs until every surviving run has converged."""
         runs = [_Run(problem, self, int(rng.integers(1, 2**31))) for problem in problems]
-        while runs:
+        end = ledger.evaluations + self.most if self.most else np.inf
+        while runs and ledger.evaluations < end:
             for run in runs:
                 for _ in range(self.round_length):
-                    if run.done:
+                    if run.done or ledger.evaluations >= end:
                         break
                     run.advance(ledger)
             runs = sorted(runs, key=lambda run: run.best)[: (len(runs) + 1) // 2]

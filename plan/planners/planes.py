@@ -11,9 +11,15 @@ from plan.problem import PlanningProblem
 from plan.spline import Splines
 
 # Local times of a section at which clearance is watched.
-WATCHED = np.linspace(0.0, 1.0, 21)[1:]
+WATCHED = np.linspace(0.0, 1.0, 17)[1:]
 # Pairs closer than this are given a plane [m].
-NEAR = 0.12
+NEAR = 0.08
+
+
+def count_near(problem: PlanningProblem, splines: Splines) -> int:
+    """Number of watched places and pairs that come near each other."""
+    q = splines.states(WATCHED)[0][0]
+    return int((problem.scene.gaps(q[:-1]) < NEAR).sum())
 
 
 def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: float) -> Float[Array, "m count"]:
@@ -37,7 +43,7 @@ def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: f
     gaps[-1] = np.inf  # the goal itself can't be moved
     order = np.argsort(gaps, axis=None)[:count]
     for slot, (place, pair) in enumerate(zip(*np.unravel_index(order, gaps.shape), strict=True)):
-        if gaps[place, pair] > NEAR:
+        if gaps[place, pair] > 2 * NEAR:
             break
         section, step = divmod(int(place), len(WATCHED))
         normal = problem.scene.proximity.witness(q[place], int(pair)).normal

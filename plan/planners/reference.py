@@ -11,17 +11,23 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from plan.errors import MethodError
-from plan.planners.base import Candidate, Ledger, Planner
-from plan.planners.planes import NEAR, WATCHED, make_slots
+from plan.planners.base import Ledger, Planner
+from plan.planners.evolution import Evolution
+from plan.planners.planes import count_near, make_slots
 from plan.planners.reference_graph import SLOTS, Programme, build
 from plan.power import ChainTorque
 from plan.problem import SHARE, SQUEEZE, TOLERANCE, Evaluation, PlanningProblem
 from plan.spline import Splines
 
+# Initial trajectories that break more than this are not solved from as they are.
+WORTH_TRYING = 0.5
+# A step shorter than this is not worth another solve [rad].
+SHORTEST_REACH = 0.005
+
 
 @dataclass(frozen=True)
 class Reference(Planner):
-    """IPOPT from every initial trajectory.
+    """IPOPT, from the initial trajectory or from the best of a short CMA-ES run over all of them.
 
     The sign of the speed and the modulus of power are rounded, first widely and then finely; the result is evaluated
     with the exact ones. Limits enter the programme only where the optimum without them breaks one. Clearance is
@@ -29,119 +35,178 @@ class Reference(Planner):
 
     Attributes:
         widths: Rounding of sign [rad/s] and power [W], solve by solve.
-        rounds: Most times that the planes are chosen anew.
+        rounds: Most times that the planes and limits are set anew.
+        screening: Evaluations of the CMA-ES run that chooses the starts, for each of them; a lone initial
+            trajectory that keeps clear is taken as it is.
+        finalists: Starts that are solved, of those from the screening and of the initial trajectories each.
+        reach: Farthest that a via angle goes in the first solve where there is something to hit [rad]; durations
+            change by as large a share.
         tolerance: Relative gain under which the planes are left as they are.
         extra: Clearance added to the margin, for what happens between the watched places [m].
     """
 
-    widths: tuple[tuple[float, float], ...] = ((0.05, 2.0), (0.01, 0.05))
-    rounds: int = 12
+    widths: tuple[tuple[float, float], ...] = ((0.05, 2.0), (0.01, 0.1))
+    rounds: int = 10
+    screening: int = 1500
+    finalists: int = 2
+    reach: float = 0.4
     tolerance: float = 1e-4
     extra: float = 5e-4
     name: ClassVar[str] = "reference"
 
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
-        """Solves from each initial trajectory; uses no randomness.
+        """Solves from the chosen starts.
 
         Raises:
             MethodError: The model can't be written as symbols.
         """
-        for problem in problems:
-            if not isinstance(problem.model, ChainTorque):
-                raise MethodError(
-                    "--method reference", "this model has effects without derivatives", "use --method cma"
-                )
-            self._solve(problem, ledger)
-            if ledger.remaining == 0:
+        first = problems[0]
+        if len(problems) == 1 and first.objective == "energy" and first.initial_evaluation.feasible[0]:
+            _Run(first, self, ledger, first.initial).solve(self.rounds)
+            return
+        raw = [(p, p.initial) for p in problems if p.initial_evaluation.violation[0] < WORTH_TRYING]
+        raw.sort(key=lambda start: float(start[0].initial_evaluation.cost[0]))
+        Evolution(most=self.screening * len(problems)).search(problems, ledger, rng)
+        best = sorted(ledger.best_of.values(), key=lambda found: (not found.feasible, found.violation, found.cost))
+        screened = [(found.problem, found.x) for found in best]
+        for problem, x in [*screened[: self.finalists], *raw[: self.finalists]]:
+            _Run(problem, self, ledger, x).solve(self.rounds)
+
+
+class _Run:
+    """The solves from one trajectory."""
+
+    def __init__(self, problem: PlanningProblem, options: Reference, ledger: Ledger, x: Array) -> None:
+        if not isinstance(problem.model, ChainTorque):
+            raise MethodError("--method reference", "this model has effects without derivatives", "use --method cma")
+        self.problem, self.options, self.ledger = problem, options, ledger
+        start = problem.decode(x)
+        self.z = np.concatenate([start.points[0, 1:-1].reshape(-1), start.durations[0]])
+        self.limited = problem.objective == "time"
+        self.shares = np.full((2, problem.n), SHARE)
+        self.reach = options.reach if len(problem.scene.pairs) else np.inf
+
+    def solve(self, rounds: int) -> None:
+        """Solves without limits, and with them if that breaks one and is not already worse than what is known."""
+        if self.ledger.remaining == 0:
+            return
+        before, wide = self.z.copy(), self.reach
+        self.refine(rounds)
+        last = self._evaluate()
+        known = self.ledger.best
+        worse = known is not None and known.feasible and last.cost[0] > known.cost
+        if not self.limited and _breaks_limits(last) and not worse:
+            self.limited, self.z, self.reach = True, before, wide
+            self.refine(rounds)
+
+    def refine(self, rounds: int) -> None:
+        """Solves and chooses planes anew, by turns, until nothing is gained.
+
+        Planes hold at the watched places only, so a step is taken back, and the next one kept shorter, when it leads
+        into a collision elsewhere. Speed and torque are held at nodes; where they pass their limit in between, the
+        limit is tightened by that.
+        """
+        merit = self._merit(self._evaluate())
+        for turn in range(rounds):
+            kept = self.z.copy()
+            slots = self._slots()
+            self._solve_once(slots, self.options.widths if turn == 0 else self.options.widths[-1:])
+            found = self._evaluate()
+            tightened = self._tighten(found) if self.limited else False
+            now, gained = self._merit(found), merit
+            if now < merit:
+                gained, merit = merit - now, now
+                self.reach *= 1.5
+            else:
+                self.z = kept
+                self.reach *= 0.3 if found.collision[0] > TOLERANCE else 1.0
+                gained = 0.0 if self.reach < SHORTEST_REACH else gained
+            alone = slots == 0 and self._slots() == 0 and not tightened
+            if self.ledger.remaining == 0 or alone or (gained < self.options.tolerance and not tightened):
                 return
 
-    def _solve(self, problem: PlanningProblem, ledger: Ledger) -> None:
-        limited = problem.objective == "time"
-        z = np.concatenate([problem.vias.reshape(-1), problem.durations])
-        z = self._rounds(problem, ledger, z, limited)
-        if not limited and _breaks_limits(problem.evaluate(_decision(problem, z)[None])):
-            self._rounds(problem, ledger, z, True)
+    def _merit(self, found: Evaluation) -> float:
+        """Cost and broken limits in one number; limits count only once they are constraints."""
+        if self.limited:
+            return float(self.problem.penalised(found)[0])
+        return float(found.cost[0] / self.problem.scale + min(3.0 * found.collision[0], 20.0))
 
-    def _rounds(self, problem: PlanningProblem, ledger: Ledger, z: Array, limited: bool) -> Float[Array, " d"]:
-        """Solves, chooses planes anew, and again until nothing is gained; the best is left in the ledger.
+    def _tighten(self, found: Evaluation) -> bool:
+        """Aims each limit so that the true peak, between the nodes, meets it; whether any had to move."""
+        splines, limits = self._splines(), self.problem.limits
+        worst = np.array([splines.top_speed[0] / limits.speed, found.peak[0] / limits.torque]) / SHARE
+        over = worst > 1.0 + TOLERANCE / 4
+        self.shares = np.where(over, self.shares / worst * (1.0 - 1e-7), self.shares)
+        return bool(over.any())
 
-        Speed and torque are held at nodes; where they pass their limit in between, the limit is tightened by that.
-        """
-        best, shares = np.inf, np.full(2, SHARE)
-        for turn in range(self.rounds):
-            near = _is_near(problem, _splines(problem, z))
-            z = self._one_round(problem, ledger, z, limited, near, shares, turn == 0)
-            found = ledger.evaluate(problem, _decision(problem, z)[None])
-            shares /= 1.0 + 1.1 * np.array([found.speed[0], found.torque[0]])
-            clear = found.collision[0] <= TOLERANCE
-            kept = clear and not (limited and _breaks_limits(found))
-            settled = found.cost[0] > best * (1.0 - self.tolerance) or not (near or _is_near(problem, _splines(problem, z)))
-            if (kept and settled) or (clear and not limited and _breaks_limits(found)) or ledger.remaining == 0:
-                break
-            if kept:
-                best = min(best, float(found.cost[0]))
-        return z
+    def _slots(self) -> int:
+        near = count_near(self.problem, self._splines())
+        return next((size for size in SLOTS if size >= near), SLOTS[-1]) if near else 0
 
-    def _one_round(
-        self,
-        problem: PlanningProblem,
-        ledger: Ledger,
-        z: Array,
-        limited: bool,
-        near: bool,
-        shares: Array,
-        first: bool,
-    ) -> Float[Array, " d"]:
-        model, slots = problem.model, SLOTS if near else 0
-        assert isinstance(model, ChainTorque)
-        programme = build(model, problem.via_count, problem.objective, problem.metric, limited, slots)
-        margin = problem.margin + (self.extra if problem.margin > 0 else 0.0)
-        places = make_slots(problem, _splines(problem, z), slots, margin)
-        for width in self.widths if first else self.widths[-1:]:
-            z = _call(programme, problem, z, np.array(width), places, shares, ledger)
-        return z
+    def _solve_once(self, slots: int, widths: Sequence[tuple[float, float]]) -> str:
+        problem, status = self.problem, ""
+        assert isinstance(problem.model, ChainTorque)
+        key = (problem.model, problem.via_count, problem.objective, problem.metric, problem.free)
+        programme = build(*key, self.limited, slots)
+        margin = problem.margin + (self.options.extra if problem.margin > 0 else 0.0)
+        places = make_slots(problem, self._splines(), slots, margin)
+        for width in widths:
+            status = self._call(programme, np.array(width), places)
+        return status
+
+    def _call(self, programme: Programme, widths: Array, places: Array) -> str:
+        """One run of IPOPT from z, which takes on its result."""
+        problem = self.problem
+        free = _free_mask(problem)
+        low, high = self._bounds()
+        parts = (self.z[~free], problem.start, problem.goal, widths, places.T.reshape(-1))
+        g_low, g_high = _constraint_bounds(problem, programme, self.shares)
+        arguments: dict[str, Any] = {"x0": np.clip(self.z, low, high)[free], "p": np.concatenate(parts)}
+        found = programme.solver(**arguments, lbx=low[free], ubx=high[free], lbg=g_low, ubg=g_high)
+        stats = programme.solver.stats()
+        self.ledger.count(int(stats["n_call_nlp_f"]))
+        result = np.array(ca.DM(found["x"])).reshape(-1)
+        if np.isfinite(result).all():
+            self.z[free] = np.clip(result, low[free], high[free])
+        return str(stats["return_status"])
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Bounds of the variables, and not farther than the reach from where they are."""
+        low, high = _variable_bounds(self.problem)
+        if not np.isfinite(self.reach):
+            return low, high
+        split = self.problem.via_count * self.problem.n
+        step = np.concatenate([np.full(split, self.reach), self.reach * self.z[split:]])
+        return np.maximum(low, self.z - step), np.minimum(high, self.z + step)
+
+    def _evaluate(self) -> Evaluation:
+        return self.ledger.evaluate(self.problem, self._decision()[None])
+
+    def _decision(self) -> Float[Array, " d"]:
+        split = self.problem.via_count * self.problem.n
+        return self.problem.encode(self.z[:split].reshape(-1, self.problem.n), self.z[split:])
+
+    def _splines(self) -> Splines:
+        return self.problem.decode(self._decision())
 
 
 def _breaks_limits(found: Evaluation) -> bool:
     return bool((found.speed + found.torque + found.position > TOLERANCE)[0])
 
 
-def _is_near(problem: PlanningProblem, splines: Splines) -> bool:
-    q = splines.states(WATCHED)[0][0]
-    return bool(problem.scene.separation(q[:-1]).min() < NEAR)
-
-
-def _splines(problem: PlanningProblem, z: Array) -> Splines:
-    vias = z[: problem.via_count * problem.n].reshape(-1, problem.n)
-    return Splines(np.concatenate([[problem.start], vias, [problem.goal]])[None], z[vias.size :][None])
-
-
-def _decision(problem: PlanningProblem, z: Array) -> Float[Array, " d"]:
-    split = problem.via_count * problem.n
-    return problem.encode(z[:split].reshape(-1, problem.n), z[split:])
-
-
-def _call(
-    programme: Programme, problem: PlanningProblem, z: Array, widths: Array, slots: Array, shares: Array, ledger: Ledger
-) -> Float[Array, " d"]:
-    """One run of IPOPT."""
-    low, high = _variable_bounds(problem)
-    parameters = np.concatenate([problem.start, problem.goal, widths, slots.T.reshape(-1)])
-    g_low, g_high = _constraint_bounds(problem, programme, shares)
-    if problem.objective == "energy" and problem.searches_times:
-        raise MethodError("--variables", "the reference can't free times at a fixed duration yet", "free the vias")
-    arguments: dict[str, Any] = {"x0": np.clip(z, low, high), "p": parameters, "lbx": low, "ubx": high}
-    found = programme.solver(**arguments, lbg=g_low, ubg=g_high)
-    ledger.count(int(programme.solver.stats()["n_call_nlp_f"]))
-    return np.clip(np.array(ca.DM(found["x"])).reshape(-1), low, high)
+def _free_mask(problem: PlanningProblem) -> Array:
+    vias, sections = problem.via_count * problem.n, problem.via_count + 1
+    return np.concatenate([np.full(vias, problem.searches_vias), np.full(sections, problem.searches_times)])
 
 
 def _variable_bounds(problem: PlanningProblem) -> tuple[Array, Array]:
-    vias, spread = problem.vias.reshape(-1), problem.radius if problem.searches_vias else 0.0
+    vias = problem.vias.reshape(-1)
     limits = [np.tile(limit, problem.via_count) for limit in (problem.limits.lower, problem.limits.upper)]
-    low, high = np.maximum(vias - spread, limits[0]), np.minimum(vias + spread, limits[1])
-    squeeze = SQUEEZE if problem.searches_times else 1.0
-    return np.concatenate([low, problem.durations * squeeze]), np.concatenate([high, problem.durations / squeeze])
+    low, high = np.maximum(vias - problem.radius, limits[0]), np.minimum(vias + problem.radius, limits[1])
+    return (
+        np.concatenate([low, problem.durations * SQUEEZE]),
+        np.concatenate([high, problem.durations / SQUEEZE]),
+    )
 
 
 def _constraint_bounds(problem: PlanningProblem, programme: Programme, shares: Array) -> tuple[Array, Array]:
@@ -149,4 +214,5 @@ def _constraint_bounds(problem: PlanningProblem, programme: Programme, shares: A
     speed, torque = shares[0] * limits.speed, shares[1] * limits.torque
     low = [np.tile(part, programme.nodes) for part in (limits.lower, -speed, -torque)]
     high = [np.tile(part, programme.nodes) for part in (limits.upper, speed, torque)]
-    return np.concatenate([*low, np.zeros(slots)]), np.concatenate([*high, np.full(slots, np.inf)])
+    whole = [float(problem.durations.sum())] if problem.objective == "energy" and problem.searches_times else []
+    return np.concatenate([*low, np.zeros(slots), whole]), np.concatenate([*high, np.full(slots, np.inf), whole])

@@ -13,10 +13,12 @@ from ident.arrays import Array
 from plan.chain import Chain
 from plan.planners import symbolic
 from plan.power import ChainTorque, Metric, section_nodes
-from plan.problem import Objective
+from plan.problem import Free, Objective
 
-# Clearance constraints that a programme has room for; the ones not needed are switched off.
-SLOTS = 64
+# Clearance constraints that a programme may have room for; the ones not needed are switched off.
+SLOTS = (12, 24, 48)
+# Nodes a section at which a time optimum's limits are kept.
+LIMIT_NODES = 13
 # Rounds off |x| in the extents of boxes, on the safe side [-].
 EDGE = 1e-4
 # Above this many multiplications a net's second derivatives cost more than they save.
@@ -31,57 +33,62 @@ class Programme:
         solver: CasADi's interface to IPOPT.
         nodes: Number of nodes at which limits are kept; none if 0.
         slots: Number of clearance constraints.
-        slot_size: Numbers that describe one slot.
     """
 
     solver: Any
     nodes: int
     slots: int
-    slot_size: int
 
 
 @lru_cache(maxsize=64)
 def build(
-    model: ChainTorque, vias: int, objective: Objective, metric: Metric, limited: bool, slots: int
+    model: ChainTorque, vias: int, objective: Objective, metric: Metric, free: Free, limited: bool, slots: int
 ) -> Programme:
     """Builds the graph and the solver.
 
-    Variables: via angles, then section durations. Parameters: start, goal, width of the rounded sign [rad/s], of the
-    rounded |power| [W], and the slots.
+    Variables: the free ones of via angles and section durations. Parameters: the others, start, goal, width of the
+    rounded sign [rad/s], of the rounded |power| [W], and the slots.
 
     Args:
         model: Torque model.
         vias: Number of via points.
         objective: `energy` or `time`.
         metric: How energy is counted.
+        free: Which variables are free.
         limited: Whether speed, torque and position limits are constraints.
         slots: Number of clearance constraints.
     """
     n = model.n
-    z = ca.MX.sym("z", vias * n + vias + 1)
+    angles, durations = ca.MX.sym("angles", vias * n), ca.MX.sym("durations", vias + 1)
+    z, x, fixed = ca.vertcat(angles, durations), *_share_out(angles, durations, free)
     start, goal, widths = ca.MX.sym("start", n), ca.MX.sym("goal", n), ca.MX.sym("widths", 2)
     places = ca.MX.sym("slots", slot_size(n, vias), slots)
     s, w = section_nodes()
     if not limited:
         s, w = s[w > 0], w[w > 0]
+    elif objective == "time":
+        s = np.linspace(0.0, 1.0, LIMIT_NODES)
     q, dq, ddq = symbolic.spline_function(n, vias, s)(z, start, goal)
-    constraints = []
-    durations = z[vias * n :]
-    if limited or objective == "energy":
-        tau = _torque(model, q, dq, ddq, widths[0])
-        weights = ca.vec(ca.DM(w) @ durations.T)
-        cost = ca.dot(weights, ca.sum1(_power(tau, dq, metric, widths[1])).T)
-    if limited:
-        constraints += [ca.vec(q), ca.vec(dq), ca.vec(tau)]
+    tau = _torque(model, q, dq, ddq, widths[0]) if limited or objective == "energy" else None
+    cost = ca.sum1(durations)
+    if objective == "energy":
+        cost = ca.dot(ca.vec(ca.DM(w) @ durations.T), ca.sum1(_power(tau, dq, metric, widths[1])).T)
+    constraints = [ca.vec(q), ca.vec(dq), ca.vec(tau)] if limited else []
     if slots:
-        gap = _slot_function(model.chain, vias).map(slots)
-        constraints.append(gap(ca.repmat(z, 1, slots), ca.repmat(start, 1, slots), ca.repmat(goal, 1, slots), places).T)
-    if objective == "time":
-        cost = ca.sum1(durations)
-    parameters = ca.vertcat(start, goal, widths, ca.vec(places))
-    programme = {"x": z, "p": parameters, "f": cost, "g": ca.vertcat(*constraints) if constraints else ca.MX(0, 1)}
-    solver = ca.nlpsol("reference", "ipopt", programme, _options(model))
-    return Programme(solver, q.shape[1] if limited else 0, slots, slot_size(n, vias))
+        parts = (ca.repmat(part, 1, slots) for part in (z, start, goal))
+        constraints.append(_slot_function(model.chain, vias).map(slots)(*parts, places).T)
+    if objective == "energy" and free != "vias":
+        constraints.append(ca.sum1(durations))
+    parameters = ca.vertcat(fixed, start, goal, widths, ca.vec(places))
+    programme = {"x": x, "p": parameters, "f": cost, "g": ca.vertcat(*constraints) if constraints else ca.MX(0, 1)}
+    return Programme(ca.nlpsol("reference", "ipopt", programme, _options(model)), q.shape[1] if limited else 0, slots)
+
+
+def _share_out(angles: Any, durations: Any, free: Free) -> tuple[Any, Any]:
+    """What is free, and what is not."""
+    if free == "both":
+        return ca.vertcat(angles, durations), ca.MX(0, 1)
+    return (angles, durations) if free == "vias" else (durations, angles)
 
 
 def _options(model: ChainTorque) -> dict[str, Any]:
@@ -89,7 +96,7 @@ def _options(model: ChainTorque) -> dict[str, Any]:
     ipopt = {
         "print_level": 0,
         "sb": "yes",
-        "max_iter": 150,
+        "max_iter": 80,
         "tol": 1e-6,
         "acceptable_tol": 1e-4,
         "acceptable_iter": 4,

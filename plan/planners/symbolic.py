@@ -106,7 +106,7 @@ def _joint(net: JointNets, j: int, v: Symbol, a: Symbol, load: Symbol) -> Symbol
         for layer, (weight, bias) in enumerate(zip(net.weights, net.biases, strict=True)):
             x = _affine(weight[member, j].T, bias[member, j], x)
             if layer < len(net.weights) - 1:
-                x = x / (1 + ca.exp(-x))
+                x = 0.5 * x * (1 + ca.tanh(0.5 * x))  # SiLU, in the form that never overflows
         total = total + x
     return total / len(net.weights[0])
 
