@@ -129,7 +129,13 @@ class _Normal:
         return information, score
 
 
-def fit_inertia(motions: Sequence[Motion], arm: ArmModel, mode: Mode, loss: LossModel | None = None) -> InertiaResults:
+def fit_inertia(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    mode: Mode,
+    loss: LossModel | None = None,
+    prior_share: float | None = None,
+) -> InertiaResults:
     """Identifies link inertias together with the loss figures.
 
     Args:
@@ -137,6 +143,7 @@ def fit_inertia(motions: Sequence[Motion], arm: ArmModel, mode: Mode, loss: Loss
         arm: The arm as its URDF describes it.
         mode: `base` or `consistent`; `nominal` returns the arm as it is.
         loss: Which loss figures are unknown too.
+        prior_share: Standard deviation of the URDF's numbers as a share of `parameter_scale`; the mode's own if None.
 
     Raises:
         ValueError: Unknown mode.
@@ -145,17 +152,18 @@ def fit_inertia(motions: Sequence[Motion], arm: ArmModel, mode: Mode, loss: Loss
         raise ValueError(f"unknown inertia mode {mode!r}")
     loss = loss or LossModel()
     base = base_parameters(arm)
+    scale = (prior_share or PRIOR_SHARE.get(mode, PRIOR_SHARE["base"])) * parameter_scale(arm)
     widths = loss.transition_speeds(motions, [_known_torque(arm, motion) for motion in motions])
     normal = _assemble(motions, arm, base, loss, widths)
     spread, change = np.ones(arm.n), np.zeros(10 * arm.n)
     fitted = arm
     if mode != "nominal":
         for _ in range(2):  # once with equal weights, once with each joint's own noise
-            change, losses = _solve(*normal.whitened(spread), arm, base, mode)
+            change, losses = _solve(*normal.whitened(spread), arm, base, mode, scale)
             fitted = arm.with_inertial_parameters(arm.inertial_parameters + change)
             spread = _effective_noise(motions, fitted, losses, widths)
     information, _ = normal.whitened(spread)
-    prior = _base_prior(arm, base, mode)
+    prior = base_prior(base, scale)
     posterior = np.linalg.inv(_freed(information, base.rank) + prior)
     return InertiaResults(
         arm=fitted,
@@ -185,13 +193,14 @@ def _assemble(
     return _Normal(information, score, base.rank)
 
 
-def _solve(information: Array, score: Array, arm: ArmModel, base: BaseParameters, mode: str) -> tuple[Array, Array]:
+def _solve(
+    information: Array, score: Array, arm: ArmModel, base: BaseParameters, mode: str, scale: Array
+) -> tuple[Array, Array]:
     """Most probable change of the inertial numbers, and the loss figures (non-negative but for offsets)."""
-    scale = PRIOR_SHARE[mode] * parameter_scale(arm)
     losses = cp.Variable(len(score) - base.rank)
     if mode == "base":
         unknown = cp.Variable(base.rank)
-        lift = _lift(base, scale)
+        lift = lift_base(base, scale)
         change, beta = lift @ unknown, unknown
     else:
         unknown = cp.Variable(10 * arm.n)
@@ -211,7 +220,7 @@ def _solve(information: Array, score: Array, arm: ArmModel, base: BaseParameters
     return np.asarray(change.value), np.asarray(losses.value).reshape(arm.n, figures)
 
 
-def _lift(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "10n r"]:
+def lift_base(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "10n r"]:
     """Smallest change of the inertial numbers, in units of their scale, that changes the base parameters by one."""
     weighted = base.mapping * scale**2
     return weighted.T @ np.linalg.inv(weighted @ base.mapping.T)
@@ -275,9 +284,8 @@ def _freed(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
     return information[:rank, :rank] - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
 
 
-def _base_prior(arm: ArmModel, base: BaseParameters, mode: str) -> Float[Array, "r r"]:
-    """The prior's information on the base parameters."""
-    scale = PRIOR_SHARE.get(mode, PRIOR_SHARE["base"]) * parameter_scale(arm)
+def base_prior(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "r r"]:
+    """Information on the base parameters that lies in trusting each inertial number to its scale."""
     return np.linalg.inv((base.mapping * scale**2) @ base.mapping.T)
 
 

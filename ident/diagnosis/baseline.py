@@ -1,0 +1,82 @@
+"""The baseline that every effect is judged against: the user's arm after the best tuning of what it has.
+
+Tunable are the link inertias (held near the URDF by a prior), rotor inertia, viscous and Coulomb friction. What that
+tuning can explain is no effect; what an effect explains beyond it is its visible part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array, Float
+from ident.effects.base import RunContext, SessionContext
+from ident.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
+from ident.loss import LossModel, LossParameters, direction
+from ident.signals import Motion
+
+# Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
+# arms come out of the factory within some per cent of their drawing, URDFs within ten of the arm.
+INERTIA_SHARE = 0.06
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """The tuned model.
+
+    Attributes:
+        nominal: The arm as the URDF describes it.
+        arm: The arm after tuning.
+        base: Its base parameters.
+        prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
+        loss: Tuned loss figures, transition widths among them.
+    """
+
+    nominal: ArmModel
+    arm: ArmModel
+    base: BaseParameters
+    prior: Float[Array, "r r"]
+    loss: LossParameters
+
+
+def fit_baseline(motions: Sequence[Motion], arm: ArmModel) -> Baseline:
+    """Tunes the arm on all runs."""
+    model = LossModel()
+    results = fit_inertia(motions, arm, "base", model, INERTIA_SHARE)
+    loss = model.fit(motions, [rigid_torque(results.arm, motion) for motion in motions])
+    prior = base_prior(results.base, INERTIA_SHARE * parameter_scale(arm))
+    return Baseline(arm, results.arm, results.base, prior, loss.params)
+
+
+def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
+    """Rigid torque of a run with its known payload [N m]."""
+    return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
+def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
+    """What the effects are told about the runs: modelled torques only, never the measured one."""
+    return SessionContext(
+        runs=tuple(_build_run(baseline, motion) for motion in motions),
+        common_clock=common_clock,
+        joint_names=baseline.nominal.joint_names,
+        gear_ratios=baseline.nominal.gear_ratios,
+        rated_torque=baseline.nominal.effort_limit,
+    )
+
+
+def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
+    loss, rigid = baseline.loss, rigid_torque(baseline.arm, motion)
+    slip: Array = direction(motion.dq, loss.transition_speed)
+    return RunContext(
+        motion=motion,
+        arm=baseline.arm.with_payload(motion.payload),
+        rigid=rigid,
+        link=rigid,
+        friction=np.asarray(loss.viscous * motion.dq + loss.coulomb * slip),
+        direction=slip,
+        temperature=motion.temperature,
+        position_command=motion.position_command,
+    )

@@ -1,0 +1,301 @@
+"""The whole diagnosis: from motions and an arm to a verdict with evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array, Float
+from ident.diagnosis.baseline import Baseline, build_session, fit_baseline
+from ident.diagnosis.ceiling import Ceiling, measure_ceiling
+from ident.diagnosis.evidence import Evidence, gather
+from ident.diagnosis.heldout import HeldOut, HeldOutScore
+from ident.diagnosis.inference import Estimate, estimate_effects
+from ident.diagnosis.layout import build_layout
+from ident.diagnosis.projection import Prior, project
+from ident.diagnosis.residuals import RunResidual, compute_residuals
+from ident.diagnosis.search import Named, Search, SearchResults
+from ident.diagnosis.where import Place, map_gap
+from ident.effects.base import Effect, SessionContext
+from ident.recording import TelemetryIssue
+from ident.signals import Motion
+
+SCHEMA = "ident.diagnosis/1"
+# Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
+# the names tell the whole story.
+PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
+# A joint has a gap where the explainable part of its mean square is at least this share.
+LEAST_GAP_SHARE = 0.06
+PLACES_TOLD = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A named effect with its evidence."""
+
+    estimate: Estimate
+    named: Named
+    joints: tuple[str, ...]
+    rms_before: dict[str, float]
+    rms_after: dict[str, float]
+    energy_before: float
+    energy_after: float
+    shrink: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "effect": self.estimate.group.effect.id,
+            "joints": list(self.joints),
+            "probability": self.estimate.probability,
+            "class": list(self.estimate.rivals),
+            "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
+            "heldout": {
+                "rms_before_Nm": self.rms_before,
+                "rms_after_Nm": self.rms_after,
+                "energy_error_before_J": self.energy_before,
+                "energy_error_after_J": self.energy_after,
+                "shrink": self.shrink,
+            },
+            "evidence": {
+                "p_value": self.named.gates.p_value,
+                "log_score_gain": self.named.gates.log_score[0],
+                "log_score_error": self.named.gates.log_score[1],
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer: where, which, how far; or why not.
+
+    Attributes:
+        robot: Name of the robot.
+        joints: Joint names.
+        verdict: `no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`.
+        session: Runs, samples, duration.
+        telemetry: Findings of the telemetry check.
+        gap: For each joint its residual, noise and ceiling.
+        where: Cells of the map.
+        findings: Named effects.
+        heldout: Before and after, all effects together.
+        not_testable: What these recordings can't show, and why.
+        extra: Further figures.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    verdict: str
+    session: dict[str, float]
+    telemetry: tuple[TelemetryIssue, ...]
+    gap: dict[str, dict[str, Any]] = field(default_factory=dict)
+    where: tuple[Place, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    heldout: dict[str, Any] = field(default_factory=dict)
+    not_testable: tuple[dict[str, Any], ...] = ()
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "joints": list(self.joints),
+            "session": self.session,
+            "telemetry": [issue.to_dict() for issue in self.telemetry],
+            "verdict": self.verdict,
+            "gap": self.gap,
+            "where": [place.to_dict() for place in self.where],
+            "findings": [finding.to_dict() for finding in self.findings],
+            "heldout": self.heldout,
+            "not_testable": list(self.not_testable),
+            **self.extra,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """All that the diagnosis computed on the way, for reports, the next experiment and patches."""
+
+    baseline: Baseline
+    session: SessionContext
+    evidence: Evidence
+    search: SearchResults
+    series: tuple[RunResidual, ...]
+    ceilings: tuple[Ceiling, ...]
+    diagnosis: Diagnosis
+
+
+def diagnose(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    catalogue: Sequence[Effect],
+    common_clock: bool = True,
+    telemetry: Sequence[TelemetryIssue] = (),
+    seed: int = 0,
+) -> Analysis:
+    """Diagnoses a session.
+
+    Args:
+        motions: All runs, smoothed.
+        arm: The user's arm, without payload.
+        catalogue: The effects to be asked for.
+        common_clock: Whether time goes on from run to run.
+        telemetry: What the telemetry check found, passed on.
+        seed: Of the sign flips.
+    """
+    baseline = fit_baseline(motions, arm)
+    session = build_session(baseline, motions, common_clock)
+    layout = build_layout(session, baseline.base.rank, catalogue)
+    evidence = gather(session, baseline, layout)
+    prior = Prior.of(evidence, baseline.prior)
+    search = Search(evidence, prior, HeldOut(evidence, prior), seed)
+    found = search.run()
+    groups = [item.group for item in found.named]
+    gram = evidence.gram()
+    before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
+    series = compute_residuals(session, baseline, evidence, before, after, groups)
+    ceilings = tuple(measure_ceiling(series, j) for j in range(arm.n))
+    floors = _floors(evidence, ceilings, found.ladder[-1])
+    estimates = estimate_effects(search, session, groups)
+    findings = _findings(found, estimates, arm.joint_names, floors, series)
+    diagnosis = Diagnosis(
+        robot=arm.name,
+        joints=arm.joint_names,
+        verdict=_verdict(found, ceilings, floors),
+        session=_session_facts(motions),
+        telemetry=tuple(telemetry),
+        gap=_gap(arm.joint_names, found, floors, ceilings, series),
+        where=tuple(map_gap(series, arm.joint_names, evidence.whitening.level, np.random.default_rng(seed)))[
+            :PLACES_TOLD
+        ],
+        findings=findings,
+        heldout=_together(found, arm.joint_names, floors),
+        not_testable=tuple(
+            {
+                "effect": item.effect.id,
+                "joints": [arm.joint_names[item.joint]] if item.effect.scope == "joint" else list(arm.joint_names),
+                "reason": item.reason,
+            }
+            for item in layout.silent
+        ),
+    )
+    return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
+
+
+def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
+    """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
+    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 1.0 for c in ceilings])
+    return np.minimum(np.maximum(evidence.whitening.level, ratio * last.rms), last.rms)
+
+
+def _explained(found: SearchResults, floors: Float[Array, " n"]) -> tuple[float, float]:
+    """Reducible gap of the baseline, and what the named effects close of it, in units of each joint's noise."""
+    start, end = found.ladder[0].rms ** 2, found.ladder[-1].rms ** 2
+    unit = np.maximum(floors, 1e-9) ** 2
+    reducible = float(np.sum(np.maximum(start - floors**2, 0.0) / unit))
+    return reducible, float(np.sum(np.maximum(start - end, 0.0) / unit))
+
+
+def _verdict(found: SearchResults, ceilings: Sequence[Ceiling], floors: Float[Array, " n"]) -> str:
+    reducible, closed = _explained(found, floors)
+    left = any(c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings)
+    if not found.named:
+        return "none_of_catalogue" if left else "no_gap"
+    share = closed / max(reducible, 1e-12)
+    if share >= NAMED_FROM or not left:
+        return "named"
+    return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
+
+
+def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
+    return {
+        "runs": len(motions),
+        "samples": int(sum(len(motion.time) for motion in motions)),
+        "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
+    }
+
+
+def _gap(
+    joints: Sequence[str],
+    found: SearchResults,
+    floors: Float[Array, " n"],
+    ceilings: Sequence[Ceiling],
+    series: Sequence[RunResidual],
+) -> dict[str, dict[str, Any]]:
+    start = found.ladder[0].rms
+    energy = np.array([_energy(item, item.before) for item in series])
+    return {
+        name: {
+            "rms_Nm": float(start[j]),
+            "noise_floor_Nm": float(floors[j]),
+            "ceiling_rms_Nm": float(max(floors[j], ceilings[j].rms)),
+            "unexplained": ceilings[j].kind,
+            "energy_error_J": {"mean": float(energy[:, j].mean()), "std": float(energy[:, j].std())},
+        }
+        for j, name in enumerate(joints)
+    }
+
+
+def _energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
+    """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
+    motion = item.run.motion
+    step = motion.interval * motion.lowpass.factor
+    return -np.trapezoid(left * item.counts * motion.dq[motion.coarse], dx=step, axis=0)
+
+
+def _findings(
+    found: SearchResults,
+    estimates: Sequence[Estimate],
+    joints: Sequence[str],
+    floors: Float[Array, " n"],
+    series: Sequence[RunResidual],
+) -> tuple[Finding, ...]:
+    before_J = np.mean([_energy(item, item.before) for item in series], axis=0)
+    after_J = np.mean([_energy(item, item.after) for item in series], axis=0)
+    findings = []
+    for k, (item, estimate) in enumerate(zip(found.named, estimates, strict=True)):
+        old, new = found.ladder[k].rms, found.ladder[k + 1].rms
+        own = [item.group.joint] if item.group.effect.scope == "joint" else _shown(old, new)
+        acts = own if item.group.effect.rows == "own" else _shown(old, new)
+        names = tuple(joints[j] for j in own)
+        findings.append(
+            Finding(
+                estimate=estimate,
+                named=item,
+                joints=names,
+                rms_before={joints[j]: float(old[j]) for j in acts},
+                rms_after={joints[j]: float(new[j]) for j in acts},
+                energy_before=float(before_J[acts].sum()),
+                energy_after=float(after_J[acts].sum()),
+                shrink=_shrink(old[acts], new[acts], floors[acts]),
+            )
+        )
+    return tuple(sorted(findings, key=lambda finding: -_closed(finding)))
+
+
+def _closed(finding: Finding) -> float:
+    return sum(finding.rms_before[j] ** 2 - finding.rms_after[j] ** 2 for j in finding.rms_before)
+
+
+def _shown(old: Array, new: Array) -> list[int]:
+    """Joints at which an effect of several joints shows: those whose error falls by at least a third of the most."""
+    fall = 1.0 - new / np.maximum(old, 1e-12)
+    return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
+
+
+def _shrink(old: Array, new: Array, floor: Array) -> float:
+    """Share of the reducible held-out mean square that is closed."""
+    reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
+    return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))
+
+
+def _together(found: SearchResults, joints: Sequence[str], floors: Float[Array, " n"]) -> dict[str, Any]:
+    old, new = found.ladder[0].rms, found.ladder[-1].rms
+    return {
+        "rms_before_Nm": dict(zip(joints, map(float, old), strict=True)),
+        "rms_after_Nm": dict(zip(joints, map(float, new), strict=True)),
+        "shrink": _shrink(old, new, floors) if found.named else 0.0,
+    }

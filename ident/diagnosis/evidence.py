@@ -1,0 +1,295 @@
+"""One pass over the data into block sums: Gram matrices of all columns and the torque, joint by joint.
+
+    G_b = Σ_{t in block b} x xᵀ,  x = (columns, torque) of one joint at one instant
+
+Cross-validation, tests, grid search and nested models are then sums of small matrices and small solves; memory does not
+grow with the recording. Two kinds are kept: `white`, where columns and torque went through the same autoregressive
+whitening filter and count in units of the noise, for inference; and `plain`, in N m, for sizes that people ask for.
+
+Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3 (whitening by AR).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.baseline import Baseline, rigid_torque
+from ident.diagnosis.layout import LOSS_FIGURES, Layout
+from ident.effects.base import SessionContext
+from ident.loss import direction
+from ident.signals import Motion
+
+AR_ORDER = 8
+# Samples (after decimation) that are in memory at once.
+CHUNK_SAMPLES = 30_000
+# Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
+MOST_BLOCKS = 64
+SHORTEST_BLOCK = 1.5  # [s]
+# Ridge of the noise regression, as a share of each column's power.
+NOISE_RIDGE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The noise of each joint.
+
+    Attributes:
+        coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
+        innovation: Standard deviation of what can't be predicted from the past [N m].
+        level: Standard deviation of the noise itself [N m].
+    """
+
+    coefficients: Float[Array, "n p"]
+    innovation: Float[Array, " n"]
+    level: Float[Array, " n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts."""
+
+    run: int
+    tables: tuple[Float[Array, "t p"], ...]
+    counts: Bool[Array, "t n"]
+    blocks: Int[Array, " t"]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Block sums of a session.
+
+    Attributes:
+        layout: What the columns are.
+        scale: Each column was divided by this, length `layout.size` + 1.
+        white: For each joint, (B, p, p) whitened sums.
+        plain: For each joint, (F, p, p) sums in N² m².
+        fold_of_block: Fold of each block; folds are whole runs where there are enough.
+        samples: Whitened samples of each joint.
+        weights: Plain samples of each fold and joint, shape (F, n).
+        whitening: The noise.
+    """
+
+    layout: Layout
+    scale: Float[Array, " P"]
+    white: tuple[Float[Array, "B p p"], ...]
+    plain: tuple[Float[Array, "F p p"], ...]
+    fold_of_block: Int[Array, " B"]
+    samples: Float[Array, " n"]
+    weights: Float[Array, "F n"]
+    whitening: Whitening
+
+    def gram(self, blocks: Bool[Array, " B"] | None = None) -> Float[Array, "P P"]:
+        """Whitened sums of all joints over some blocks, in the layout's order."""
+        total = np.zeros((self.layout.size + 1, self.layout.size + 1))
+        for local, sums in zip(self.layout.local, self.white, strict=True):
+            part = sums.sum(axis=0) if blocks is None else sums[blocks].sum(axis=0)
+            total[np.ix_(local, local)] += part
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """How time is cut: blocks for tests, folds for held-out scores."""
+
+    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
+    first_block: Int[Array, " R"]
+    folds: Int[Array, " B"]
+
+
+def build_partition(session: SessionContext, folds: int = 10) -> Partition:
+    """Cuts runs into blocks of equal length; whole runs make a fold, pieces of a run where runs are few."""
+    lengths = np.array([len(run.motion.time[run.motion.coarse]) for run in session.runs])
+    steps = np.array([run.motion.interval * run.motion.lowpass.factor for run in session.runs])
+    target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
+    counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
+    starts = tuple(
+        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
+    )
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    total = int(counts.sum())
+    if len(lengths) >= 5:
+        # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
+        run_of_block = np.repeat(np.arange(len(lengths)), counts)
+        fold = run_of_block % min(folds, len(lengths))
+    else:
+        fold = np.arange(total) * min(folds, total) // max(total, 1)
+    return Partition(starts, first, fold)
+
+
+def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
+    """Every run's tables, a chunk of runs in memory at a time."""
+    for chunk in _chunks(session):
+        part = SessionContext(
+            tuple(session.runs[i] for i in chunk),
+            session.common_clock,
+            session.joint_names,
+            session.gear_ratios,
+            session.rated_torque,
+        )
+        tables = [baseline_tables(baseline, layout, run.motion) for run in part.runs]
+        places = [{int(c): k for k, c in enumerate(local)} for local in layout.local]
+        for group in layout.groups:
+            first = int(group.columns[0])
+            for run, columns, table in zip(
+                part.runs, group.effect.columns(part, group.joint, group.variant), tables, strict=True
+            ):
+                filtered = run.motion.filtered(columns)
+                for j in [group.joint] if group.effect.rows == "own" else range(layout.n):
+                    at = places[j][first]
+                    own = filtered if group.effect.rows == "own" else filtered[:, j]
+                    table[j][:, at : at + own.shape[1]] = own
+        for i, run, table in zip(chunk, part.runs, tables, strict=True):
+            count = len(run.motion.time[run.motion.coarse])
+            inside = np.searchsorted(partition.starts[i], np.arange(count), side="right") - 1
+            yield Rows(i, tuple(table), run.motion.moving, partition.first_block[i] + inside)
+
+
+def _chunks(session: SessionContext) -> Iterator[list[int]]:
+    chunk: list[int] = []
+    held = 0
+    for i, run in enumerate(session.runs):
+        length = len(run.motion.time) // run.motion.lowpass.factor
+        if chunk and held + length > CHUNK_SAMPLES:
+            yield chunk
+            chunk, held = [], 0
+        chunk.append(i)
+        held += length
+    if chunk:
+        yield chunk
+
+
+def baseline_tables(baseline: Baseline, layout: Layout, motion: Motion) -> list[Float[Array, "t p"]]:
+    """Tables with the baseline's columns and the torque filled in, room left for the candidates."""
+    arm = baseline.nominal
+    regressor = arm.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(baseline.base.columns)]
+    rows = motion.filtered(regressor)
+    slip = direction(motion.dq, baseline.loss.transition_speed)
+    losses = motion.filtered(np.stack([motion.ddq, motion.dq, slip], axis=-1))
+    target = motion.tau_filtered - motion.filtered(rigid_torque(arm, motion))
+    tables = []
+    for j, local in enumerate(layout.local):
+        table = np.zeros((len(target), len(local)))
+        table[:, : layout.rank] = rows[:, j]
+        table[:, layout.rank : layout.rank + LOSS_FIGURES] = losses[:, j]
+        table[:, -1] = target[:, j]
+        tables.append(table)
+    return tables
+
+
+def gather(session: SessionContext, baseline: Baseline, layout: Layout) -> Evidence:
+    """The one pass: noise from the first chunk, then sums over all runs."""
+    partition = build_partition(session)
+    blocks = len(partition.folds)
+    folds = int(partition.folds.max()) + 1
+    scale: Array | None = None
+    whitening: Whitening | None = None
+    white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
+    plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
+    samples, weights = np.zeros(layout.n), np.zeros((folds, layout.n))
+    held: list[Rows] = []
+    seen = 0
+    for rows in compute_rows(session, baseline, layout, partition):
+        if whitening is None:
+            held.append(rows)
+            seen += len(rows.counts)
+            if seen < CHUNK_SAMPLES // 2 and rows.run < len(session.runs) - 1:
+                continue
+            scale = _column_scale(layout, held)
+            for kept in held:
+                _rescale(layout, kept, scale)
+            whitening = estimate_noise(layout, held)
+            batch, held = held, []
+        else:
+            assert scale is not None
+            _rescale(layout, rows, scale)
+            batch = [rows]
+        for part in batch:
+            _add(part, whitening, partition, white, plain, samples, weights)
+    assert whitening is not None
+    assert scale is not None
+    return Evidence(layout, scale, tuple(white), tuple(plain), partition.folds, samples, weights, whitening)
+
+
+def _add(
+    rows: Rows,
+    whitening: Whitening,
+    partition: Partition,
+    white: Sequence[Array],
+    plain: Sequence[Array],
+    samples: Array,
+    weights: Array,
+) -> None:
+    order = whitening.coefficients.shape[1] - 1
+    for j, table in enumerate(rows.tables):
+        counts = rows.counts[:, j]
+        filtered = lfilter(whitening.coefficients[j], 1.0, table, axis=0) / whitening.innovation[j]
+        # A whitened row mixes itself with its past: it counts where all of these count.
+        whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
+        whole[:order] = False
+        for block in np.unique(rows.blocks):
+            inside = rows.blocks == block
+            x = filtered[inside & whole]
+            white[j][block] += x.T @ x
+            samples[j] += len(x)
+            x = table[inside & counts]
+            plain[j][partition.folds[block]] += x.T @ x
+            weights[partition.folds[block], j] += len(x)
+
+
+def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
+    """Root mean square of each column where it counts; the torque is not scaled."""
+    squares, counts = np.zeros(layout.size + 1), np.zeros(layout.size + 1)
+    for rows in held:
+        for j, local in enumerate(layout.local):
+            x = rows.tables[j][rows.counts[:, j]]
+            squares[local] += (x**2).sum(axis=0)
+            counts[local] += len(x)
+    scale = np.sqrt(squares / np.maximum(counts, 1.0))
+    scale[-1] = 1.0
+    return np.where(scale > 1e-12, scale, 1.0)
+
+
+def _rescale(layout: Layout, rows: Rows, scale: Array) -> None:
+    for table, local in zip(rows.tables, layout.local, strict=True):
+        table /= scale[local]
+
+
+def estimate_noise(layout: Layout, held: Sequence[Rows]) -> Whitening:
+    """AR noise of each joint from what all its candidates together leave.
+
+    Never from what the baseline leaves: that would take the effect for noise and whiten it away.
+    """
+    fits = [_noise_of_joint(j, held) for j in range(layout.n)]
+    return Whitening(*(np.array([fit[k] for fit in fits]) for k in range(3)))
+
+
+def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
+    x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
+    fallback = np.zeros(AR_ORDER + 1)
+    fallback[0] = 1.0
+    if len(x) < 20 * AR_ORDER:
+        return fallback, 1.0, 1.0
+    gram = x.T @ x
+    ridge = NOISE_RIDGE * np.diag(np.diag(gram)[:-1]) + 1e-9 * np.eye(len(gram) - 1)
+    estimate = np.linalg.solve(gram[:-1, :-1] + ridge, gram[:-1, -1])
+    # Every coefficient takes a share of the noise with it.
+    freedom = float(np.trace(np.linalg.solve(gram[:-1, :-1] + ridge, gram[:-1, :-1])))
+    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
+    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
+    for rows in held:
+        table, mask = rows.tables[j], rows.counts[:, j].astype(float)
+        left = (table[:, -1] - table[:, :-1] @ estimate) * mask
+        for lag in range(AR_ORDER + 1):
+            products[lag] += left[lag:] @ left[: len(left) - lag]
+            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
+    covariance = inflate * products / np.maximum(counts, 1.0)
+    covariance[0] *= 1.0 + 1e-6
+    a = solve_toeplitz(covariance[:-1], covariance[1:])
+    innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
+    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(covariance[0]))

@@ -1,0 +1,92 @@
+"""Held-out scores: the model is solved without a fold and judged on it, from sums alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.evidence import Evidence
+from ident.diagnosis.layout import Group
+from ident.diagnosis.projection import Prior
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutScore:
+    """What a model leaves of folds that it never saw.
+
+    Attributes:
+        misfit: Whitened squares by fold and joint, shape (F, n): minus twice the log score.
+        squares: Plain squares by fold and joint, shape (F, n) [N² m²].
+        weights: Samples behind `squares`.
+    """
+
+    misfit: Float[Array, "F n"]
+    squares: Float[Array, "F n"]
+    weights: Float[Array, "F n"]
+
+    @property
+    def rms(self) -> Float[Array, " n"]:
+        """Root mean square over all folds, joint by joint [N m]."""
+        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
+
+    def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
+        """Gain of log score over another model, and its standard error over the folds."""
+        gains = 0.5 * (other.misfit - self.misfit).sum(axis=1)
+        return float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Scores models on folds."""
+
+    evidence: Evidence
+    prior: Prior
+
+    @cached_property
+    def _whole(self) -> Float[Array, "P P"]:
+        return self.evidence.gram()
+
+    @cached_property
+    def _folds(self) -> tuple[Float[Array, "F P P"], ...]:
+        """For each joint, the whitened sums of each fold."""
+        folds = range(int(self.evidence.fold_of_block.max()) + 1)
+        return tuple(
+            np.stack([sums[self.evidence.fold_of_block == fold].sum(axis=0) for fold in folds])
+            for sums in self.evidence.white
+        )
+
+    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+        """Scores the baseline and some groups."""
+        layout = self.evidence.layout
+        inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
+        used = np.concatenate([inside, [layout.size]])
+        whole = self._whole[np.ix_(used, used)]
+        places = [np.flatnonzero(np.isin(local, used)) for local in layout.local]
+        order = {int(column): k for k, column in enumerate(used)}
+        into = [np.array([order[int(c)] for c in local[p]]) for local, p in zip(layout.local, places, strict=True)]
+        count = len(self._folds[0])
+        misfit, squares = np.zeros((count, layout.n)), np.zeros((count, layout.n))
+        for fold in range(count):
+            gram = whole.copy()
+            for j in range(layout.n):
+                gram[np.ix_(into[j], into[j])] -= self._folds[j][fold][np.ix_(places[j], places[j])]
+            weights = self._solve(gram)
+            for j in range(layout.n):
+                w = weights[into[j]]
+                misfit[fold, j] = w @ self._folds[j][fold][np.ix_(places[j], places[j])] @ w
+                squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places[j], places[j])] @ w
+        return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
+
+    def _solve(self, gram: Float[Array, "z z"]) -> Float[Array, " z"]:
+        """Residual weights (−coefficients, 1) of a model trained on some sums."""
+        information = gram[:-1, :-1].copy()
+        rank = self.evidence.layout.rank
+        information[:rank, :rank] += self.prior.base
+        power = np.diag(information).copy()
+        information[np.diag_indices(len(information))] += 1e-8 * power + 1e-9
+        estimate: Array = np.linalg.solve(information, gram[:-1, -1])
+        return np.concatenate([-estimate, [1.0]])

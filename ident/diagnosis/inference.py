@@ -1,0 +1,148 @@
+"""Figures of named effects with intervals that respect autocorrelation, rival names, and probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.evidence import Evidence
+from ident.diagnosis.layout import Group
+from ident.diagnosis.projection import Projection, project
+from ident.diagnosis.search import Key, Search
+from ident.effects.base import Interval, SessionContext
+
+# Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
+INTERVAL_FALL = 1.92
+# Names whose log evidence is nearer than this to the best can't be told apart.
+CLASS_NATS = 3.0
+# Exponent that turns log evidence into calibrated probabilities: recordings hold more misfit than the noise model.
+TEMPER = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What is known of one named effect.
+
+    Attributes:
+        group: The effect at its best inner figures.
+        parameters: Physical figures with 95 % intervals.
+        probability: That this effect, and none of its rivals, is the cause.
+        rivals: Ids of the effects that the recordings can't tell from it, itself first.
+    """
+
+    group: Group
+    parameters: dict[str, Interval]
+    probability: float
+    rivals: tuple[str, ...]
+
+
+def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
+    """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
+    layout = evidence.layout
+    weights = np.zeros(layout.size + 1)
+    weights[projection.inside] = -projection.estimate
+    weights[-1] = 1.0
+    scores = np.zeros((len(evidence.fold_of_block), layout.size + 1))
+    for local, sums in zip(layout.local, evidence.white, strict=True):
+        scores[:, local] += sums @ weights[local]
+    part = scores[:, projection.inside]
+    blocks = len(part)
+    meat = part.T @ part * blocks / max(blocks - 1, 1)
+    sandwich = projection.spread @ meat @ projection.spread
+    lift = np.sqrt(np.maximum(1.0, np.diag(projection.spread) / np.maximum(np.diag(sandwich), 1e-300)))
+    return sandwich * np.outer(lift, lift)
+
+
+def inflation(evidence: Evidence, projection: Projection) -> float:
+    """By how much blocks vary more than the noise model says: divides log evidence.
+
+    Median over the tuned coefficients of sandwich to model variance.
+    """
+    tuned = slice(projection.inside.size - 1) if projection.inside.size else slice(0)
+    model = np.diag(projection.spread)[tuned]
+    robust = np.diag(robust_covariance(evidence, projection))[tuned]
+    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
+
+
+def estimate_effects(search: Search, session: SessionContext, groups: Sequence[Group]) -> list[Estimate]:
+    """Figures, probability and rivals of every named effect."""
+    gram = search.evidence.gram()
+    full = project(gram, search.evidence, search.prior, groups)
+    covariance = robust_covariance(search.evidence, full)
+    spare = inflation(search.evidence, full)
+    at = search.evidence.layout.tuned
+    estimates = []
+    for slot, group in enumerate(groups):
+        k = len(group.columns)
+        scale = search.evidence.scale[group.columns]
+        beta = full.estimate[at : at + k] / scale
+        cells = covariance[at : at + k, at : at + k] / np.outer(scale, scale)
+        at += k
+        parameters = dict(group.effect.parameters(session, group.joint, group.variant, beta, cells))
+        others = [other for i, other in enumerate(groups) if i != slot]
+        projection = project(gram, search.evidence, search.prior, others)
+        parameters |= profile_inner(search, projection, group, spare)
+        probability, rivals = weigh_rivals(search, projection, group, others, spare)
+        estimates.append(Estimate(group, parameters, probability, rivals))
+    return estimates
+
+
+def profile_inner(search: Search, projection: Projection, group: Group, spare: float) -> dict[str, Interval]:
+    """Intervals of the inner figures from the profile of the log evidence over the grid."""
+    mates = [other for other in search.evidence.layout.groups if other.key == group.key]
+    logs = np.array([0.5 * projection.gain(other)[0] / spare for other in mates])
+    found = {}
+    for name, value in group.variant.inner.items():
+        values = np.array([mate.variant.inner[name] for mate in mates])
+        points = np.unique(values)
+        if len(points) < 2 or np.any(points <= 0):
+            found[name] = Interval(float(value), float(value), float(value))
+            continue
+        profile = np.array([logs[values == point].max() for point in points])
+        found[name] = _interval_of_profile(np.log(points), profile)
+    return found
+
+
+def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"]) -> Interval:
+    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
+    top = int(np.argmax(profile))
+    best = x[top]
+    peak = profile[top]
+    if 0 < top < len(x) - 1:
+        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], profile[top - 1 : top + 2], 2)
+        if a < 0:
+            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
+            reach = float(np.sqrt(INTERVAL_FALL / -a))
+            inside = profile > peak - INTERVAL_FALL
+            low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
+            return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+    inside = profile > peak - INTERVAL_FALL
+    step = float(np.min(np.diff(x)))
+    low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
+    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+
+
+def weigh_rivals(
+    search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
+) -> tuple[float, tuple[str, ...]]:
+    """Probability of a name against all others for its slot, and the names that stand too near to tell."""
+    scores: dict[Key, float] = {
+        key: score / spare for key, (score, _) in search.best_by_key(projection, others).items()
+    }
+    own = scores[group.key]
+    best_of_effect: dict[str, float] = {}
+    for (effect, _, _), score in scores.items():
+        best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
+    best_of_effect[group.effect.id] = own
+    ids = list(best_of_effect)
+    logs = TEMPER * np.array([*best_of_effect.values(), 0.0])
+    weights = np.exp(logs - logs.max())
+    probability = float(weights[ids.index(group.effect.id)] / weights.sum())
+    near = sorted(
+        (name for name, score in best_of_effect.items() if name != group.effect.id and own - score < CLASS_NATS),
+        key=lambda name: -best_of_effect[name],
+    )
+    return probability, (group.effect.id, *near)

@@ -1,0 +1,130 @@
+"""Which column of the one big regression belongs to what.
+
+All joints' torques are explained at once. The unknowns are, in this order: changes of the base parameters (they act on
+all joints), three loss figures a joint, then every candidate effect at every point of its inner grid. A candidate whose
+torque acts on its own joint only is kept apart from those that act on several, so that a joint's rows carry no column
+that is zero by construction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Int
+from ident.effects.base import Effect, SessionContext, Variant
+
+LOSS_FIGURES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One candidate: an effect at a joint at one point of its inner grid.
+
+    Attributes:
+        effect: The effect.
+        joint: Its joint; 0 for an effect of the whole arm.
+        variant: The point of the inner grid.
+        columns: Its columns in the big regression.
+    """
+
+    effect: Effect
+    joint: int
+    variant: Variant
+    columns: Int[Array, " k"]
+
+    @property
+    def key(self) -> tuple[str, int, int | None]:
+        """Effect, joint and other joint: what is named, whatever the inner figures."""
+        return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
+
+
+@dataclass(frozen=True, eq=False)
+class NotTestable:
+    """An effect that these recordings cannot show at a joint, and why."""
+
+    effect: Effect
+    joint: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Columns of the big regression.
+
+    Attributes:
+        rank: Number of base parameters.
+        n: Number of joints.
+        groups: All candidates.
+        own: For each joint, the columns of candidates that act on it alone.
+        shared: The columns of candidates that act on several joints.
+        silent: What can't be tested at all.
+    """
+
+    rank: int
+    n: int
+    groups: tuple[Group, ...]
+    own: tuple[Int[Array, " k"], ...]
+    shared: Int[Array, " k"]
+    silent: tuple[NotTestable, ...]
+
+    @property
+    def tuned(self) -> int:
+        """Number of columns of the baseline."""
+        return self.rank + LOSS_FIGURES * self.n
+
+    @property
+    def size(self) -> int:
+        """Number of columns; the torque itself is column `size`."""
+        return self.tuned + sum(len(columns) for columns in self.own) + len(self.shared)
+
+    @cached_property
+    def local(self) -> tuple[Int[Array, " p"], ...]:
+        """For each joint, the columns that its rows carry: base, own loss, own candidates, shared, torque."""
+        return tuple(
+            np.concatenate(
+                [
+                    np.arange(self.rank),
+                    self.rank + LOSS_FIGURES * j + np.arange(LOSS_FIGURES),
+                    self.own[j],
+                    self.shared,
+                    [self.size],
+                ]
+            ).astype(int)
+            for j in range(self.n)
+        )
+
+
+def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]) -> Layout:
+    """Lays out every testable effect; asks a short stretch of the session for the number of columns."""
+    sample = SessionContext(
+        session.runs[:1], session.common_clock, session.joint_names, session.gear_ratios, session.rated_torque
+    )
+    start = rank + LOSS_FIGURES * session.n
+    groups: list[Group] = []
+    silent: list[NotTestable] = []
+    own: list[list[int]] = [[] for _ in range(session.n)]
+    shared: list[int] = []
+    for effect in catalogue:
+        for joint in range(session.n if effect.scope == "joint" else 1):
+            reason = effect.untestable(session, joint)
+            if reason is not None:
+                silent.append(NotTestable(effect, joint, reason))
+                continue
+            for variant in effect.variants(session, joint):
+                width = effect.columns(sample, joint, variant)[0].shape[-1]
+                columns = np.arange(start, start + width)
+                start += width
+                groups.append(Group(effect, joint, variant, columns))
+                (own[joint] if effect.rows == "own" else shared).extend(columns)
+    return Layout(
+        rank=rank,
+        n=session.n,
+        groups=tuple(groups),
+        own=tuple(np.array(columns, dtype=int) for columns in own),
+        shared=np.array(shared, dtype=int),
+        silent=tuple(silent),
+    )

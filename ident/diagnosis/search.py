@@ -1,0 +1,186 @@
+"""Which effects: forward by group, with swaps and backward steps, each name held to three gates.
+
+1. The sign-flip test over all candidates: family-wise error 5 %.
+2. The log score on held-out runs gains more than one standard error.
+3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
+   10 % or more of what is above the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.evidence import Evidence
+from ident.diagnosis.heldout import HeldOut, HeldOutScore
+from ident.diagnosis.layout import Group
+from ident.diagnosis.projection import Prior, Projection, project
+from ident.diagnosis.significance import block_scores, family_p_values
+
+FAMILY_ERROR = 0.05
+LEAST_RMS_FALL = 0.02
+LEAST_GAP_FALL = 0.10
+MOST_EFFECTS = 3
+# Candidates that are tried on held-out runs at each step: names beyond these have no chance.
+SHORTLIST = 8
+
+Key = tuple[str, int, int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Gates:
+    """What an effect showed when it was asked for its name.
+
+    Attributes:
+        p_value: Family-wise, of the sign-flip test.
+        log_score: Gain on held-out runs [nats], and its standard error.
+        rms_fall: Largest share by which a joint's held-out error falls.
+        gap_fall: The same as a share of the mean square above the noise.
+    """
+
+    p_value: float
+    log_score: tuple[float, float]
+    rms_fall: float
+    gap_fall: float
+
+    @property
+    def passed(self) -> bool:
+        gain, error = self.log_score
+        sized = self.rms_fall >= LEAST_RMS_FALL and self.gap_fall >= LEAST_GAP_FALL
+        return self.p_value <= FAMILY_ERROR and gain > error and sized
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that passed, at its best inner figures."""
+
+    group: Group
+    gates: Gates
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResults:
+    """What the search found.
+
+    Attributes:
+        named: The effects, in the order in which they were found.
+        ladder: Held-out scores of the baseline and after each named effect.
+        refused: The best candidate that did not pass, and why.
+    """
+
+    named: tuple[Named, ...]
+    ladder: tuple[HeldOutScore, ...]
+    refused: Named | None
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Searches one session's evidence."""
+
+    evidence: Evidence
+    prior: Prior
+    held_out: HeldOut
+    seed: int = 0
+
+    def run(self) -> SearchResults:
+        """Forward steps until nothing passes."""
+        gram = self.evidence.gram()
+        named: list[Named] = []
+        ladder = [self.held_out.score()]
+        refused = None
+        while len(named) < MOST_EFFECTS:
+            chosen = [item.group for item in named]
+            step = self._forward(gram, chosen, ladder[-1])
+            if step is None:
+                break
+            if not step.gates.passed:
+                refused = step
+                break
+            groups = self._polish(gram, [*chosen, step.group])
+            named = [
+                Named(group, gates)
+                for group, gates in zip(groups, [*(n.gates for n in named), step.gates], strict=True)
+            ]
+            ladder.append(self.held_out.score(groups))
+        return SearchResults(tuple(named), tuple(ladder), refused)
+
+    def score_of(self, projection: Projection, group: Group) -> float:
+        """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost."""
+        gain, _ = projection.gain(group)
+        samples = self._samples(group)
+        grid = sum(1 for other in self.evidence.layout.groups if other.key == group.key)
+        return 0.5 * gain - 0.5 * len(group.columns) * float(np.log(samples)) - float(np.log(grid))
+
+    def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
+        """For each effect and joint its best inner figures and their log evidence."""
+        taken = {group.key for group in without}
+        best: dict[Key, tuple[float, Group]] = {}
+        for group in self.evidence.layout.groups:
+            if group.key in taken:
+                continue
+            score = self.score_of(projection, group)
+            if group.key not in best or score > best[group.key][0]:
+                best[group.key] = (score, group)
+        return best
+
+    def _samples(self, group: Group) -> float:
+        counts = self.evidence.samples
+        return float(max(counts[group.joint] if group.effect.rows == "own" else counts.sum(), 10.0))
+
+    def _forward(self, gram: Array, chosen: Sequence[Group], before: HeldOutScore) -> Named | None:
+        """The candidate of greatest evidence that passes; if none does, the greatest one."""
+        projection = project(gram, self.evidence, self.prior, chosen)
+        best = sorted(self.best_by_key(projection, chosen).values(), key=lambda pair: -pair[0])
+        short = [group for score, group in best[:SHORTLIST] if score > 0.0]
+        if not short:
+            return None
+        rng = np.random.default_rng(self.seed)
+        p_values = self._p_values(projection, short, rng)
+        tried = []
+        for group in short:
+            after = self.held_out.score([*chosen, group])
+            tried.append(Named(group, self._gates(p_values[group.key], before, after, group)))
+        return next((item for item in tried if item.gates.passed), tried[0])
+
+    def _p_values(self, projection: Projection, short: Sequence[Group], rng: np.random.Generator) -> dict[Key, float]:
+        """Least family-wise p-value of each short-listed effect over its grid."""
+        groups = self.evidence.layout.groups
+        values = family_p_values(block_scores(self.evidence, projection), groups, rng)
+        wanted = {group.key for group in short}
+        least: dict[Key, float] = {}
+        for group, value in zip(groups, values, strict=True):
+            if group.key in wanted:
+                least[group.key] = min(least.get(group.key, 1.0), float(value))
+        return least
+
+    def _gates(self, p_value: float, before: HeldOutScore, after: HeldOutScore, group: Group) -> Gates:
+        floor = self.evidence.whitening.level
+        joints = [group.joint] if group.effect.rows == "own" else list(range(self.evidence.layout.n))
+        old, new = before.rms[joints], after.rms[joints]
+        fall = 1.0 - new / np.maximum(old, 1e-12)
+        reducible = np.maximum(old**2 - floor[joints] ** 2, 1e-3 * old**2)
+        gap = (old**2 - new**2) / reducible
+        return Gates(p_value, after.gain_over(before), float(fall.max()), float(gap[int(np.argmax(fall))]))
+
+    def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
+        """Swaps: each effect in turn is left out and may be replaced by a better one, until nothing changes."""
+        current = list(groups)
+        for _ in range(3):
+            before = list(current)
+            for i in range(len(current)):
+                others = current[:i] + current[i + 1 :]
+                projection = project(gram, self.evidence, self.prior, others)
+                current[i] = max(self.best_by_key(projection, others).values(), key=lambda pair: pair[0])[1]
+            if current == before:
+                break
+        return current
+
+
+def slot_scores(search: Search, gram: Float[Array, "P P"], named: Sequence[Group], slot: int) -> dict[Key, float]:
+    """Log evidence of every name for one slot of the model, the others as they are."""
+    others = [group for i, group in enumerate(named) if i != slot]
+    projection = project(gram, search.evidence, search.prior, others)
+    return {key: score for key, (score, _) in search.best_by_key(projection, others).items()}
