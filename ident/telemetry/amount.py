@@ -44,7 +44,7 @@ def check_excitation(sessions: Sequence[Session], arm: ArmModel | None) -> list[
     if len(still):
         travel = np.ptp(q, axis=0)[still].max()
         names = joints_at(session, still)
-        evidence = f"{session.name}: {', '.join(names)} move by {travel:.3f} rad at most; their friction can't be seen"
+        evidence = f"{session.name}: hardly any motion ({travel:.3f} rad at most) of {', '.join(names)}"
         severity: Severity = "fatal" if len(still) == len(session.joints) else "warning"
         issues.append(TelemetryIssue("insufficient_excitation", names, severity, evidence, remedy))
     if arm is None or len(still) == len(session.joints):
@@ -66,8 +66,9 @@ def base_condition(sessions: Sequence[Session], arm: ArmModel) -> float | None:
     )
     step = slice(None, None, max(1, len(q) // STATES))
     table = arm.regressor(q[step], dq[step], ddq[step])
+    spread = tau.std(axis=0)
     # Without this, the shoulder's torque would drown what the wrist tells.
-    table = (table / np.maximum(tau.std(axis=0), 1e-9)[:, None]).reshape(-1, 10 * arm.n)
+    table = (table / np.maximum(spread, 1e-3 * spread.max())[:, None]).reshape(-1, 10 * arm.n)
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.

@@ -13,12 +13,15 @@ from ident.splits import cut_before
 from ident.telemetry.effort import explained_by_model
 from ident.telemetry.report import in_runs, joints_at
 from ident.telemetry.signals import filter_run
+from ident.telemetry.velocities import compare_velocities
 
 TURN = 2.0 * math.pi
 # No arm turns faster: the fastest small industrial ones reach 8 rad/s at the wrist.
 FASTEST_RAD_S = 12.0
 # Beyond two turns from zero no joint with a cable goes.
 FARTHEST_RAD = 2.0 * TURN
+# The model is asked only where it explains the torque in one of both units.
+MODEL_TELLS = 0.5
 # After a wrap is taken out, what is left of the step is motion within one sample.
 WRAP_REST = 0.5
 # A sample that leaves its neighbours this far and comes back at once is no motion at any rate of sampling [rad].
@@ -43,18 +46,15 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     suspects = turning & ((far > FARTHEST_RAD) | (fast > FASTEST_RAD_S))
     if not suspects.any():
         return session, []
-    converted = scale_angles(session, math.radians(1.0), turning)
-    if arm is not None:
-        as_radians, as_degrees = explained_by_model(session, arm), explained_by_model(converted, arm)
-        if not as_degrees > as_radians + 0.1:
-            return session, []
-        reason = (
-            f"read as degrees, the robot's model explains {as_degrees:.0%} of the torque, as radians {as_radians:.0%}"
-        )
-    elif (suspects.sum() < 0.5 * turning.sum()) or fast.max() < FASTEST_RAD_S:
+    converted = scale_angles(session, math.radians(1.0), turning, _velocity_too(session))
+    as_radians, as_degrees = (0.0, 0.0) if arm is None else [explained_by_model(s, arm) for s in (session, converted)]
+    tells = max(as_degrees, as_radians) > MODEL_TELLS
+    if tells and as_degrees > as_radians + 0.1:
+        reason = f"the robot's model explains {as_degrees:.0%} of the torque in degrees, {as_radians:.0%} in radians"
+    elif tells or fast.max() < FASTEST_RAD_S:
         return session, []
     else:
-        reason = "no arm moves so"
+        reason = "no arm moves so fast in radians"
     joint = int(np.argmax(np.where(suspects, far, -1.0)))
     evidence = f"{session.name}: {session.joints[joint]} goes to {far[joint]:.1f} at {fast[joint]:.1f} /s; {reason}"
     remedy = 'write angle_unit = "deg" in session.toml'
@@ -70,10 +70,18 @@ def _speed(run: Recording) -> Float[Array, " n"]:
     return np.percentile(steps, 99, axis=0)
 
 
-def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"]) -> Session:
-    """Multiplies positions, velocities and the like of some joints."""
+def _velocity_too(session: Session) -> bool:
+    """Whether the velocities are in the positions' unit."""
+    found = compare_velocities(session)
+    return found is None or not found.moving.any() or float(np.median(found.slope[found.moving])) > 0.1
+
+
+def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"], derivatives: bool = True) -> Session:
+    """Multiplies positions of some joints, and their derivatives or not."""
     scale = np.where(columns, factor, 1.0)
-    names = ("position", "velocity", "acceleration", "position_command", "velocity_command")
+    names: tuple[str, ...] = ("position", "position_command")
+    if derivatives:
+        names += ("velocity", "acceleration", "velocity_command")
     return session.replace(
         runs=[run.replace(**{k: v * scale for k, v in run.channels().items() if k in names}) for run in session.runs]
     )

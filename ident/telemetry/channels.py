@@ -18,8 +18,11 @@ HIDDEN_TRAVEL = 0.02
 JUMP_STEPS, JUMP_RAD = 5.0, 0.005
 # More lost samples than this and the channel itself is broken.
 MOST_LOST = 0.3
-# Flat tops: most of the samples in the outermost twentieth of a channel's range hold exactly its extreme value.
-TOP_SHARE, TOP_RANGE, TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 0.5, 0.05, 10, 5, 0.3
+# Flat tops: the extreme value holds twice the samples of any of five slices below it, each 0.5 % of the range wide.
+TOP_PILE, TOP_SLICES, TOP_RANGE = 2.0, 5, 0.005
+TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 10, 5, 0.3
+# A channel is coarse if its values stand this share of its range apart.
+COARSE = 0.02
 COMMAND_SHARE = 0.99
 COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
     ("effort", "effort_command", "effort_is_model", "fatal", "log the measured torque or the motor current"),
@@ -30,8 +33,9 @@ COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the samples in which a position or torque is frozen, and velocities that are."""
     runs, told, joints, lost = [], [], set(), 0
+    coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
     for run in session.runs:
-        frozen = stuck_positions(run) | stuck_efforts(run)
+        frozen = stuck_positions(run) | (stuck_efforts(run) & ~coarse)
         rows = frozen.any(axis=1)
         if not rows.any():
             runs.append(run)
@@ -63,6 +67,16 @@ def holds(values: Float[Array, " T"]) -> Int[Array, "h 2"]:
     """First and last row of every stretch in which a channel repeats one value."""
     changes = np.flatnonzero(np.diff(values) != 0.0)
     return np.column_stack([np.append(0, changes + 1), np.append(changes, len(values) - 1)])
+
+
+def is_coarse(values: Float[Array, "T n"]) -> Bool[Array, " n"]:
+    """Channels that take so few values that repetitions mean nothing; one value only is not coarse but dead."""
+    coarse = np.zeros(values.shape[1], dtype=bool)
+    for joint, column in enumerate(values.T):
+        levels = np.unique(column)
+        spacing = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
+        coarse[joint] = spacing > COARSE * np.ptp(column)
+    return coarse
 
 
 def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Array, "h 2"]:
@@ -158,21 +172,21 @@ def check_clipping(session: Session) -> list[TelemetryIssue]:
 
 
 def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
-    """Number of samples at a channel's cut-off maximum, and the maximum; zero if it is not cut off."""
+    """Number of samples at a channel's cut-off maximum, and the maximum; zero if it is not cut off.
+
+    A cut piles up at one value what would lie above it: far more samples than in any slice just below.
+    """
     if len(values) < TOP_SAMPLES or np.ptp(values) == 0.0:
         return 0, 0.0
-    top = values.max()
-    near = values > top - TOP_RANGE * np.ptp(values)
-    at = values == top
-    stretches = holds(at.astype(float))
-    longest = max((int(last - first + 1) for first, last in stretches if at[first]), default=0)
-    # A coarse channel has few values near its top in any case: that is resolution, not a cut.
-    coarse = len(np.unique(values[values > top - 4.0 * TOP_RANGE * np.ptp(values)])) < 6
+    top, at = float(values.max()), values == values.max()
     # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
-    outside = abs(top) > TOP_LEVEL * np.abs(values).max()
-    cut = at.sum() >= TOP_SAMPLES and longest >= TOP_STRETCH and at.sum() > TOP_SHARE * near.sum()
-    cut = cut and outside and not coarse
-    return (int(at.sum()), float(top)) if cut else (0, float(top))
+    if at.sum() < TOP_SAMPLES or top < TOP_LEVEL * np.abs(values).max() or is_coarse(values[:, None])[0]:
+        return 0, top
+    if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < TOP_STRETCH:
+        return 0, top
+    width = max(TOP_RANGE * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(values)))))
+    below, _ = np.histogram(values[~at], bins=top - width * np.arange(TOP_SLICES, -1, -1))
+    return (int(at.sum()), top) if at.sum() > TOP_PILE * below.max() else (0, top)
 
 
 def check_commands(session: Session) -> list[TelemetryIssue]:

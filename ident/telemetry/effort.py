@@ -24,8 +24,9 @@ from ident.telemetry.signals import Motion, filter_run
 
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
 TRANSITION_RAD_S = 0.02
-# A joint is tested if it moves, or if gravity on it changes; else its torque can be anything within friction.
-MOVING_RAD_S = 0.02
+# A joint is tested if it moves. At rest its torque can be anything within friction, which is 20 N m at most on arms
+# of this size; gravity that changes by this much (standard deviation) shows through.
+MOVING_RAD_S, STATIC_NM = 0.02, 10.0
 # Sign. On 17 UR10e, two Panda and one UR10 logs, moving joints reach at least 0.59 with the right sign and at most
 # 0.27 with the wrong one (a wrist on which friction and a mass error compensate).
 SIGN_EXPLAINS, SIGN_BETTER = 0.5, 0.3
@@ -56,6 +57,17 @@ class States:
     def moving(self) -> Bool[Array, " n"]:
         """Joints that move."""
         return np.sqrt(np.mean(self.dq**2, axis=0)) > MOVING_RAD_S
+
+    @property
+    def telling(self) -> Bool[Array, " n"]:
+        """Joints whose torque the model can be held against."""
+        return self.moving | (self.gravity.std(axis=0) > STATIC_NM)
+
+    @property
+    def alive(self) -> Bool[Array, " n"]:
+        """Joints whose torque changes at all."""
+        spread = self.tau.std(axis=0)
+        return spread > 1e-6 * max(float(np.abs(self.tau).max()), 1e-300)
 
     @property
     def heavy(self) -> Bool[Array, " n"]:
@@ -129,7 +141,7 @@ def check_effort(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     states = collect_states(session, arm)
     if states is None:
         return []
-    tested = [int(joint) for joint in np.flatnonzero((states.moving | states.heavy) & (states.tau.std(axis=0) > 0.0))]
+    tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
     right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
     wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
     flipped = [
@@ -185,7 +197,7 @@ def _check_scale(session: Session, states: States, fits: dict[int, SignedFit]) -
 def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Finds torques that a rigid model explains without any friction."""
     step = max(1, len(states.q) // 4000)
-    moving = np.flatnonzero(states.moving & (states.tau.std(axis=0) > 0.0))
+    moving = np.flatnonzero(states.moving & states.alive)
     if len(states.q) < 20 * arm.n or not len(moving):
         return []
     rows = slice(None, None, step)

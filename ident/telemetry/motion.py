@@ -3,52 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ident.arm import ArmModel
-from ident.arrays import Array, Bool, Float
 from ident.recording import Session, TelemetryIssue
 from ident.telemetry.angles import scale_angles
 from ident.telemetry.effort import States, collect_states, fit_signed
 from ident.telemetry.report import joints_at
-from ident.telemetry.signals import filter_run
+from ident.telemetry.velocities import Velocities, compare_velocities
 
-# A joint's velocity is compared where it moves: at rest both are noise. [rad/s]
-MOVING_RAD_S = 0.02
 # All joints of the real logs lie within 1.1 % of slope 1 (30 Hz) and correlate by 0.997 or more.
 CLOCK_OFF, CLOCK_SPREAD, CLOCK_CORRELATION = 0.03, 0.03, 0.95
-SLOPE_LOW, SLOPE_HIGH, CORRELATION = 0.8, 1.25, 0.9
+SLOPE_LOW, SLOPE_HIGH, CORRELATION = 0.9, 1.1, 0.9
 # Intervals that no logger of an arm's motion has: time in another unit than seconds.
 SLOWEST_INTERVAL_S, FASTEST_INTERVAL_S = 0.5, 2e-5
 # Without a measured velocity, inertial torque against gravity tells the time base: it goes with time to the -2. The
 # ratio of their coefficients was 0.49 to 3.4 in the real logs, rotors and friction included.
-INERTIA_LOW, INERTIA_HIGH = 0.15, 6.0
-
-
-@dataclass(frozen=True, eq=False)
-class Velocities:
-    """Measured velocity = slope · derivative of position, per joint, where it moves."""
-
-    moving: Bool[Array, " n"]
-    slope: Float[Array, " n"]
-    correlation: Float[Array, " n"]
-
-
-def compare_velocities(session: Session) -> Velocities | None:
-    """Slope and correlation over all runs; None where no velocity was measured."""
-    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
-    motions = [motion for motion in motions if motion.dq_measured is not None]
-    if not motions:
-        return None
-    derived = np.concatenate([motion.dq for motion in motions])
-    measured = np.concatenate([motion.dq_measured for motion in motions if motion.dq_measured is not None])
-    xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
-    # A wrong time base scales the derivative, so moving is told by either of the two.
-    moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > MOVING_RAD_S
-    return Velocities(moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300)))
+INERTIA_LOW, INERTIA_HIGH, VISIBLE_INERTIA = 0.15, 6.0, 0.03
+# Only on joints that carry much: on a wrist the rotor's inertia exceeds the links' by any factor. [N m]
+LOADED_NM = 5.0
+# And no arm moves faster than this many times its own limit.
+OVER_LIMIT = 1.5
 
 
 def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
@@ -60,7 +37,8 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
         if factor is not None:
             return _tell_factor(session, factor, "measured velocity is {:.4g} times the positions' derivative")
     if interval > SLOWEST_INTERVAL_S or 0.0 < interval < FASTEST_INTERVAL_S:
-        unit = 1e-3 if interval < 50.0 * SLOWEST_INTERVAL_S else 1e-6 if interval < 5e4 else 1e-9
+        # An interval between 0.2 ms and 0.2 s, in ms, us or ns.
+        unit = 1e-3 if interval < 200.0 else 1e-6 if interval < 2e5 else 1e-9
         factor = 1.0 / unit if interval > SLOWEST_INTERVAL_S else 1.0
         return _tell_factor(session, factor, f"the median interval is {interval:.4g} s")
     if found is None and arm is not None:
@@ -94,9 +72,15 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     states = collect_states(session, arm)
     if states is None:
         return []
+    remedy = "check the unit of time, or sample_rate_hz of session.toml"
+    excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
+    if excess.max() > OVER_LIMIT:
+        joint = int(np.argmax(excess))
+        evidence = f"{session.name}: {session.joints[joint]} moves at {excess[joint]:.1f} times its velocity limit"
+        return [TelemetryIssue("wrong_time_base", (session.joints[joint],), "fatal", evidence, remedy)]
     ratios = [
         ratio
-        for joint in np.flatnonzero(states.heavy & states.moving)
+        for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LOADED_NM))
         if (ratio := _sure_ratio(states, int(joint))) is not None
     ]
     if not ratios or INERTIA_LOW < float(np.median(ratios)) < INERTIA_HIGH:
@@ -104,9 +88,8 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     ratio = float(np.median(ratios))
     evidence = (
         f"{session.name}: inertial torque is {ratio:.3g} times the model's, gravity taken as right: "
-        f"time seems to run {math.sqrt(ratio):.2g} times too slowly"
+        f"the recorded time seems to be {math.sqrt(ratio):.2g} times the true one"
     )
-    remedy = "check the unit of time, or sample_rate_hz of session.toml"
     return [TelemetryIssue("wrong_time_base", (), "fatal", evidence, remedy)]
 
 
@@ -121,9 +104,10 @@ def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
             return None
         ratios.append(fit.inertia / fit.gravity)
     inside = [INERTIA_LOW < ratio < INERTIA_HIGH for ratio in ratios]
-    # Inertia that vanishes against friction says nothing about time.
-    visible = states.inertial[:, joint].std() > 0.03 * states.gravity[:, joint].std()
-    return float(np.median(ratios)) if visible and len(set(inside)) == 1 and min(ratios) > 0.0 else None
+    # Inertia that vanishes against gravity says nothing about time.
+    ratio = float(np.median(ratios))
+    visible = ratio * states.inertial[:, joint].std() > VISIBLE_INERTIA * states.gravity[:, joint].std()
+    return ratio if visible and len(set(inside)) == 1 and min(ratios) > 0.0 else None
 
 
 def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -149,8 +133,7 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         issue = TelemetryIssue(
             "units_degrees", joints_at(session, np.flatnonzero(found.moving)), "fatal", evidence, remedy
         )
-        scaled = scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool))
-        return _scale_velocity(scaled, degrees), [issue]
+        return scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False), [issue]
     bad = found.moving & ((found.correlation < CORRELATION) | (found.slope < SLOPE_LOW) | (found.slope > SLOPE_HIGH))
     if not bad.any():
         return session, []
