@@ -164,6 +164,17 @@ class ArmModel:
         """Y with τ = Y π, π the `inertial_parameters`."""
         return compute_regressor(*self._chain, q, dq, ddq)
 
+    def derivatives(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
+        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques, columns are joints."""
+        data = self.model.createData()
+        states = [np.ascontiguousarray(values, dtype=float) for values in (q, dq, ddq)]
+        out = np.empty((3, len(states[0]), self.n, self.n))
+        for k, state in enumerate(zip(*states, strict=True)):
+            out[0, k], out[1, k], out[2, k] = pin.computeRNEADerivatives(self.model, data, *state)
+        return out[0], out[1], out[2]
+
     @property
     def inertial_parameters(self) -> Float[Array, " 10n"]:
         """Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz [SI]."""

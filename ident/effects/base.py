@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -31,6 +32,10 @@ class RunContext:
         direction: Direction of motion in [-1, 1], with each joint's own transition width.
         temperature: Measured joint temperature [degC], or None.
         position_command: Commanded position [rad], or None.
+        rotor: Modelled torque of the rotors' inertia [N m], or None where it isn't modelled.
+
+    The regressor and the derivatives are computed once, when first asked for, and live as long as the run does: a long
+    session is gone through with fresh copies of its runs (`dataclasses.replace`), a few at a time.
     """
 
     motion: Motion
@@ -41,10 +46,27 @@ class RunContext:
     direction: Float[Array, "T n"]
     temperature: Float[Array, "T n"] | None = None
     position_command: Float[Array, "T n"] | None = None
+    rotor: Float[Array, "T n"] | None = None
 
     @property
     def n(self) -> int:
         return self.motion.n
+
+    @property
+    def total(self) -> Float[Array, "T n"]:
+        """Whole modelled torque of the motor, seen at the joint [N m]."""
+        torque: Array = self.rigid + self.friction
+        return torque if self.rotor is None else torque + self.rotor
+
+    @cached_property
+    def regressor(self) -> Float[Array, "T n 10n"]:
+        """Regressor of the rigid torque in the links' inertial parameters."""
+        return self.arm.regressor(self.motion.q, self.motion.dq, self.motion.ddq)
+
+    @cached_property
+    def derivatives(self) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
+        """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques."""
+        return self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
 
     @property
     def interval(self) -> float:
@@ -80,12 +102,16 @@ class Variant:
     """One point of an effect's inner grid: the figures in which its torque is not linear.
 
     Attributes:
-        inner: Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}.
+        inner: Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names
+            in all variants of an effect. They are reported, with intervals from their likelihood over the grid.
         other: Another joint that takes part (coupling), or None.
+        shape: Further figures that the columns need and nobody asks for: centres and scales of the whole session,
+            points about which a law is linearised. Columns of a part of a session then match those of the whole.
     """
 
     inner: Mapping[str, float] = field(default_factory=dict)
     other: int | None = None
+    shape: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,253 @@
+"""Friction that depends on speed, load, place and direction: what a Coulomb and viscous model leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, linear_interval
+from ident.effects.levels import (
+    amplitude_interval,
+    coefficient_interval,
+    coulomb_level,
+    exactly,
+    friction_level,
+    grid_interval,
+    hardly_moves,
+    phase_interval,
+    rated_torque,
+    top_speed,
+    travel,
+)
+
+STRIBECK_VELOCITIES = (0.01, 0.025, 0.06, 0.15)  # [rad/s]
+STRIBECK_EXPONENTS = (1.0, 2.0)
+VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
+POSITION_ORDERS = (1.0, 2.0)
+LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
+# A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
+LEAST_LOAD_RANGE = 0.01
+# Speeds below this leave nothing of a curve over speed [rad/s].
+LEAST_TOP_SPEED = 0.05
+LEAST_POSITION_RANGE = 0.5  # [rad]
+
+
+class StribeckFriction(Effect):
+    """Friction that falls as motion sets in: τ = A s exp(−(|v| / v_s)^δ).
+
+    Source: Bittencourt and Gunnarsson 2010, with the static level as what is added to Coulomb friction.
+    """
+
+    id = "stribeck_friction"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "more friction at low speed than Coulomb and viscous friction have; look at slow stretches"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is None and not self.variants(session, joint):
+            reason = f"velocity of {session.joint_names[joint]} is too noisy to tell slow motion from rest"
+        if reason is None and top_speed(session, joint) < LEAST_TOP_SPEED:
+            reason = f"{session.joint_names[joint]} never leaves slow motion"
+        return reason
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        rest = min(float(run.motion.rest_speed[joint]) for run in session.runs)
+        return tuple(
+            Variant({"stribeck_velocity_rad_s": speed, "exponent": exponent})
+            for speed in STRIBECK_VELOCITIES
+            for exponent in STRIBECK_EXPONENTS
+            if speed > rest
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        speed, exponent = variant.inner["stribeck_velocity_rad_s"], variant.inner["exponent"]
+        return [
+            (run.direction[:, joint] * np.exp(-((np.abs(run.motion.dq[:, joint]) / speed) ** exponent)))[:, None]
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "amplitude_Nm": coefficient_interval(0, coefficients, covariance),
+            "stribeck_velocity_rad_s": grid_interval(variant.inner["stribeck_velocity_rad_s"], STRIBECK_VELOCITIES),
+            "exponent": grid_interval(variant.inner["exponent"], STRIBECK_EXPONENTS),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([coulomb_level(session, joint)])
+
+
+class NonlinearViscousFriction(Effect):
+    """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
+
+    Non-negative: with a tuned line beside it, a curve that bends the other way is the other exponent's.
+    """
+
+    id = "nonlinear_viscous_friction"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "friction over speed is no line but a curve; look at fast against middling speeds"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is None and top_speed(session, joint) < LEAST_TOP_SPEED:
+            return f"{session.joint_names[joint]} moves no faster than {top_speed(session, joint):.3f} rad/s"
+        return reason
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        exponent = variant.inner["exponent"]
+        return [
+            (run.direction[:, joint] * np.abs(run.motion.dq[:, joint]) ** exponent)[:, None] for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "coefficient": coefficient_interval(0, coefficients, covariance),
+            "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        coulomb, viscous = friction_level(session, joint)
+        speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
+        return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])
+
+
+class LoadDependentFriction(Effect):
+    """Friction that grows with the load on the gear, more so when the motor drives than when the load does.
+
+    With a = s |τ_l| and b = s² τ_l, (a + b) / 2 is the load while driving and (a − b) / 2 while backdriving. The two
+    columns are driving + half of backdriving and the reverse: with coefficients that aren't negative the two levels
+    differ at most by a factor of two, so that no error of the torque gain (driving = −backdriving) can pass for
+    friction. The second variant adds s τ_l² and v |τ_l|. μ is the mean of driving and backdriving, at typical load.
+
+    Source: Hamon, Gautier and Garrec 2010; the load is the modelled one, the measured one is part of what it explains.
+    """
+
+    id = "load_dependent_friction"
+    nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
+    summary = "friction grows with the transmitted torque; look at poses of high and low load at one speed"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is not None:
+            return reason
+        load = np.abs(np.concatenate([run.link[:, joint] for run in session.runs]))
+        span = float(np.diff(np.quantile(load, [0.05, 0.95]))[0])
+        if span < LEAST_LOAD_RANGE * rated_torque(session, joint):
+            return f"load of {session.joint_names[joint]} varies by {span:.2f} N m only"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        load = np.concatenate([run.link[:, joint] for run in session.runs])
+        speed = np.concatenate([run.motion.dq[:, joint] for run in session.runs])
+        typical = {
+            "load_Nm": max(float(np.sqrt(np.mean(load**2))), 1e-6),
+            "speed_rad_s": float(np.mean(np.abs(speed))),
+        }
+        return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        return [self._columns(run, joint, variant) for run in session.runs]
+
+    def _columns(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "T k"]:
+        load, slip = run.link[:, joint], run.direction[:, joint]
+        both, gain = slip * np.abs(load), slip**2 * load
+        driving, backdriving = (both + gain) / 2, (both - gain) / 2
+        columns = [driving + backdriving / 2, backdriving + driving / 2]
+        if variant.shape["terms"] == 4:
+            columns += [slip * load**2 / variant.shape["load_Nm"], run.motion.dq[:, joint] * np.abs(load)]
+        return np.stack(columns, axis=1)
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        weights = np.array([0.75, 0.75, 1.0, variant.shape["speed_rad_s"]])[: len(coefficients)]
+        return {"mu": linear_interval(weights, coefficients, covariance)}
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
+
+
+class PositionDependentFriction(Effect):
+    """Friction that varies over a turn: τ = s A cos(k q − φ)."""
+
+    id = "position_dependent_friction"
+    summary = "friction varies with the joint's angle; look at both directions over the whole range"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        low, high = travel(session, joint)
+        if high - low < LEAST_POSITION_RANGE:
+            return f"{session.joint_names[joint]} covers {high - low:.2f} rad; {LEAST_POSITION_RANGE:g} are needed"
+        return hardly_moves(session, joint)
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return tuple(Variant({"order": order}) for order in POSITION_ORDERS)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        order = variant.inner["order"]
+        return [
+            run.direction[:, joint, None]
+            * np.stack([np.cos(order * run.motion.q[:, joint]), np.sin(order * run.motion.q[:, joint])], axis=1)
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "amplitude_Nm": amplitude_interval(coefficients, covariance),
+            "order": exactly(variant.inner["order"]),
+            "phase_rad": phase_interval(coefficients, covariance),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.full(2, 0.5 * coulomb_level(session, joint))
+
+
+class AsymmetricFriction(Effect):
+    """Friction that differs between the directions: f₊ − f₋ is reported, half of it acts on either side.
+
+    τ = s² (f_c₊ − f_c₋) / 2 + |v| (C₊ − C₋) / 2. In motion s² is one: the first column is a torque offset then, which
+    differs from it only at rest and in reversals.
+    """
+
+    id = "asymmetric_friction"
+    summary = "friction differs between the two directions; look at equal speeds forwards and backwards"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is not None:
+            return reason
+        dq = np.concatenate([run.motion.dq[:, joint] for run in session.runs])
+        rest = max(float(run.motion.rest_speed[joint]) for run in session.runs)
+        forward, backward = float(np.mean(dq > rest)), float(np.mean(dq < -rest))
+        if min(forward, backward) < 0.05 * max(forward, backward):
+            return f"{session.joint_names[joint]} moves in one direction only"
+        return None
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        return [
+            0.5 * np.stack([run.direction[:, joint] ** 2, np.abs(run.motion.dq[:, joint])], axis=1)
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "coulomb_difference_Nm": coefficient_interval(0, coefficients, covariance),
+            "viscous_difference_Nms_rad": coefficient_interval(1, coefficients, covariance),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        coulomb, viscous = friction_level(session, joint)
+        return 0.5 * np.array([coulomb, viscous])

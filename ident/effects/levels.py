@@ -1,0 +1,138 @@
+"""Typical sizes in a session that effects measure themselves against, and reasons that several of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import Interval, SessionContext
+
+# Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
+TYPICAL_COULOMB_SHARE = 0.05
+# ... and viscous friction as what adds as much again at this speed [rad/s].
+TYPICAL_VISCOUS_SPEED = 2.0
+# A joint that covers less than this shows nothing of its friction [rad or m].
+LEAST_TRAVEL = 0.03
+# Speed in multiples of the speed of rest that a joint must reach to count as moving.
+LEAST_SPEED_RATIO = 3.0
+# Samples of a session by which structure and typical sizes are judged.
+SAMPLED_STATES = 200
+
+
+def rated_torque(session: SessionContext, joint: int) -> float:
+    """Rated torque of a joint [N m]; half as much again as its largest modelled load where the URDF has no limit."""
+    rated = float(session.rated_torque[joint])
+    if np.isfinite(rated) and rated > 0.0:
+        return rated
+    return max(1.5 * max(float(np.abs(run.total[:, joint]).max(initial=0.0)) for run in session.runs), 1e-3)
+
+
+def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
+    """Coulomb [N m] and viscous [N m s/rad] friction of a joint as the baseline has them, or typical ones."""
+    gram, right = np.zeros((2, 2)), np.zeros(2)
+    for run in session.runs:
+        x = np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1)
+        gram += x.T @ x
+        right += x.T @ run.friction[:, joint]
+    coulomb, viscous = np.linalg.lstsq(gram, right, rcond=None)[0]
+    typical = TYPICAL_COULOMB_SHARE * rated_torque(session, joint)
+    # A tenth of the typical level is the least that a share may refer to.
+    coulomb = max(float(coulomb), 0.1 * typical) if gram.any() and right.any() else typical
+    return coulomb, max(float(viscous), 0.1 * coulomb / TYPICAL_VISCOUS_SPEED)
+
+
+def coulomb_level(session: SessionContext, joint: int) -> float:
+    """Coulomb friction of a joint [N m], as `friction_level`."""
+    return friction_level(session, joint)[0]
+
+
+def hardly_moves(session: SessionContext, joint: int) -> str | None:
+    """The reason why friction can't show, if the joint hardly moves."""
+    low, high = travel(session, joint)
+    name = session.joint_names[joint]
+    if high - low < LEAST_TRAVEL:
+        return f"{name} covers only {high - low:.3f} rad"
+    ratio = max(float(np.abs(run.motion.dq[:, joint]).max() / run.motion.rest_speed[joint]) for run in session.runs)
+    return f"{name} hardly moves faster than its velocity noise" if ratio < LEAST_SPEED_RATIO else None
+
+
+def travel(session: SessionContext, joint: int) -> tuple[float, float]:
+    """Lowest and highest position of a joint [rad]."""
+    q = [run.motion.q[:, joint] for run in session.runs]
+    return min(float(values.min()) for values in q), max(float(values.max()) for values in q)
+
+
+def top_speed(session: SessionContext, joint: int) -> float:
+    """Speed that a joint exceeds in one of a hundred samples only [rad/s]."""
+    speeds = np.concatenate([np.abs(run.motion.dq[:, joint]) for run in session.runs])
+    return float(np.quantile(speeds, 0.99))
+
+
+def root_mean_square(columns: Sequence[Float[Array, "T ..."]]) -> float:
+    """Root mean square over all runs and entries."""
+    count = sum(values.size for values in columns)
+    return float(np.sqrt(sum(float(np.sum(values**2)) for values in columns) / max(count, 1)))
+
+
+def sampled_states(session: SessionContext) -> tuple[Float[Array, "t n"], Float[Array, "t n"], Float[Array, "t n"]]:
+    """Some states (q, dq, ddq), evenly over the session."""
+    total = sum(len(run.motion.time) for run in session.runs)
+    step = max(1, total // SAMPLED_STATES)
+    q, dq, ddq = (
+        np.concatenate([getattr(run.motion, name)[::step] for run in session.runs]) for name in ("q", "dq", "ddq")
+    )
+    return q, dq, ddq
+
+
+def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> Float[Array, " T"]:
+    """What of a signal lies above a corner frequency [Hz]: the signal less its moving average of one period."""
+    width = min(len(values), max(1, round(1.0 / (corner * interval))))
+    sums = np.cumsum(np.concatenate([[0.0], values]))
+    left = np.clip(np.arange(len(values)) - width // 2, 0, None)
+    right = np.clip(np.arange(len(values)) - width // 2 + width, None, len(values))
+    return np.asarray(values - (sums[right] - sums[left]) / (right - left))
+
+
+def grid_interval(value: float, grid: Sequence[float]) -> Interval:
+    """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours."""
+    points = np.unique(np.asarray([*grid, value], dtype=float))
+    at = int(np.searchsorted(points, value))
+    if len(points) == 1:
+        return Interval(value, value / 2.0, value * 2.0)
+    down = points[at - 1] if at > 0 else value**2 / points[at + 1]
+    up = points[at + 1] if at + 1 < len(points) else value**2 / points[at - 1]
+    return Interval(value, float(np.sqrt(value * down)), float(np.sqrt(value * up)))
+
+
+def exactly(value: float) -> Interval:
+    """A figure that was not estimated."""
+    return Interval(value, value, value)
+
+
+def coefficient_interval(
+    index: int, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], scale: float = 1.0
+) -> Interval:
+    """Interval of one coefficient times a known factor."""
+    value = scale * float(coefficients[index])
+    reach = 1.96 * abs(scale) * float(np.sqrt(max(covariance[index, index], 0.0)))
+    return Interval(value, value - reach, value + reach)
+
+
+def amplitude_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
+    """Interval of the length of (cos, sin) coefficients; it can't be negative."""
+    size = float(np.hypot(*coefficients))
+    along = coefficients / size if size > 0.0 else np.array([1.0, 0.0])
+    reach = 1.96 * float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return Interval(size, max(0.0, size - reach), size + reach)
+
+
+def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
+    """Interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad]."""
+    size = float(np.hypot(*coefficients))
+    phase = float(np.arctan2(coefficients[1], coefficients[0]))
+    across = np.array([-np.sin(phase), np.cos(phase)])
+    spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
+    reach = min(np.pi, 1.96 * spread / size) if size > 0.0 else np.pi
+    return Interval(phase, phase - reach, phase + reach)

@@ -1,0 +1,250 @@
+"""Friction with a memory: of the last reversals (hysteresis) and of the work done so far (warmth)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
+from ident.effects.levels import coulomb_level, friction_level, grid_interval, hardly_moves
+
+TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
+# Time constants beyond this many sessions are straight lines, all the same.
+LONGEST_TIME_CONSTANT = 4.0
+LEAST_SESSION = 60.0  # [s]
+LEAST_TEMPERATURE_RANGE = 1.0  # [K]
+# Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
+TEMPERATURE_AVERAGE = 5.0
+DISPLACEMENTS = (0.0005, 0.002, 0.008, 0.03)  # [rad]
+# Position noise that a stop operator bears, as a share of its range.
+LARGEST_NOISE_SHARE = 0.3
+
+
+class ThermalFriction(Effect):
+    """Friction that changes as the gear warms up: τ = −θ c_v v + θ c_s s, θ from 0 (cold) to 1 (warmest here).
+
+    θ is the measured temperature, or else follows the modelled friction power P over the session's clock, pauses
+    included: θ' = P − θ / τ_θ. Viscous friction falls with warmth; Coulomb friction may do either. Both changes are
+    shares of the cold level, between the coldest and the warmest moment of the session.
+
+    Source: Wolf and Iskandar 2018; Simoni 2017.
+    """
+
+    id = "thermal_friction"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "friction changes with warmth; look at the same motion cold and hot"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is not None:
+            return reason
+        measured = _measured(session, joint)
+        if measured is not None:
+            low, high = min(values.min() for values in measured), max(values.max() for values in measured)
+            if high - low < LEAST_TEMPERATURE_RANGE:
+                return f"temperature of {session.joint_names[joint]} varies by {high - low:.1f} K only"
+            return None
+        if not session.common_clock:
+            return "no temperature, and the runs share no clock"
+        if _span(session) < LEAST_SESSION:
+            return f"no temperature, and the session lasts {_span(session):.0f} s only"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        measured = _measured(session, joint)
+        if measured is not None:
+            return (Variant(shape=_scale(measured)),)
+        longest = LONGEST_TIME_CONSTANT * max(_span(session), LEAST_SESSION)
+        found = []
+        for constant in TIME_CONSTANTS:
+            if constant <= longest or constant == TIME_CONSTANTS[0]:
+                warmth, starts = _warmth(session, joint, constant)
+                found.append(Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts))
+        return tuple(found)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        measured = _measured(session, joint)
+        if measured is None:
+            measured, _ = _warmth(session, joint, variant.inner["time_constant_s"], variant.shape)
+        found = []
+        for run, values in zip(session.runs, measured, strict=True):
+            warmth = (values - variant.shape["coldest"]) / variant.shape["range"]
+            found.append(np.stack([-warmth * run.motion.dq[:, joint], warmth * run.direction[:, joint]], axis=1))
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        coulomb, viscous = friction_level(session, joint)
+        mean = variant.shape["mean"]
+        # The tuned level is that of the mean warmth; the cold one follows from it and the change itself.
+        signed, cells = coefficients * (-1.0, 1.0), covariance * np.outer((-1.0, 1.0), (-1.0, 1.0))
+        found = {
+            "viscous_change": delta_interval(
+                lambda c: c[0] / max(viscous - mean * c[0], 0.05 * viscous), signed, cells
+            ),
+            "coulomb_change": delta_interval(
+                lambda c: c[1] / max(coulomb - mean * c[1], 0.05 * coulomb), signed, cells
+            ),
+        }
+        if "time_constant_s" in variant.inner:
+            found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], TIME_CONSTANTS)
+        return found
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        coulomb, viscous = friction_level(session, joint)
+        return np.array([viscous, 0.5 * coulomb])
+
+
+class PreslidingHysteresis(Effect):
+    """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i, k_i ≥ 0.
+
+    A stop operator is a spring of range r in series with a slider: z⁺ = clip(z + Δq, −r, r). Neighbouring ranges come
+    in pairs, which bends the build-up and lets its displacement lie between the points of the grid. Each run starts
+    unstressed.
+
+    Source: Al-Bender 2005 (generalised Maxwell slip, without the dynamics of slip).
+    """
+
+    id = "presliding_hysteresis"
+    nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
+    summary = "friction builds up over some travel after each reversal; look right after reversals"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        reason = hardly_moves(session, joint)
+        if reason is not None:
+            return reason
+        if not self.variants(session, joint):
+            return f"position of {session.joint_names[joint]} is too noisy to follow some mrad after a reversal"
+        least = min(DISPLACEMENTS)
+        if sum(_reversals(run.motion.q[:, joint], least) for run in session.runs) < 3:
+            return f"{session.joint_names[joint]} reverses fewer than three times"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        noise = max(float(run.motion.std[0, joint]) for run in session.runs)
+        usable = [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
+        return tuple(
+            Variant(shape={"small_rad": small, "large_rad": large})
+            for small, large in zip(usable[:-1], usable[1:], strict=True)
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        small, large = variant.shape["small_rad"], variant.shape["large_rad"]
+        found = []
+        for run in session.runs:
+            q = np.ascontiguousarray(run.motion.q[:, joint])
+            found.append(np.stack([stop_operator(q, small) / small, stop_operator(q, large) / large], axis=1))
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        sizes = np.array([variant.shape["small_rad"], variant.shape["large_rad"]])
+
+        def displacement(k: Array) -> float:
+            weights = np.maximum(k, 0.0)
+            return float(weights @ sizes / weights.sum()) if weights.sum() > 0.0 else float(np.sqrt(sizes.prod()))
+
+        where = delta_interval(displacement, coefficients, covariance)
+        reach = grid_interval(where.value, DISPLACEMENTS)
+        return {
+            "amplitude_Nm": delta_interval(lambda k: float(np.sum(k)), coefficients, covariance),
+            "displacement_rad": Interval(
+                where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
+            ),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.full(2, coulomb_level(session, joint))
+
+
+@njit(cache=True)
+def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
+    """State of a stop operator of a range along a path, from rest."""
+    out = np.empty(len(q))
+    state = 0.0
+    out[0] = 0.0
+    for k in range(1, len(q)):
+        state = min(size, max(-size, state + q[k] - q[k - 1]))
+        out[k] = state
+    return out
+
+
+@njit(cache=True)
+def _reversals(q: Float[Array, " T"], least: float) -> int:
+    """Number of reversals after which the path goes back by some distance at least."""
+    count, heading, extreme = 0, 0, q[0]
+    for value in q:
+        if heading == 0:
+            if abs(value - extreme) > least:
+                heading = 1 if value > extreme else -1
+                extreme = value
+        elif (value - extreme) * heading > 0:
+            extreme = value
+        elif abs(value - extreme) > least:
+            count += 1
+            heading = -heading
+            extreme = value
+    return count
+
+
+def _span(session: SessionContext) -> float:
+    """Time from the first sample of the session to the last [s]."""
+    return float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
+
+
+def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] | None:
+    """Measured temperature of every run, averaged a little; None if a run has none."""
+    found = []
+    for run in session.runs:
+        if run.temperature is None or not np.all(np.isfinite(run.temperature[:, joint])):
+            return None
+        width = max(1, round(TEMPERATURE_AVERAGE / run.interval))
+        found.append(uniform_filter1d(run.temperature[:, joint], min(width, len(run.temperature)), mode="nearest"))
+    return found
+
+
+def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:
+    """Figures that map warmth to 0 … 1 over the whole session, and its mean there."""
+    coldest, warmest = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    span = max(warmest - coldest, 1e-12)
+    mean = sum(float(v.sum()) for v in values) / sum(len(v) for v in values)
+    return {"coldest": coldest, "range": span, "mean": (mean - coldest) / span}
+
+
+def _warmth(
+    session: SessionContext, joint: int, constant: float, known: Mapping[str, float] | None = None
+) -> tuple[list[Float[Array, " T"]], dict[str, float]]:
+    """Warmth θ of every run, and that at the start of each run under the name of its start time.
+
+    `known` holds the latter where the session is only a part of the whole.
+    """
+    found, starts = [], {}
+    level, last = 0.0, float(session.runs[0].motion.time[0])
+    for run in session.runs:
+        start = float(run.motion.time[0])
+        name = f"start_{start!r}"
+        level = (known or {}).get(name, level * np.exp(-max(start - last, 0.0) / constant))
+        starts[name] = level
+        keep = np.exp(-run.interval / constant)
+        power = _friction_power(session, run, joint)
+        values, _ = lfilter([0.0, constant * (1.0 - keep)], [1.0, -keep], power, zi=[level])
+        found.append(values)
+        level, last = float(values[-1]), float(run.motion.time[-1])
+    return found, starts
+
+
+def _friction_power(session: SessionContext, run: RunContext, joint: int) -> Float[Array, " T"]:
+    """Modelled power that friction turns into heat [W]; that of a typical joint where no friction is modelled."""
+    dq, friction = run.motion.dq[:, joint], run.friction[:, joint]
+    if not friction.any():
+        coulomb, viscous = friction_level(session, joint)
+        friction = coulomb * run.direction[:, joint] + viscous * dq
+    return np.maximum(friction * dq, 0.0)
