@@ -77,7 +77,7 @@ class FrictionLaw(NamedTuple):
 def plain_friction(
     coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]
 ) -> FrictionLaw:
-    """Friction of a healthy joint: Coulomb that sticks, and viscous drag.
+    """Friction of a healthy joint: Coulomb that sticks, and viscous drag; none of either where they are zero.
 
     Args:
         coulomb: Sliding friction [N m].
@@ -86,7 +86,7 @@ def plain_friction(
     """
     n = len(coulomb)
     zero, one = np.zeros(n), np.ones(n)
-    stiffness = np.maximum(coulomb, 1e-9) / STIFF_PRESLIDING
+    stiffness = coulomb / STIFF_PRESLIDING
     return FrictionLaw(
         coulomb=np.array(coulomb, dtype=float),
         viscous=np.array(viscous, dtype=float),
@@ -152,6 +152,8 @@ def bristle(z: float, v: float, level: float, stiffness: float, damping: float, 
     Implicit in z, so that it is stable at any speed; the damping dies out above creeping speed, or it would add
     viscous drag.
     """
+    if stiffness <= 0.0:
+        return 0.0, 0.0
     bent = (z + dt * v) / (1.0 + dt * stiffness * abs(v) / level)
     creep = level / stiffness * 50.0
     rate = damping / (1.0 + (v / creep) ** 2)

@@ -154,7 +154,7 @@ def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> flo
     """Friction in the motion of a motor that two joints turn [N m]."""
     both = state.motor_speed + joint.couple_ratio * other_speed
     level = max(joint.couple_coulomb, 1e-6)
-    stiffness = joint.bristle_stiffness * min(level / joint.coulomb, 1.0)
+    stiffness = joint.bristle_stiffness * min(level / max(joint.coulomb, 1e-9), 1.0)
     damping = 0.5 * joint.bristle_damping
     state.bent_coupled, torque = bristle(state.bent_coupled, both, level, stiffness, damping, dt)
     return torque + joint.couple_viscous * both

@@ -94,7 +94,7 @@ def timed_spline(limits: Limits, name: str, points: Float[Array, "m n"], duratio
 
 
 def _spline(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
-    vias = int(np.clip(round(duration / 1.2), 2, 12))
+    vias = int(np.clip(round(duration / 2.0), 2, 12))
     points = random_path(limits, vias, rng)
     slow = timed_spline(limits, "spline", points, duration)
     fast = timed_spline(limits, "spline", points, max(0.6 * duration, 1.0))

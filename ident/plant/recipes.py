@@ -8,19 +8,25 @@ Source: paper, section 4.1 (10,306 samples in T1 and T2; payloads of 516, 1029 a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.plant.causes import CATALOGUE
 from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.limits import Limits
 from ident.plant.mjcf import AddedBody
 from ident.plant.motions import random_path
-from ident.plant.record import Channels, draw_pauses, record_runs
+from ident.plant.output import Written, require_replaceable, write_simulation
+from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
+from ident.plant.request import EffectRequest
+from ident.plant.session import ORIGIN, Simulation, SimulationOptions, simulate
 from ident.plant.shapes import Motion, via_spline
 from ident.recording import Payload, Session
 from ident.writing import write_session
@@ -41,6 +47,7 @@ ROTOR_KGM2 = np.array([1.0, 1.0, 0.5, 0.15, 0.15, 0.1])
 PAYLOADS_KG = {"payload_516g": 0.516, "payload_1029g": 1.029, "payload_1544g": 1.544}
 # The weights are discs of steel on the flange: the heavier, the thicker the stack.
 PAYLOAD_DENSITY_KG_M = 25.0
+SEALED, SEALED_SEED, SEALED_AMPLITUDE = 3, 7100, 3.0
 
 
 def paper_arm(arm: ArmModel) -> Hardware:
@@ -116,29 +123,79 @@ def weight(arm: ArmModel, mass: float) -> tuple[AddedBody, Payload]:
     return AddedBody(arm.links[-1], mass, com, radius=0.025), Payload(mass, com)
 
 
-def paper_sessions(progress: Callable[[], None]) -> list[Session]:
-    """T1, T2, E1, E2 and the payload sets."""
+def paper_sessions(progress: Progress) -> Iterator[Session]:
+    """T1, T2, E1, E2 and the payload sets, one after the other."""
     arm = ArmModel.load("tm5-900")
     limits, hardware = Limits(arm), paper_arm(arm)
     rng = np.random.default_rng(ARM_SEED + 1)
     training, evaluation = training_motions(limits, rng), evaluation_motions(limits, rng)
     plans = dict(zip(("T1", "T2", "E1", "E2"), training + evaluation, strict=True))
     plans.update(dict.fromkeys(PAYLOADS_KG, evaluation[0] + evaluation[1]))
-    sessions = []
     for name, motions in plans.items():
         body, payload = weight(arm, PAYLOADS_KG[name]) if name in PAYLOADS_KG else (None, None)
         loaded = hardware.replace(bodies=hardware.bodies.replace(added=(body,))) if body else hardware
         pauses = draw_pauses(len(motions), (4.0, 12.0), rng)
         runs, _ = record_runs(loaded, motions, Channels(rate=RATE_HZ), rng.spawn(1)[0], pauses, progress)
-        note = {"origin": "simulated by ident.plant; not measured on hardware"}
-        sessions.append(Session(name, tuple(runs), payload=payload, robot="tm5-900", metadata=note))
-    return sessions
+        yield Session(name, tuple(runs), payload=payload, robot="tm5-900", metadata=dict(ORIGIN))
 
 
-def write_paper_logs(folder: Path, progress: Callable[[], None]) -> list[Path]:
+def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
     """Writes the paper's sets below a folder."""
     written = []
     for session in paper_sessions(progress):
+        require_replaceable(folder / session.name)
         write_session(session, folder / session.name)
-        written.append(folder / session.name)
+        written.append(Written(folder / session.name, len(session.runs), session.samples, session.duration))
     return written
+
+
+def write_sealed_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
+    """Writes the sealed sessions below a folder: each with one effect of the catalogue, drawn by chance."""
+    written = []
+    for number in range(1, SEALED + 1):
+        name = f"sealed_{number}"
+        simulation = draw_sealed(name, SEALED_SEED + number, progress)
+        written.append(write_simulation(simulation, folder / name, sealed=True, key=sealed_key(name)))
+    return written
+
+
+def draw_sealed(name: str, seed: int, progress: Progress) -> Simulation:
+    """A session with one effect and joint drawn by chance, three times as large as the noise."""
+    rng = np.random.default_rng(seed)
+    joints = ArmModel.load("tm5-900").joint_names
+    while True:
+        effect, joint = str(rng.choice(list(CATALOGUE))), str(rng.choice(joints))
+        request = EffectRequest(effect, joint, amplitude=SEALED_AMPLITUDE)
+        options = SimulationOptions(effects=(request,), seed=seed, runs=10, duration=6.0, rate=100.0, temperature=True)
+        try:
+            return simulate(options, name, progress)
+        except InputError:  # that effect can't be so large at that joint: draw again
+            continue
+
+
+def sealed_key(name: str) -> bytes:
+    """Key of a shipped envelope: fixed, so that the recipe repeats the file; nothing in the folder leads to it."""
+    return hashlib.sha256(f"{name} of the shipped recordings".encode()).digest()
+
+
+def write_all_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
+    """Writes everything below `logs/tm5_900`."""
+    return [*write_paper_logs(folder, progress), *write_sealed_logs(folder, progress)]
+
+
+RECIPES: dict[str, Callable[[Path, Progress], list[Written]]] = {
+    "tm5-900-logs": write_all_logs,
+    "tm5-900-paper": write_paper_logs,
+    "tm5-900-sealed": write_sealed_logs,
+}
+
+
+def run_recipe(name: str, folder: str | Path, progress: Progress = no_progress) -> list[Written]:
+    """Writes the sessions of a recipe below a folder.
+
+    Raises:
+        InputError: No such recipe.
+    """
+    if name not in RECIPES:
+        raise InputError("--recipe", f"unknown recipe {name!r}", f"choose from: {', '.join(RECIPES)}")
+    return RECIPES[name](Path(folder), progress)

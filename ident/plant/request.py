@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ident.arm import ArmModel
 from ident.errors import InputError
 from ident.plant.causes import Cause, find_cause
+from ident.recording import Payload
 
 WHOLE_ARM = ("", "arm", "all", "-")
 
@@ -68,6 +69,23 @@ def _parse_size(size: str, text: str) -> tuple[float | None, float | None]:
     if amplitude <= 0.0:
         raise InputError("--effect", f"{text!r}: a visible amplitude of {size}", "choose more than 0x")
     return None, amplitude
+
+
+def parse_payload(text: str) -> Payload:
+    """Reads MASS or MASS@X,Y,Z: kilograms, and metres in the frame of the last link.
+
+    Raises:
+        InputError: Not of that form.
+    """
+    mass, _, place = text.partition("@")
+    try:
+        numbers = [float(mass), *(float(part) for part in place.split(",") if place)]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 4):
+        raise InputError("--payload", f"{text!r} is not a payload", "write MASS or MASS@X,Y,Z in kg and m")
+    x, y, z = numbers[1:] or (0.0, 0.0, 0.0)
+    return Payload(numbers[0], (x, y, z))
 
 
 def find_joint(request: EffectRequest, arm: ArmModel) -> int:

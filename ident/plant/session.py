@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.files import atomic_folder
-from ident.plant.answer import Answer, TrueEffect, seal, write_answer
+from ident.plant.answer import Answer, TrueEffect
 from ident.plant.causes import CATALOGUE, Scene
 from ident.plant.decoys import add_decoy
 from ident.plant.hardware import Hardware, draw_hardware
@@ -24,12 +21,12 @@ from ident.plant.request import EffectRequest, find_joint, parse_effect
 from ident.plant.shapes import Motion
 from ident.plant.visibility import VisibilityMeter
 from ident.recording import Payload, Session
-from ident.writing import write_session
 
 RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
 """Motions that let every effect be seen."""
 POOR = ("spline",)
 """Motions of everyday use only."""
+ORIGIN = {"origin": "simulated by ident.plant; not measured on hardware"}
 
 
 @dataclass(frozen=True)
@@ -126,51 +123,10 @@ def simulate(
     channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress)
     payload = options.payload
-    note = {"origin": "simulated by ident.plant; not measured on hardware"}
-    session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=note)
+    session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
     floor = dict(zip(arm.joint_names, map(float, healthy.sensing.noise_floor), strict=True))
     answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor)
     return Simulation(session, answer, hardware, plans)
-
-
-def write_simulation(
-    simulation: Simulation, folder: str | Path, answer: bool = False, sealed: bool = False, key: bytes | None = None
-) -> str | None:
-    """Writes the session's folder, whole or not at all.
-
-    Args:
-        simulation: What to write.
-        folder: Where.
-        answer: Whether the answer is written beside the runs in plain text.
-        sealed: Whether it is written as a sealed envelope.
-        key: Of the envelope; derived from the seed and the robot if None.
-
-    Returns:
-        SHA-256 of the envelope, or None.
-
-    Raises:
-        InputError: Both an open and a sealed answer were asked for.
-    """
-    if answer and sealed:
-        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
-    folder, seal_hash = Path(folder), None
-    with atomic_folder(folder) as temporary:
-        # The inner writer replaces whole folders too: write below, then move up.
-        inner = temporary / "session"
-        write_session(simulation.session, inner)
-        for path in sorted(inner.iterdir()):
-            path.rename(temporary / path.name)
-        inner.rmdir()
-        if answer:
-            write_answer(simulation.answer, temporary)
-        if sealed:
-            seal_hash = seal(simulation.answer, temporary, key or default_key(simulation.answer))
-    return seal_hash
-
-
-def default_key(answer: Answer) -> bytes:
-    """A key from the seed: whoever knows the seed could repeat the simulation anyway."""
-    return hashlib.sha256(f"ident.envelope {answer.robot} {answer.seed}".encode()).digest()
 
 
 def _check(options: SimulationOptions) -> None:

@@ -114,7 +114,7 @@ class VisibilityMeter:
 
     def __init__(self, hardware: Hardware, motions: Sequence[Motion], pauses: Sequence[float], seed: int) -> None:
         self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
-        self._plain: dict[bool, list[Trace]] = {}
+        self._plain: dict[tuple[bool, View], Rows] = {}
 
     def measure(self, cause: Cause, scene: Scene, size: float, seed: int) -> Float[Array, " n"]:
         """Visible amplitude of a cause of a given size at each joint [N m].
@@ -127,10 +127,10 @@ class VisibilityMeter:
         """
         hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
         after = gather(hardware, self._traces(hardware, cause.needs_all), cause.view)
-        if cause.needs_all not in self._plain:
-            self._plain[cause.needs_all] = self._traces(self.hardware, cause.needs_all)
-        before = gather(self.hardware, self._plain[cause.needs_all], cause.view)
-        return amplitude(after, before, _window(hardware.contact, hardware.contact_run, after))
+        kind = cause.needs_all, cause.view
+        if kind not in self._plain:
+            self._plain[kind] = gather(self.hardware, self._traces(self.hardware, cause.needs_all), cause.view)
+        return amplitude(after, self._plain[kind], _window(hardware.contact, hardware.contact_run, after))
 
     def _traces(self, hardware: Hardware, all_runs: bool) -> list[Trace]:
         """Runs of the session; where all are not needed, evenly chosen ones of about `ENOUGH_S` together."""

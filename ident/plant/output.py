@@ -1,0 +1,107 @@
+"""A simulation as a folder: runs, session.toml, and the answer, open or sealed."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+
+from ident.errors import InputError
+from ident.files import atomic_folder
+from ident.plant.answer import ANSWER_NAME, ENVELOPE_NAME, seal, write_answer
+from ident.plant.record import Progress, no_progress
+from ident.plant.session import Simulation, SimulationOptions, simulate
+from ident.writing import write_session
+
+# What a folder of an earlier session may hold; any other folder is not replaced.
+OWN_SUFFIXES = (".parquet", ".csv")
+OWN_NAMES = ("session.toml", ANSWER_NAME, ENVELOPE_NAME)
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written.
+
+    Attributes:
+        folder: The session's folder.
+        runs, samples, duration_s: Its size.
+        sha256: Of the envelope; empty without one.
+        key: Hexadecimal key that opens the envelope; kept nowhere else.
+    """
+
+    folder: Path
+    runs: int
+    samples: int
+    duration_s: float
+    sha256: str = ""
+    key: str = ""
+
+
+def write_simulation(
+    simulation: Simulation,
+    folder: str | Path,
+    answer: bool = False,
+    sealed: bool = False,
+    key: bytes | None = None,
+) -> Written:
+    """Writes the session's folder, whole or not at all.
+
+    Args:
+        simulation: What to write.
+        folder: Where; an earlier session there is replaced.
+        answer: Whether the answer is written beside the runs in plain text.
+        sealed: Whether it is written as a sealed envelope.
+        key: Of the envelope; drawn from the system's source of secrets if None.
+
+    Raises:
+        InputError: Both an open and a sealed answer were asked for, or the folder holds something else.
+    """
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
+    target = Path(folder)
+    require_replaceable(target)
+    session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
+    with atomic_folder(target) as temporary:
+        write_session(session, temporary)
+        if answer:
+            write_answer(simulation.answer, temporary)
+        if sealed:
+            digest = seal(simulation.answer, temporary, secret)
+    size = len(session.runs), session.samples, session.duration
+    return Written(target, *size, sha256=digest, key=secret.hex() if sealed else "")
+
+
+def simulate_to(
+    folder: str | Path,
+    options: SimulationOptions,
+    answer: bool = False,
+    sealed: bool = False,
+    progress: Progress = no_progress,
+) -> Written:
+    """Simulates a session and writes it: what `ident simulate` does.
+
+    Args:
+        folder: Where the session is written.
+        options: What is wanted; `options.runs` is the number of calls of `progress`.
+        answer, sealed: Form of the answer; neither by default.
+        progress: Called after each run.
+
+    Raises:
+        InputError: As `simulate` and `write_simulation`.
+    """
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
+    require_replaceable(Path(folder))
+    simulation = simulate(options, name=Path(folder).name, progress=progress)
+    return write_simulation(simulation, folder, answer, sealed)
+
+
+def require_replaceable(folder: Path) -> None:
+    """Raises InputError if the folder holds anything but a session."""
+    if not folder.is_dir():
+        return
+    foreign = [
+        path.name for path in sorted(folder.iterdir()) if path.suffix not in OWN_SUFFIXES and path.name not in OWN_NAMES
+    ]
+    if foreign:
+        raise InputError(folder, f"is no session: it holds {foreign[0]}", "choose another folder for --out")
