@@ -33,6 +33,9 @@ LEAST_TRAVEL = 1e-6
 LEAST_NOISE = 1e-9
 # Sampling counts as regular when no interval is off by more than this share of the median.
 REGULARITY = 1e-6
+# Covariances have settled when a step changes them by less than this share. Rounding keeps some from ever coming
+# closer than 1e-15; what is left after 1e-13 moves no state by 1e-9.
+SETTLED = 1e-13
 # Samples of a session that the likelihood is evaluated on: more changes nothing but the time.
 LIKELIHOOD_SAMPLES = 20_000
 
@@ -120,7 +123,7 @@ def _update_covariance(predicted: Array, r: float, gain: Array, out: Array) -> f
 def _settled(new: Array, old: Array) -> bool:
     for i in range(3):
         for j in range(3):
-            if abs(new[i, j] - old[i, j]) > 1e-15 * np.sqrt(new[i, i] * new[j, j]):
+            if abs(new[i, j] - old[i, j]) > SETTLED * np.sqrt(new[i, i] * new[j, j]):
                 return False
     return True
 
