@@ -1,0 +1,111 @@
+"""Pictures as inline SVG by matplotlib's objects: small panels that a page lays out by its own width."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from ident.arrays import Array, Float
+
+PANEL = (3.5, 1.75)  # [inch]
+WIDE = (5.0, 2.4)
+GRID, INK = "#dddddd", "#333333"
+# More points than this on a line can't be seen in a panel.
+MOST_POINTS = 500
+# Text stays text: the page's own font is used, and the page stays small and can be searched.
+SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "path.simplify": True}
+_counter = itertools.count()
+
+
+def make_panel(
+    x_label: str, y_label: str, size: tuple[float, float] = PANEL, left: float = 0.6, bottom: float = 0.42
+) -> tuple[Figure, Axes]:
+    """An empty panel with labelled axes and a light grid.
+
+    Args:
+        x_label: What and unit.
+        y_label: What and unit.
+        size: Width and height [inch].
+        left: Room for the y axis [inch].
+        bottom: Room for the x axis [inch].
+    """
+    width, height = size
+    figure = Figure(figsize=size)
+    FigureCanvasSVG(figure)
+    axes = figure.add_axes((left / width, bottom / height, 1 - (left + 0.1) / width, 1 - (bottom + 0.1) / height))
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(INK)
+        axes.spines[side].set_linewidth(0.6)
+    axes.grid(axis="y", color=GRID, linewidth=0.5)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, width=0.6, length=2.5, colors=INK, pad=2)
+    axes.locator_params(axis="y", nbins=5)
+    axes.set_xlabel(x_label, fontsize=8, color=INK, labelpad=2)
+    axes.set_ylabel(y_label, fontsize=8, color=INK, labelpad=3)
+    return figure, axes
+
+
+def to_svg(figure: Figure, description: str) -> Markup:
+    """The figure as an inline SVG element that fills its column.
+
+    Args:
+        figure: The picture.
+        description: What it shows, for those who can't see it.
+    """
+    buffer = io.StringIO()
+    with mpl.rc_context(SVG_SETTINGS):
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"(font: [\d.]+px )[^;\"]*", r"\1sans-serif", text)
+    text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
+    text = _own_names(text, f"f{next(_counter)}-")
+    view_box = re.search(r'viewBox="[^"]*"', text)
+    assert view_box is not None
+    head = (
+        f'<svg role="img" aria-label="{escape(description)}" {view_box[0]} xmlns:xlink="http://www.w3.org/1999/xlink">'
+    )
+    body = re.sub(r"\n\s*", "\n", text[text.index(">") + 1 :])
+    return Markup(head + body.strip())
+
+
+def _own_names(text: str, prefix: str) -> str:
+    """Names within one picture made unlike those of the others on the page; names that nobody uses dropped."""
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', text))
+    text = re.sub(r' id="([^"]+)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", text)
+    return re.sub(r'(url\(|href=")#', rf"\1#{prefix}", text)
+
+
+def thin(x: Float[Array, " T"], y: Float[Array, " T"], most: int = MOST_POINTS) -> tuple[Array, Array]:
+    """Fewer points that look the same: the lowest and the highest of each bin, in their order."""
+    if len(x) <= most:
+        return x, y
+    bins = np.array_split(np.arange(len(x)), most // 2)
+    ends = [sorted((rows[np.argmin(y[rows])], rows[np.argmax(y[rows])])) for rows in bins]
+    kept = np.unique(np.concatenate(ends))
+    return x[kept], y[kept]
+
+
+def binned(x: Float[Array, " T"], y: Float[Array, " T"], edges: Sequence[float] | Array, least: int = 5) -> Array:
+    """Centre, 10 % quantile, median and 90 % quantile of y in bins of x, shape (bins, 4); thin bins left out."""
+    which = np.digitize(x, edges) - 1
+    rows = []
+    for k in range(len(edges) - 1):
+        inside = which == k
+        if inside.sum() >= least:
+            rows.append([np.median(x[inside]), *np.quantile(y[inside], (0.1, 0.5, 0.9))])
+    return np.array(rows).reshape(-1, 4)

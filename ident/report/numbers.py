@@ -1,0 +1,53 @@
+"""Numbers as people read them: rounded, with a true minus, a dash where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+MINUS, DASH = "−", "–"
+
+
+def fixed(value: float | None, places: int = 2) -> str:
+    """A number with so many decimals."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    text = f"{value:.{places}f}"
+    if float(text) == 0.0:
+        text = text.lstrip("-")
+    return text.replace("-", MINUS)
+
+
+def significant(value: float | None, digits: int = 2) -> str:
+    """A number with so many significant digits, never in powers of ten between 0.0001 and 100,000."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if not -5 < size < 5:
+        return f"{value:.{digits - 1}e}".replace("-", MINUS)
+    return fixed(value, max(0, digits - 1 - size))
+
+
+def pair(value: float | None, spread: float | None, places: int = 2) -> str:
+    """Mean and standard deviation in one cell."""
+    return f"{fixed(value, places)} ± {fixed(spread, places)}"
+
+
+def places_for(values: Iterable[float]) -> int:
+    """Decimals that suit a whole table: about three digits of its largest number."""
+    sizes = np.abs(np.asarray(list(values), dtype=float))
+    largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
+    return 0 if largest >= 1000 else 1 if largest >= 100 else 2 if largest >= 0.5 else 3
+
+
+def percent(share: float | None) -> str:
+    """A share as a whole percentage; one decimal near 0 and 100."""
+    if share is None or not math.isfinite(share):
+        return DASH
+    number = 100.0 * share
+    near = 0.0 < abs(number) < 9.5 or 99.0 < abs(number) < 100.0
+    return f"{fixed(number, 1 if near else 0)} %"

@@ -1,0 +1,61 @@
+"""Which sections make a page of an evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ident.evaluation import Evaluation
+from ident.hybrid import HybridModel
+from ident.recording import TelemetryIssue
+from ident.report.comparison import ComparisonSection
+from ident.report.fits import FitSection
+from ident.report.ladder import LadderSection
+from ident.report.page import Section, write_report
+from ident.report.parameters import ParameterSection
+from ident.report.payloads import PayloadSection
+from ident.report.provenance import ProvenanceSection
+from ident.report.residuals import ResidualSection
+from ident.report.source import ReportInput
+from ident.report.telemetry import TelemetrySection
+from ident.report.verdict import VerdictSection
+
+
+def evaluation_sections(source: ReportInput) -> list[Section]:
+    """All sections of an evaluation, the verdict first."""
+    names = [evaluation.model for evaluation in source.evaluations]
+    return [
+        VerdictSection(source),
+        LadderSection(source),
+        PayloadSection(source),
+        ComparisonSection(source),
+        FitSection(source),
+        ResidualSection(source),
+        ParameterSection(source),
+        TelemetrySection(source.issues),
+        ProvenanceSection(list(zip(names, source.models, strict=True))),
+    ]
+
+
+def write_evaluation_report(
+    path: str | Path,
+    models: Sequence[HybridModel],
+    evaluations: Sequence[Evaluation],
+    issues: Sequence[TelemetryIssue] = (),
+) -> Path:
+    """Writes the page of an evaluation.
+
+    Args:
+        path: The file to be written.
+        models: Fitted models; the page speaks first of the one fitted on most samples.
+        evaluations: The evaluation of each.
+        issues: What the telemetry check of the evaluated sessions found.
+
+    Raises:
+        InputError: The folder can't be written to.
+    """
+    source = ReportInput(tuple(models), tuple(evaluations), tuple(issues))
+    scores = source.evaluation.sessions
+    runs = sum(len(score.runs) for score in scores)
+    subtitle = f"{source.model.robot.name} · {', '.join(score.name for score in scores)} · {runs} runs"
+    return write_report(path, "Does the model follow the arm?", evaluation_sections(source), subtitle)

@@ -1,0 +1,95 @@
+"""What a report is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ident.arrays import Array, Float, freeze
+from ident.evaluation import Evaluation
+from ident.hybrid import HybridModel
+from ident.recording import TelemetryIssue
+
+
+@dataclass(frozen=True, eq=False)
+class ReportInput:
+    """Models and their scores on the same sessions.
+
+    Attributes:
+        models: Fitted models.
+        evaluations: The evaluation of each model, in the same order.
+        issues: What the telemetry check of the evaluated sessions found.
+    """
+
+    models: tuple[HybridModel, ...]
+    evaluations: tuple[Evaluation, ...]
+    issues: tuple[TelemetryIssue, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("models", "evaluations", "issues"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if not self.models or len(self.models) != len(self.evaluations):
+            raise ValueError(f"{len(self.models)} models and {len(self.evaluations)} evaluations")
+
+    @property
+    def main(self) -> int:
+        """Which model the page speaks of first: that of most training samples, of equals the first."""
+        samples = [model.provenance.get("samples", 0) for model in self.models]
+        return samples.index(max(samples))
+
+    @property
+    def model(self) -> HybridModel:
+        return self.models[self.main]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        return self.evaluations[self.main]
+
+    def seen_runs(self) -> int:
+        """How many evaluated runs the main model was fitted on: they flatter it."""
+        trained = [(d.get("session"), str(d.get("file", ""))) for d in self.model.provenance.get("data", [])]
+        stems = {(session, file.rsplit(".", 1)[0]) for session, file in trained}
+        return sum((score.name, run) in stems for score in self.evaluation.sessions for run in score.runs)
+
+
+@dataclass(frozen=True, eq=False)
+class WhereMap:
+    """How the gap of each joint is shared out along one axis.
+
+    Attributes:
+        axis: `speed`, `direction`, `load`, `position`, `reversal`, `frequency`, `time`, `temperature` or `pose`.
+        unit: Of the axis.
+        joints: The n joints.
+        edges: Bin edges along the axis.
+        share: Share of the joint's gap in each bin, shape (n, b).
+    """
+
+    axis: str
+    unit: str
+    joints: tuple[str, ...]
+    edges: Float[Array, " b+1"]
+    share: Float[Array, "n b"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", freeze(self.edges))
+        object.__setattr__(self, "share", freeze(self.share))
+        if self.share.shape != (len(self.joints), len(self.edges) - 1):
+            raise ValueError(f"{self.axis}: shares of shape {self.share.shape} for {len(self.joints)} joints")
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisInput:
+    """A diagnosis as the contract writes it, and pictures beside it.
+
+    Attributes:
+        record: `ident.diagnosis/1`.
+        maps: Where the gap lies in full, if there is more than the record's `where`.
+        confusion: How often the check on withheld effects took one effect (row) for another, as in `ident.blind/1`.
+        provenance: Versions, options and data hashes.
+    """
+
+    record: Mapping[str, Any]
+    maps: tuple[WhereMap, ...] = ()
+    confusion: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
