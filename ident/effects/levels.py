@@ -17,6 +17,8 @@ TYPICAL_VISCOUS_SPEED = 2.0
 LEAST_TRAVEL = 0.03
 # Speed in multiples of the speed of rest that a joint must reach to count as moving.
 LEAST_SPEED_RATIO = 3.0
+# Poses that lie nearer to each other than this are one [rad or m].
+LEAST_POSES = 0.1
 # Samples of a session by which structure and typical sizes are judged.
 SAMPLED_STATES = 200
 
@@ -62,6 +64,12 @@ def travel(session: SessionContext, joint: int) -> tuple[float, float]:
     """Lowest and highest position of a joint [rad]."""
     q = [run.motion.q[:, joint] for run in session.runs]
     return min(float(values.min()) for values in q), max(float(values.max()) for values in q)
+
+
+def near_one_pose(session: SessionContext) -> str | None:
+    """The reason why nothing that varies from pose to pose can show, if the arm stays near one."""
+    widest = max(high - low for low, high in (travel(session, joint) for joint in range(session.n)))
+    return f"the arm stays near one pose: no joint covers more than {widest:.2f} rad" if widest < LEAST_POSES else None
 
 
 def top_speed(session: SessionContext, joint: int) -> float:
@@ -120,10 +128,10 @@ def coefficient_interval(
     return Interval(value, value - reach, value + reach)
 
 
-def amplitude_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
-    """Interval of the length of (cos, sin) coefficients; it can't be negative."""
-    size = float(np.hypot(*coefficients))
-    along = coefficients / size if size > 0.0 else np.array([1.0, 0.0])
+def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
+    """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
+    size = float(np.linalg.norm(coefficients))
+    along = coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
     reach = 1.96 * float(np.sqrt(max(along @ covariance @ along, 0.0)))
     return Interval(size, max(0.0, size - reach), size + reach)
 

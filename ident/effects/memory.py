@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -130,10 +131,7 @@ class PreslidingHysteresis(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         noise = max(float(run.motion.std[0, joint]) for run in session.runs)
         usable = [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
-        return tuple(
-            Variant(shape={"small_rad": small, "large_rad": large})
-            for small, large in zip(usable[:-1], usable[1:], strict=True)
-        )
+        return tuple(Variant(shape={"small_rad": small, "large_rad": large}) for small, large in pairwise(usable))
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         small, large = variant.shape["small_rad"], variant.shape["large_rad"]

@@ -1,0 +1,147 @@
+"""The catalogue: all effects that a diagnosis may name, and how to add one.
+
+Recipe for an effect of your own: one Python file with a class derived from `Effect`, given by its path.
+
+    import numpy as np
+    from ident.effects.base import Effect, Variant
+    from ident.effects.levels import coefficient_interval
+
+    class Magnet(Effect):
+        '''A magnet in the housing that pulls the joint towards one angle: τ = A sin 3q.'''
+
+        id = "magnet"                       # what reports call it
+        summary = "torque repeats three times a turn"
+        nonnegative = (0,)                  # columns whose coefficient has a known sign; leave out if none has
+
+        def untestable(self, session, joint):
+            q = np.concatenate([run.motion.q[:, joint] for run in session.runs])
+            return "the joint covers too little" if np.ptp(q) < 1.0 else None
+
+        def columns(self, session, joint, variant):       # torque per unit of each coefficient, (T, k) for each run
+            return [np.sin(3 * run.motion.q[:, [joint]]) for run in session.runs]
+
+        def parameters(self, session, joint, variant, coefficients, covariance):
+            return {"amplitude_Nm": coefficient_interval(0, coefficients, covariance)}
+
+Where a figure makes the torque non-linear, return `variants`, one for each value worth trying, and read the value from
+`variant.inner` in `columns`. Where the torque acts on other joints too, set `rows = "all"` and return (T, n, k). Where
+the effect is one of the whole arm, set `scope = "arm"`. Columns may use the motion, the arm and the modelled torques of
+`RunContext`, but there is no measured torque in it: what explains a signal by itself explains nothing.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+from pathlib import Path
+from types import ModuleType
+
+from ident.effects.base import Effect
+from ident.effects.compliance import Backlash, JointElasticity
+from ident.effects.contact import ExternalContact
+from ident.effects.friction import (
+    AsymmetricFriction,
+    LoadDependentFriction,
+    NonlinearViscousFriction,
+    PositionDependentFriction,
+    StribeckFriction,
+)
+from ident.effects.memory import PreslidingHysteresis, ThermalFriction
+from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, Payload
+from ident.effects.sensing import EncoderOffset, TorqueDelay, TorqueGainError, TorqueOffset, TorqueSaturation
+from ident.effects.transmission import JointCoupling, SpringTorque, TorqueRipple
+from ident.errors import InputError
+
+CATALOGUE: tuple[Effect, ...] = (
+    StribeckFriction(),
+    NonlinearViscousFriction(),
+    LoadDependentFriction(),
+    ThermalFriction(),
+    PreslidingHysteresis(),
+    PositionDependentFriction(),
+    AsymmetricFriction(),
+    JointCoupling(),
+    JointElasticity(),
+    Backlash(),
+    TorqueRipple(),
+    SpringTorque(),
+    Payload(),
+    LinkInertialError(),
+    GravityMisalignment(),
+    TorqueGainError(),
+    TorqueOffset(),
+    TorqueDelay(),
+    TorqueSaturation(),
+    EncoderOffset(),
+    ExternalContact(),
+)
+
+
+def find_effect(effect_id: str, catalogue: tuple[Effect, ...] = CATALOGUE) -> Effect:
+    """The effect of an id.
+
+    Raises:
+        InputError: There is none; lists those that there are.
+    """
+    for effect in catalogue:
+        if effect.id == effect_id:
+            return effect
+    known = ", ".join(effect.id for effect in catalogue)
+    raise InputError("effect", f"there is no effect {effect_id!r}", f"give one of: {known}")
+
+
+def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
+    """The catalogue, and after it the effects of a user's file.
+
+    The file is run as Python: it can do whatever its author wants.
+
+    Raises:
+        InputError: The file can't be run, holds no effect, or one whose id is missing or taken.
+    """
+    if extra is None:
+        return CATALOGUE
+    module = _run_file(extra)
+    own = [
+        kind
+        for _, kind in inspect.getmembers(module, inspect.isclass)
+        if issubclass(kind, Effect) and kind.__module__ == module.__name__ and not inspect.isabstract(kind)
+    ]
+    if not own:
+        raise InputError(
+            extra,
+            "it holds no complete effect",
+            "derive a class from ident.effects.base.Effect with columns and parameters",
+        )
+    found = list(CATALOGUE)
+    for kind in own:
+        name = getattr(kind, "id", None)
+        if not isinstance(name, str) or not name.isidentifier():
+            raise InputError(
+                extra, f"{kind.__name__} has no usable id ({name!r})", 'give it one, such as id = "magnet"'
+            )
+        if any(effect.id == name for effect in found):
+            raise InputError(extra, f"the id {name!r} of {kind.__name__} is taken", "choose another")
+        found.append(_make(kind, extra))
+    return tuple(found)
+
+
+def _make(kind: type[Effect], path: Path) -> Effect:
+    try:
+        return kind()
+    except Exception as error:
+        raise InputError(path, f"{kind.__name__} can't be made ({error})", "let it need no arguments") from error
+
+
+def _run_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise InputError(path, "there is no such file", "give the path of a Python file")
+    spec = importlib.util.spec_from_file_location(f"armgap_effect_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(path, "it is no Python file", "name it something.py")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever a user's file may raise is the user's to mend
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(path, f"it doesn't run ({reason})", "mend the file") from error
+    return module

@@ -1,0 +1,210 @@
+"""Gears that give way: an elastic joint, and one with play.
+
+The measured position is the motor's; the link lags by a deflection δ. With the motor's motion given, the link's own
+equation of motion is one of a single unknown, linear in small δ:
+
+    M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
+
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. It is integrated over
+the recording, which holds near the resonance too, where a series in 1/K does not. What all joints feel of it is
+−(M δ'' + V δ' + P δ), with the whole column of each derivative.
+
+Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959) with some numerical damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.levels import coefficient_interval, high_passed, rated_torque, root_mean_square, sampled_states
+
+STIFFNESSES = (1.5e3, 5e3, 2e4)  # [N m/rad]
+SOFTEST, STIFFEST = 3e2, 2e5  # [N m/rad]
+# Above this resonance the deflection follows the load at once, and one point of the grid serves all [Hz].
+HIGHEST_RESONANCE = 30.0
+DAMPING_RATIO = 0.1
+# Damping is not estimated; this many times the assumed one still looks the same.
+DAMPING_DOUBT = 4.0
+GAPS = (0.0005, 0.002)  # full width [rad]
+LARGEST_GAP = 0.01  # [rad]
+# Stiffness of the gear in contact, in rated torques a radian, and its damping ratio: tooth contact hardly rebounds.
+CONTACT_STIFFNESS = 150.0
+CONTACT_DAMPING_RATIO = 0.3
+LONGEST_STEP = 0.002  # [s]
+# Torque above this frequency shows elasticity; less of it than this share of the rated torque does not.
+LOW_FREQUENCY = 2.0  # [Hz]
+LEAST_HIGH_SHARE = 0.002
+# Load to either side of zero that counts, as a share of the rated torque.
+LEAST_LOAD_SHARE = 0.002
+
+
+class JointElasticity(Effect):
+    """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the compliance 1/K.
+
+    Each point of the grid is exact at its own stiffness and follows 1/K around it. Damping is a tenth of critical.
+    """
+
+    id = "joint_elasticity"
+    rows = "all"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "the gear twists under load: torque differs near the arm's resonance; look at fast changes of load"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        high = root_mean_square([high_passed(run.link[:, joint], run.interval, LOW_FREQUENCY) for run in session.runs])
+        if high < LEAST_HIGH_SHARE * rated_torque(session, joint):
+            return (
+                f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LOW_FREQUENCY:g} Hz)"
+            )
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        inertia = _mean_inertia(session, joint)
+        resonance = np.sqrt(np.array(STIFFNESSES) / inertia) / (2 * np.pi)
+        count = max(1, int(np.searchsorted(resonance, HIGHEST_RESONANCE)) + 1)
+        return tuple(
+            Variant(shape={"stiffness_Nm_rad": k, "damping_Nms_rad": 2 * DAMPING_RATIO * float(np.sqrt(k * inertia))})
+            for k in STIFFNESSES[:count]
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        stiffness, damping = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
+        return [
+            stiffness * _felt(run, joint, *_deflect(run, joint, stiffness, damping, 0.0))[:, :, None]
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        compliance = coefficient_interval(0, coefficients, covariance)
+        value, low, high = (
+            float(np.clip(1.0 / max(c, 1.0 / STIFFEST), SOFTEST, STIFFEST))
+            for c in (compliance.value, compliance.high, compliance.low)
+        )
+        damping = variant.shape["damping_Nms_rad"]
+        return {
+            "stiffness_Nm_rad": Interval(value, low, high),
+            "damping_Nms_rad": Interval(damping, 0.0, DAMPING_DOUBT * damping),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([1.0 / SOFTEST])
+
+
+class Backlash(Effect):
+    """Play of width b: no torque passes while the link crosses from one flank to the other.
+
+    The columns are the difference of two integrations, with and without the gap, per width; below the filter's corner
+    it is proportional to the width, and beyond the points of the grid keep it so.
+    """
+
+    id = "backlash"
+    rows = "all"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        least = LEAST_LOAD_SHARE * rated_torque(session, joint)
+        low = min(float(run.link[:, joint].min()) for run in session.runs)
+        high = max(float(run.link[:, joint].max()) for run in session.runs)
+        if low > -least or high < least:
+            return f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        stiffness = CONTACT_STIFFNESS * rated_torque(session, joint)
+        damping = 2 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * _mean_inertia(session, joint)))
+        contact = {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
+        return tuple(Variant(shape={"gap_rad": gap, **contact}) for gap in GAPS)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
+        gap = variant.shape["gap_rad"]
+        found = []
+        for run in session.runs:
+            loose, tight = _deflect(run, joint, *contact, gap), _deflect(run, joint, *contact, 0.0)
+            twist, rate = loose[0] - tight[0], loose[1] - tight[1]
+            found.append(_felt(run, joint, twist, rate)[:, :, None] / gap)
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {"gap_rad": coefficient_interval(0, coefficients, covariance)}
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([LARGEST_GAP])
+
+
+def _mean_inertia(session: SessionContext, joint: int) -> float:
+    """Mean inertia of the link side about a joint [kg m²]."""
+    mass_matrix = session.runs[0].arm.derivatives(*sampled_states(session))[2]
+    return max(float(np.mean(mass_matrix[:, joint, joint])), 1e-6)
+
+
+def _deflect(
+    run: RunContext, joint: int, stiffness: float, damping: float, gap: float
+) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
+    """Deflection of the joint and its rate [rad, rad/s]."""
+    position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
+    load = np.ascontiguousarray(run.link[:, joint])
+    steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
+    return _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps)
+
+
+def _felt(run: RunContext, joint: int, twist: Array, rate: Array) -> Float[Array, "T n"]:
+    """What all joints feel of a deflection [N m]."""
+    position, velocity, inertia = (part[:, :, joint] for part in run.derivatives)
+    change = np.gradient(rate, run.interval)
+    return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+
+
+@njit(cache=True)
+def _integrate(
+    load: Array,
+    inertia: Array,
+    velocity: Array,
+    position: Array,
+    stiffness: float,
+    damping: float,
+    half: float,
+    interval: float,
+    steps: int,
+) -> tuple[Array, Array]:
+    """Newmark's method; the gear pushes only beyond ±half, and damps only there."""
+    gamma, beta = 0.6, 0.3025
+    h = interval / steps
+    twist, rate = np.empty(len(load)), np.empty(len(load))
+    x = load[0] / (stiffness + position[0]) + half * np.sign(load[0])
+    v, a = 0.0, 0.0
+    twist[0], rate[0] = x, v
+    for k in range(1, len(load)):
+        for step in range(1, steps + 1):
+            w = step / steps
+            force = load[k - 1] + w * (load[k] - load[k - 1])
+            mass = inertia[k - 1] + w * (inertia[k] - inertia[k - 1])
+            drag = velocity[k - 1] + w * (velocity[k] - velocity[k - 1])
+            pull = position[k - 1] + w * (position[k] - position[k - 1])
+            x_ahead = x + h * v + h * h * (0.5 - beta) * a
+            v_ahead = v + h * (1.0 - gamma) * a
+            side = 0.0 if abs(x_ahead) < half else np.sign(x_ahead)
+            for _ in range(4):
+                touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
+                k_all, d_all = touch * stiffness + pull, touch * damping + drag
+                a = (force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead) / (
+                    mass + gamma * h * d_all + beta * h * h * k_all
+                )
+                x = x_ahead + beta * h * h * a
+                found = 0.0 if abs(x) < half else np.sign(x)
+                if found == side or half == 0.0:
+                    break
+                side = found
+            v = v_ahead + gamma * h * a
+        twist[k], rate[k] = x, v
+    return twist, rate

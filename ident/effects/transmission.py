@@ -1,0 +1,222 @@
+"""What gears and hoses add beside friction: pull of another joint, ripple of the teeth, springs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
+from ident.effects.levels import (
+    amplitude_interval,
+    coefficient_interval,
+    coulomb_level,
+    exactly,
+    friction_level,
+    hardly_moves,
+    phase_interval,
+    rated_torque,
+    travel,
+)
+
+# Two joints whose velocities are this alike can't be told apart.
+LARGEST_CORRELATION = 0.98
+RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
+LEAST_CYCLES = 3.0
+LARGEST_PHASE_NOISE = 0.7  # [rad]
+LEAST_SPRING_RANGE = 0.2  # [rad]
+LARGEST_SPRING_SHARE = 0.1  # of the rated torque, over a radian
+
+
+class JointCoupling(Effect):
+    """Torque that comes with the motion of another joint o: τ = f s_o + c v_o + b a_o.
+
+    Between neighbours, whose gears may sit on one axis, also friction of the sum or difference of the two motions:
+    τ = f s(v_j ± v_o) + c v_o.
+    """
+
+    id = "joint_coupling"
+    summary = "torque appears while another joint moves; look where this joint stands and the other moves"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        if session.n < 2:
+            return "there is no other joint"
+        if not self.variants(session, joint):
+            return f"the other joints stand still, or move only together with {session.joint_names[joint]}"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        dq = np.concatenate([run.motion.dq for run in session.runs])
+        power = np.maximum(np.sqrt(np.sum(dq**2, axis=0)), 1e-12)
+        alike = np.abs(dq.T @ dq[:, joint]) / (power * power[joint])
+        others = [
+            other
+            for other in range(session.n)
+            if other != joint and alike[other] < LARGEST_CORRELATION and hardly_moves(session, other) is None
+        ]
+        single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
+        if hardly_moves(session, joint) is not None:
+            return tuple(single)
+        near = [other for other in others if abs(other - joint) == 1]
+        return (*single, *(Variant(other=other, shape={"mix": mix}) for other in near for mix in (1.0, -1.0)))
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        other, mix = _other(variant), variant.shape["mix"]
+        found = []
+        for run in session.runs:
+            dq = run.motion.dq
+            if mix == 0.0:
+                columns = [run.direction[:, other], dq[:, other], run.motion.ddq[:, other]]
+            else:
+                width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
+                columns = [np.tanh((dq[:, joint] + mix * dq[:, other]) / width), dq[:, other]]
+            found.append(np.stack(columns, axis=1))
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        lone = variant.shape["mix"] == 0.0
+        return {
+            "viscous_Nms_rad": coefficient_interval(1, coefficients, covariance),
+            "coulomb_Nm": coefficient_interval(0, coefficients, covariance),
+            "inertia_kgm2": coefficient_interval(2, coefficients, covariance) if lone else exactly(0.0),
+            "other_joint": exactly(float(_other(variant) + 1)),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        coulomb, viscous = friction_level(session, joint)
+        if variant.shape["mix"] != 0.0:
+            return np.array([coulomb, viscous])
+        top = max(float(np.abs(run.motion.ddq[:, _other(variant)]).max()) for run in session.runs)
+        return np.array([coulomb, viscous, coulomb / max(top, 1e-6)])
+
+
+def _other(variant: Variant) -> int:
+    assert variant.other is not None
+    return variant.other
+
+
+class TorqueRipple(Effect):
+    """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q − φ).
+
+    The order k counts cycles a turn of the motor, N is the gear ratio: without it there is nothing to look for. Motion
+    so fast that the line lies above the common filter adds nothing; some slow motion is needed.
+    """
+
+    id = "torque_ripple"
+    summary = "torque ripples with the motor's angle; look at slow constant speed"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        name = session.joint_names[joint]
+        if session.gear_ratios is None or not np.isfinite(session.gear_ratios[joint]):
+            return f"gear ratio of {name} is not known; give the URDF a transmission with a mechanicalReduction"
+        if not self.variants(session, joint):
+            return f"{name} is never slow enough: the ripple lies above the filter's corner or the position's noise"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        load = np.concatenate([run.link[:, joint] for run in session.runs])
+        typical = max(float(np.sqrt(np.mean(load**2))), 1e-6)
+        return tuple(
+            Variant({"order": order}, shape={"loaded": loaded, "load_Nm": typical})
+            for order in RIPPLE_ORDERS
+            for loaded in (0.0, 1.0)
+            if _ripple_shows(session, joint, order)
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        assert session.gear_ratios is not None
+        turns = variant.inner["order"] * float(session.gear_ratios[joint])
+        return [
+            _share(run, joint, variant)[:, None]
+            * np.stack([np.cos(turns * run.motion.q[:, joint]), np.sin(turns * run.motion.q[:, joint])], axis=1)
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "amplitude_Nm": amplitude_interval(coefficients, covariance),
+            "order": exactly(variant.inner["order"]),
+            "phase_rad": phase_interval(coefficients, covariance),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.full(2, 0.06 * rated_torque(session, joint))
+
+
+def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
+    """What the ripple is a share of: one, or the load in units of the session's typical load."""
+    if variant.shape["loaded"] == 0.0:
+        return np.ones(len(run.motion.time))
+    return np.asarray(run.link[:, joint] / variant.shape["load_Nm"])
+
+
+def _ripple_shows(session: SessionContext, joint: int, order: float) -> bool:
+    """Whether some cycles pass slowly enough for the common filter, and position tells the phase."""
+    assert session.gear_ratios is not None
+    turns = order * float(session.gear_ratios[joint])
+    cycles = 0.0
+    for run in session.runs:
+        speed = np.abs(run.motion.dq[:, joint])
+        corner = min(run.motion.lowpass.cutoff, 0.4 * run.motion.lowpass.rate)
+        slow = (speed > run.motion.rest_speed[joint]) & (speed * turns / (2 * np.pi) < corner)
+        cycles += float(speed[slow].sum()) * run.interval * turns / (2 * np.pi)
+    noise = max(float(run.motion.std[0, joint]) for run in session.runs)
+    return cycles >= LEAST_CYCLES and turns * noise < LARGEST_PHASE_NOISE
+
+
+class SpringTorque(Effect):
+    """A spring across the joint (hoses, cables, a balancer): τ = k (q − q₀), or k sin(2 (q − q₀)) / 2.
+
+    The second form has two rests a turn. Stiffness k is that at rest in both.
+    """
+
+    id = "spring_torque"
+    summary = "torque depends on the joint's angle like a spring's; look at one angle under different gravity"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        low, high = travel(session, joint)
+        if high - low < LEAST_SPRING_RANGE:
+            return f"{session.joint_names[joint]} covers {high - low:.2f} rad; {LEAST_SPRING_RANGE:g} are needed"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        centre = sum(travel(session, joint)) / 2
+        return tuple(Variant(shape={"centre_rad": centre, "harmonic": harmonic}) for harmonic in (0.0, 1.0))
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        found = []
+        for run in session.runs:
+            q = run.motion.q[:, joint]
+            if variant.shape["harmonic"] == 0.0:
+                columns = [q - variant.shape["centre_rad"], np.ones_like(q)]
+            else:
+                columns = [0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q)]
+            found.append(np.stack(columns, axis=1))
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        centre = variant.shape["centre_rad"]
+        if variant.shape["harmonic"] == 0.0:
+            stiffness = coefficient_interval(0, coefficients, covariance)
+            slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)
+            rest = delta_interval(lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance)
+            return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
+        # k sin(2 (q − q₀)) = k cos 2q₀ · sin 2q − k sin 2q₀ · cos 2q: twice q₀ is a phase a quarter turn away.
+        phase = phase_interval(coefficients, covariance)
+        value, low, high = (((angle + np.pi / 2) / 2) for angle in (phase.value, phase.low, phase.high))
+        # Of the two rests a turn, the one nearer to the middle of the range.
+        turns = np.pi * np.round((centre - value) / np.pi)
+        return {
+            "stiffness_Nm_rad": amplitude_interval(coefficients, covariance),
+            "rest_rad": Interval(value + turns, low + turns, high + turns),
+        }
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.full(2, max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint)))
