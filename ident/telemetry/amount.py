@@ -19,7 +19,7 @@ from ident.telemetry.report import joints_at
 LARGEST_CONDITION = 100.0
 # Below this travel a joint shows neither its friction nor its part of gravity [rad or m].
 LEAST_TRAVEL = 0.05
-STATES = 1500
+STATES = 800
 
 
 def check_amount(sessions: Sequence[Session]) -> list[TelemetryIssue]:
@@ -72,8 +72,9 @@ def base_condition(sessions: Sequence[Session], arm: ArmModel) -> float | None:
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.
-    _, _, order = qr(table, mode="economic", pivoting=True)
-    values = np.linalg.svd(table[:, order[: base_rank(arm)]], compute_uv=False)
+    triangle = np.asarray(np.linalg.qr(table, mode="r"))
+    _, _, order = qr(triangle, pivoting=True)
+    values = np.linalg.svd(triangle[:, order[: base_rank(arm)]], compute_uv=False)
     return float(values[0] / max(values[-1], 1e-12 * values[0]))
 
 
@@ -89,4 +90,5 @@ def base_rank(arm: ArmModel) -> int:
     table: Float[Array, "r 10n"] = arm.regressor(q, states[1], 3.0 * states[2]).reshape(-1, 10 * arm.n)
     size = np.linalg.norm(table, axis=0)
     seen = size > 1e-9 * size.max()
-    return int(np.linalg.matrix_rank(table[:, seen] / size[seen], tol=1e-8 * np.sqrt(len(table))))
+    triangle = np.asarray(np.linalg.qr(table[:, seen] / size[seen], mode="r"))
+    return int(np.linalg.matrix_rank(triangle, tol=1e-8))

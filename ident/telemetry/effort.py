@@ -40,6 +40,7 @@ FOLLOWS = 0.3
 # A model of itself. Friction terms lower the residual's variance by at least 22 % on every joint of these logs, and
 # by 2.6 % at most on the UR10e controller's own rigid model, which its logs hold as last columns.
 FRICTION_GAIN, RIGID_EXPLAINS, FRICTION_SHARE = 0.05, 0.99, 0.005
+ORIGIN_STATES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,40 +197,66 @@ def _check_scale(session: Session, states: States, fits: dict[int, SignedFit]) -
 
 def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Finds torques that a rigid model explains without any friction."""
-    step = max(1, len(states.q) // 4000)
     moving = np.flatnonzero(states.moving & states.alive)
     if len(states.q) < 20 * arm.n or not len(moving):
         return []
-    rows = slice(None, None, step)
+    rows = slice(None, None, max(1, len(states.q) // ORIGIN_STATES))
     regressor = arm.regressor(states.q[rows], states.dq[rows], states.ddq[rows])
     models = []
     for joint in moving:
-        dq, tau = states.dq[rows, joint], states.tau[rows, joint]
-        rigid = np.column_stack([regressor[:, joint], states.ddq[rows, joint], np.ones(len(dq))])
-        friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
-        without, _ = _residual(rigid, tau)
-        with_friction, brake = _residual(np.column_stack([rigid, friction]), tau, friction.shape[1])
-        gain = 1.0 - with_friction.var() / max(without.var(), 1e-300)
-        exact = without.var() < 1e-12 * tau.var()
-        rigid_only = without.var() < (1.0 - RIGID_EXPLAINS) * tau.var() and brake < FRICTION_SHARE * tau.std()
-        if exact or (rigid_only and gain < FRICTION_GAIN):
-            models.append((int(joint), float(without.std() / tau.std()), brake))
+        rigid = np.column_stack([regressor[:, joint], states.ddq[rows, joint]])
+        found = fit_rigid(rigid, states.dq[rows, joint], states.tau[rows, joint])
+        if found.is_computed:
+            models.append((found, int(joint)))
     # One joint without friction may be a fine gear; most joints without are a computer.
     if len(models) < max(1.0, 0.5 * len(moving)):
         return []
-    worst, left, brake = max(models, key=lambda found: -found[1])
+    found, worst = min(models, key=lambda model: model[0].left)
     evidence = (
-        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {left:.2%}, with "
-        f"{brake:.3f} N m of friction: a computed torque, not a measured one"
+        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {found.left:.2%}, with "
+        f"{found.friction:.3f} N m of friction: a computed torque, not a measured one"
     )
+    joints = joints_at(session, [joint for _, joint in models])
     remedy = "log the measured torque or the motor current"
-    return [TelemetryIssue("effort_is_model", joints_at(session, [m[0] for m in models]), "fatal", evidence, remedy)]
+    return [TelemetryIssue("effort_is_model", joints, "fatal", evidence, remedy)]
 
 
-def _residual(table: Float[Array, "T k"], tau: Float[Array, " T"], last: int = 0) -> tuple[Float[Array, " T"], float]:
-    """Least-squares residual, and the RMS of what the last columns contribute."""
+@dataclass(frozen=True)
+class RigidFit:
+    """A joint's torque by rigid-body columns, without and with friction.
+
+    Attributes:
+        spread: Standard deviation of the torque [N m].
+        left: Share of it that the rigid columns leave.
+        gain: Share of the residual's variance that friction takes away.
+        friction: RMS of the friction found [N m].
+    """
+
+    spread: float
+    left: float
+    gain: float
+    friction: float
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the torque shows no friction although the rigid columns explain it."""
+        explained = self.left**2 < 1.0 - RIGID_EXPLAINS and self.friction < FRICTION_SHARE * self.spread
+        return self.left < 1e-6 or (explained and self.gain < FRICTION_GAIN)
+
+
+def fit_rigid(rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"]) -> RigidFit:
+    """Least squares of a torque by rigid-body columns and an offset, without and with friction."""
+    friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
+    table = np.column_stack([rigid, np.ones(len(tau)), friction])
     size = np.linalg.norm(table, axis=0)
-    size = np.where(size > 1e-9 * size.max(), size, np.inf)
-    weights, *_ = np.linalg.lstsq(table / size, tau, rcond=1e-8)
-    share = (table / size)[:, table.shape[1] - last :] @ weights[len(weights) - last :]
-    return tau - (table / size) @ weights, float(np.sqrt(np.mean(share**2))) if last else 0.0
+    table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
+    # All that least squares needs of the table is its triangle.
+    triangle = np.asarray(np.linalg.qr(np.column_stack([table, tau]), mode="r"))
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    left = []
+    for count in (columns.shape[1] - 2, columns.shape[1]):
+        weights, *_ = np.linalg.lstsq(columns[:, :count], target, rcond=1e-8)
+        left.append(float(np.linalg.norm(target - columns[:, :count] @ weights)) / np.sqrt(len(tau)))
+    spread = float(tau.std())
+    gain = 1.0 - (left[1] / left[0]) ** 2 if left[0] > 0.0 else 0.0
+    return RigidFit(spread, left[0] / spread, gain, float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2))))

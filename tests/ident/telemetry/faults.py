@@ -1,0 +1,38 @@
+"""Faults as they occur in real logs, put into healthy recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ident.recording import Recording, Session
+
+Column = Callable[[np.ndarray], np.ndarray]
+
+
+def spoil(session: Session, change: Callable[[Recording], Recording], run: int | None = None) -> Session:
+    """Changes one run, or all."""
+    return session.replace(runs=[change(r) if run in (None, k) else r for k, r in enumerate(session.runs)])
+
+
+def spoil_column(session: Session, channel: str, joint: int, change: Column, run: int | None = None) -> Session:
+    """Changes one joint's channel in one run, or in all."""
+
+    def changed(recording: Recording) -> Recording:
+        values = np.array(getattr(recording, channel))
+        values[:, joint] = change(values[:, joint])
+        return recording.replace(**{channel: values})
+
+    return spoil(session, changed, run)
+
+
+def freeze_rows(values: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Repeats the first row's value up to the last."""
+    frozen = np.array(values)
+    frozen[first : last + 1] = values[first]
+    return frozen
+
+
+def without_velocity(session: Session) -> Session:
+    return spoil(session, lambda run: run.replace(velocity=None))
