@@ -52,7 +52,7 @@ class ParameterSection(Section):
 
 def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
     """One loss figure of all joints and models: a dot and its 95 % interval."""
-    joints = list(max((model.joint_names for model in models), key=lambda names: len(names)))
+    joints = list(max(models, key=lambda model: model.arm.n).joint_names)
     unit = next(figure.unit for model in models for figure in model.figures if figure.name == name)
     longest = max(len(joint) for joint in joints)
     height = 0.55 + 0.24 * len(joints) + 0.04 * len(joints) * (len(models) - 1)

@@ -1,0 +1,6 @@
+"""The Rerun timeline: measured torque against every rung, what is left, and the moving arm."""
+
+from ident.timeline.marks import Mark
+from ident.timeline.writing import show_timeline, write_timeline
+
+__all__ = ["Mark", "show_timeline", "write_timeline"]
