@@ -7,7 +7,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,18 @@ DEFAULT_CUTOFF = 10.0
 # The filter needs some samples a period of its corner to be one.
 LARGEST_CUTOFF_SHARE = 0.2
 FILTER_ORDER = 4
+# Time around a reversal that friction's memory and the filter need to settle: a fixed part [s], and periods of the
+# filter's corner.
+# A joint slower than this creeps on its bristles as often as it slides [rad/s].
+SLIDING_SPEED = 0.015
+AFTER_REVERSAL, BEFORE_REVERSAL, REVERSAL_PERIODS = 0.06, 0.02, 1.5
 # A run shorter than this says nothing that its filter's ends do not blur [s].
 LEAST_DURATION = 1.0
+
+
+@lru_cache(maxsize=64)
+def _sections(rate: float, cutoff: float) -> Float[Array, "s 6"]:
+    return butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
 
 
 @dataclass(frozen=True)
@@ -49,9 +59,8 @@ class Lowpass:
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
-        sections = butter(FILTER_ORDER, self.cutoff, fs=self.rate, output="sos")
         padding = min(len(values) - 1, int(3 * self.rate / self.cutoff))
-        return sosfiltfilt(sections, values, axis=0, padlen=padding)[:: self.factor]
+        return sosfiltfilt(_sections(self.rate, self.cutoff), values, axis=0, padlen=padding)[:: self.factor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +123,27 @@ class Motion:
         At rest dry friction holds any torque up to its Coulomb level: no function of the state tells it.
         """
         return np.abs(self.dq[self.coarse]) > self.rest_speed
+
+    @cached_property
+    def settled(self) -> Bool[Array, "t n"]:
+        """Where each joint moves and neither reverses, stops nor starts nearby, on the filtered grid.
+
+        Around a reversal dry friction follows the displacement of its bristles, not the speed, and every filter rounds
+        the jump; what is seen there depends more on the filter than on the arm.
+        """
+        step = self.interval * self.lowpass.factor
+        after = round((AFTER_REVERSAL + REVERSAL_PERIODS / self.lowpass.cutoff) / step)
+        before = round((BEFORE_REVERSAL + REVERSAL_PERIODS / self.lowpass.cutoff) / step)
+        speed = self.dq[self.coarse]
+        sliding = np.abs(speed) > np.maximum(self.rest_speed, SLIDING_SPEED)
+        heading = np.where(sliding, np.sign(speed), 0.0)
+        settled = heading != 0.0
+        for shift in range(1, after + 1):
+            settled[shift:] &= heading[shift:] == heading[:-shift]
+            settled[:shift] = False  # what was before the run is unknown: it starts from rest
+        for shift in range(1, before + 1):
+            settled[:-shift] &= heading[:-shift] == heading[shift:]
+        return settled
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:

@@ -147,7 +147,7 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
         for i, run, table in zip(chunk, part.runs, tables, strict=True):
             count = len(run.motion.time[run.motion.coarse])
             inside = np.searchsorted(partition.starts[i], np.arange(count), side="right") - 1
-            yield Rows(i, tuple(table), run.motion.moving, partition.first_block[i] + inside)
+            yield Rows(i, tuple(table), run.motion.settled, partition.first_block[i] + inside)
 
 
 def _chunks(session: SessionContext) -> Iterator[list[int]]:

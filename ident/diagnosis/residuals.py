@@ -24,7 +24,7 @@ class RunResidual:
         index: Its place in the session.
         before: What the tuned baseline leaves [N m].
         after: What is left with the named effects [N m].
-        counts: Where each joint moves.
+        counts: Where each joint moves steadily.
     """
 
     run: RunContext
@@ -64,7 +64,7 @@ def compute_residuals(
                 left_after[:, group.joint] -= torque
             else:
                 left_after -= torque
-        series.append(RunResidual(run, i, left_before, left_after, run.motion.moving))
+        series.append(RunResidual(run, i, left_before, left_after, run.motion.settled))
     return series
 
 

@@ -166,14 +166,23 @@ class Search:
         return Gates(p_value, after.gain_over(before), float(fall.max()), float(gap[int(np.argmax(fall))]))
 
     def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
-        """Swaps: each effect in turn is left out and may be replaced by a better one, until nothing changes."""
+        """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.
+
+        A swap must have more evidence and do better on held-out runs by more than one standard error.
+        """
         current = list(groups)
         for _ in range(3):
             before = list(current)
             for i in range(len(current)):
                 others = current[:i] + current[i + 1 :]
-                projection = project(gram, self.evidence, self.prior, others)
-                current[i] = max(self.best_by_key(projection, others).values(), key=lambda pair: pair[0])[1]
+                best = self.best_by_key(project(gram, self.evidence, self.prior, others), others)
+                current[i] = best[current[i].key][1]
+                rival = max(best.values(), key=lambda pair: pair[0])[1]
+                if rival.key != current[i].key:
+                    old, new = self.held_out.score([*others, current[i]]), self.held_out.score([*others, rival])
+                    gain, error = new.gain_over(old)
+                    if gain > error:
+                        current[i] = rival
             if current == before:
                 break
         return current
