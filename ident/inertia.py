@@ -62,7 +62,7 @@ class InertiaResults:
         base: The base parameters.
         change: Change of the base parameters against the URDF, shape (r,).
         std: Their standard deviations; the prior's where the data are silent.
-        informed: Share of each base parameter's certainty that comes from the data, 0 to 1.
+        informed: Share of each base parameter's prior variance that the data take away, 0 (silent) to 1.
         condition_number: Of the column-scaled, whitened base regressor: over 100 is poor excitation.
     """
 
@@ -163,14 +163,14 @@ def fit_inertia(
             fitted = arm.with_inertial_parameters(arm.inertial_parameters + change)
             spread = _effective_noise(motions, fitted, losses, widths)
     information, _ = normal.whitened(spread)
-    prior = base_prior(base, scale)
-    posterior = np.linalg.inv(_freed(information, base.rank) + prior)
+    prior = base.mapping * scale**2 @ base.mapping.T
+    posterior = _posterior(_freed(information, base.rank), prior)
     return InertiaResults(
         arm=fitted,
         base=base,
         change=freeze(base.mapping @ change),
         std=freeze(np.sqrt(np.diag(posterior))),
-        informed=freeze(1.0 - np.diag(posterior @ prior)),
+        informed=freeze(1.0 - np.diag(posterior) / np.diag(prior)),
         condition_number=_condition(information[: base.rank, : base.rank]),
     )
 
@@ -282,6 +282,12 @@ def _freed(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
     """Information on the base parameters once the loss figures are free."""
     cross, own = information[:rank, rank:], information[rank:, rank:]
     return information[:rank, :rank] - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
+
+
+def _posterior(information: Float[Array, "r r"], prior: Float[Array, "r r"]) -> Float[Array, "r r"]:
+    """Covariance (information + prior⁻¹)⁻¹; the prior's root takes the units out before anything is inverted."""
+    root = np.linalg.cholesky(prior)
+    return root @ np.linalg.inv(root.T @ information @ root + np.eye(len(root))) @ root.T
 
 
 def base_prior(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array, "r r"]:
