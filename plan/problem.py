@@ -25,6 +25,8 @@ SHARE = 0.998
 TOLERANCE = 1e-6
 # Section durations may shrink to this share of the initial ones, or grow to its inverse.
 SQUEEZE = 0.05
+# Local times at which torque is looked at where time is the objective, and torque the limit.
+TIME_NODES = np.linspace(0.0, 1.0, 25)
 # Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost.
 SINGULAR = 0.02
 SINGULAR_PENALTY = 0.2
@@ -182,7 +184,7 @@ class PlanningProblem:
     def evaluate(self, x: Float[Array, "B d"]) -> Evaluation:
         """Cost and broken limits of a batch of decision vectors."""
         splines = self.decode(x)
-        s, w = section_nodes()
+        s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)

@@ -79,7 +79,7 @@ class Scene:
     def sweep(self, splines: Splines, margin: float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
         """Smallest gap along each trajectory and the mean shortfall from the margin, both [m].
 
-        Skips ahead where boxes are far apart; in narrow places it looks at 24 positions a section.
+        Skips ahead where boxes are far apart; where a gap is at the margin, no step changes it by more than 2 mm.
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))

@@ -16,8 +16,10 @@ from ident.arrays import Array
 
 # Below this gap the bound for separated boxes is refined to the distance [m].
 BAND = 0.05
-# Steps a section at most, where boxes are too close to skip ahead.
+# Steps through a collision: a section's share at most, so that its depth is felt.
 STEPS = 24
+# Where a gap is at its margin, a step changes it by this at most [m].
+FINE = 2e-3
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -168,7 +170,7 @@ def sweep(rot, off, axes, sliding, carrier, box_rot, box_at, box_half, pairs, le
                 clear[p], rate[p] = 0.0, 1e-9
                 for j in range(n):
                     rate[p] += levers[p, j] * peaks[b, k, j]
-            floor, t = duration / STEPS, 0.0
+            coarse, t = duration / STEPS, 0.0
             while True:
                 s = t / duration
                 for j in range(n):
@@ -183,10 +185,12 @@ def sweep(rot, off, axes, sliding, carrier, box_rot, box_at, box_half, pairs, le
                         i, j = pairs[p, 0], pairs[p, 1]
                         gap = box_gap(at_rot[i], at[i], box_half[i], at_rot[j], at[j], box_half[j])
                         worst = min(worst, gap)
-                        clear[p] = t + max((gap - margin) / rate[p], 0.0)
+                        # The gap reaches its margin no sooner than this, from either side.
+                        ahead_p = max(abs(gap - margin), FINE) / rate[p]
+                        clear[p] = t + (ahead_p if gap > margin else min(ahead_p, coarse))
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)
-                step = max(ahead - t, floor)
+                step = ahead - t
                 violation += max(margin - worst, 0.0) * step
                 if t >= duration:
                     break

@@ -1,1 +1,49 @@
 """The planners: one file each, one interface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from plan.errors import MethodError
+from plan.planners.base import Budget, Candidate, Ledger, Planner
+from plan.planners.brute_force import BruteForce
+from plan.planners.compression import Compression
+from plan.planners.evolution import Evolution
+from plan.planners.genetic import PaperGenetic, StrongGenetic
+from plan.planners.ppo import Ppo
+from plan.planners.reference import Reference
+from plan.planners.toppra import Toppra
+
+__all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "default_budget", "make_planner"]
+
+METHODS: dict[str, Callable[[], Planner]] = {
+    "reference": Reference,
+    "cma": Evolution,
+    "ppo": Ppo,
+    "ppo-paper": lambda: Ppo(reward="paper"),
+    "ga": PaperGenetic,
+    "ga-pymoo": StrongGenetic,
+    "brute": BruteForce,
+    "compress": Compression,
+    "toppra": Toppra,
+}
+# Methods that shorten time only.
+TIME_ONLY = ("compress", "toppra")
+
+
+def make_planner(method: str, objective: str) -> Planner:
+    """The planner of a name.
+
+    Raises:
+        MethodError: No such method, or not for this objective.
+    """
+    if method not in METHODS:
+        raise MethodError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
+    if method in TIME_ONLY and objective != "time":
+        raise MethodError("--method", f"{method} shortens time only", "use --objective time, or another method")
+    return METHODS[method]()
+
+
+def default_budget(method: str) -> Budget:
+    """What a method may spend where the user says nothing."""
+    return Budget(20_000_000, 3600.0) if method == "brute" else Budget(200_000, 120.0)

@@ -47,7 +47,7 @@ class Reference(Planner):
 
     widths: tuple[tuple[float, float], ...] = ((0.05, 2.0), (0.01, 0.1))
     rounds: int = 10
-    screening: int = 1500
+    screening: int = 3000
     finalists: int = 2
     reach: float = 0.4
     tolerance: float = 1e-4

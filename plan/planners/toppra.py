@@ -1,0 +1,171 @@
+"""Time-optimal parameterisation of a given path by toppra: every time law on the path, not only splines' ones."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from toppra.algorithm import TOPPRA
+from toppra.constraint import DiscretizationType, JointVelocityConstraint, SecondOrderConstraint
+
+from ident.arrays import Array, Float
+from plan.errors import MethodError
+from plan.planners.base import Candidate, Ledger, Planner
+from plan.power import ChainTorque
+from plan.problem import SHARE, PlanningProblem
+from plan.rigid import inverse_dynamics
+from plan.spline import Splines
+
+logging.getLogger("toppra").setLevel(logging.ERROR)
+GRID = 200
+# Knots of the spline that carries the found motion.
+KNOTS = 60
+
+
+@dataclass(frozen=True)
+class Toppra(Planner):
+    """toppra on the path of every initial trajectory, iterated until its model is the whole model.
+
+    toppra takes a torque that is linear in the path's acceleration and squared speed. Viscous friction, the sign of
+    friction and the net are not of that form: they enter as torques along the path, taken from the motion of the round
+    before. The time it gives is a bound for that path under that model; the returned motion is a spline through it,
+    stretched until all limits hold.
+
+    Attributes:
+        rounds: Most rounds.
+        tolerance: Change of the duration at which the rounds end, as a share.
+    """
+
+    rounds: int = 12
+    tolerance: float = 1e-3
+    name: ClassVar[str] = "toppra"
+
+    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+        """Times every initial path; uses no randomness.
+
+        Raises:
+            MethodError: The task asks for energy, or the model is not a compiled one.
+        """
+        for problem in problems:
+            if problem.objective != "time" or not isinstance(problem.model, ChainTorque):
+                raise MethodError("--method toppra", "it finds the time of a path only", "use --objective time")
+            motion = self._iterate(problem, problem.model, ledger)
+            if motion is None:
+                ledger.notes.append(f"toppra ({problem.label}): no time law keeps the limits on this path")
+                continue
+            times, points = motion
+            ledger.notes.append(f"toppra ({problem.label}): {times[-1]:.4f} s, a bound for its model on this path")
+            _stretch(problem, times, points, ledger)
+
+    def _iterate(self, problem: PlanningProblem, model: ChainTorque, ledger: Ledger) -> tuple[Array, Array] | None:
+        path = _Path(problem)
+        grid = np.linspace(0.0, path.end, GRID + 1)
+        rest, last, motion = np.zeros((GRID + 1, problem.n)), np.inf, None
+        for turn in range(self.rounds):
+            speed, push = _solve(problem, model, path, grid, rest)
+            if speed is None:
+                return motion
+            ledger.count(1)
+            q, q1, q2 = path(grid), path(grid, 1), path(grid, 2)
+            dq, ddq = q1 * speed[:, None], q1 * push[:, None] + q2 * speed[:, None] ** 2
+            linear = inverse_dynamics(model.chain, q, dq, ddq) + model.losses.motor_inertia * ddq
+            new = model.torque(q[None], dq[None], ddq[None])[0] - linear
+            rest = new if turn == 0 else 0.5 * (rest + new)
+            motion = _sample(path, grid, speed)
+            if abs(motion[0][-1] - last) < self.tolerance * last:
+                break
+            last = motion[0][-1]
+        return motion
+
+
+class _Path:
+    """The initial spline as toppra's path: its time is the path's parameter."""
+
+    def __init__(self, problem: PlanningProblem) -> None:
+        self.splines = problem.decode(problem.initial)
+        self.dof, self.end = problem.n, float(self.splines.total[0])
+        self.path_interval = np.array([0.0, self.end])
+        self.duration = self.end
+
+    def __call__(self, s: Any, order: int = 0) -> Array:
+        found = self.splines.at(np.atleast_1d(s))[order]
+        return found[0] if np.ndim(s) == 0 else found
+
+    def eval(self, s: Any) -> Array:
+        return self(s)
+
+    def evald(self, s: Any) -> Array:
+        return self(s, 1)
+
+    def evaldd(self, s: Any) -> Array:
+        return self(s, 2)
+
+
+def _solve(
+    problem: PlanningProblem, model: ChainTorque, path: _Path, grid: Array, rest: Array
+) -> tuple[Array | None, Array]:
+    """Speed and acceleration of the path's parameter on the grid, with given torques beyond toppra's model."""
+    limit = SHARE * problem.limits.torque
+    eye = np.vstack([np.eye(problem.n), -np.eye(problem.n)])
+
+    def linear(q: Array, dq: Array, ddq: Array) -> Array:
+        return inverse_dynamics(model.chain, q[None], dq[None], ddq[None])[0] + model.losses.motor_inertia * ddq
+
+    def beyond(_: Any, s: float) -> Array:
+        return np.array([np.interp(s, grid, rest[:, j]) for j in range(problem.n)])
+
+    torque = SecondOrderConstraint(
+        linear,
+        lambda _: eye,
+        lambda _: np.concatenate([limit, limit]),
+        problem.n,
+        custom_term=beyond,
+        discretization_scheme=DiscretizationType.Interpolation,
+    )
+    speed = SHARE * problem.limits.speed
+    instance = TOPPRA(
+        [JointVelocityConstraint(np.stack([-speed, speed], axis=1)), torque],
+        path,
+        gridpoints=grid,
+        solver_wrapper="seidel",
+    )
+    push, pace, _ = instance.compute_parameterization(0.0, 0.0)
+    if pace is None or not np.isfinite(pace).all():
+        return None, grid
+    return np.asarray(pace), np.append(push, push[-1])
+
+
+def _sample(path: _Path, grid: Float[Array, " G"], speed: Float[Array, " G"]) -> tuple[Array, Array]:
+    """The motion as KNOTS positions at equal steps of time."""
+    steps = 2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9)
+    clock = np.concatenate([[0.0], np.cumsum(steps)])
+    times = np.linspace(0.0, clock[-1], KNOTS)
+    # Between grid points the squared speed is linear in s; a parabola in time through the clock is close enough,
+    # since the spline through the samples is checked anyway.
+    return times, path(np.interp(times, clock, grid))
+
+
+def _stretch(problem: PlanningProblem, times: Array, points: Array, ledger: Ledger) -> None:
+    """Slows the spline through the motion down until every limit holds, and enters it."""
+    found = Splines(points[None], np.diff(times)[None])
+    carrier = problem.with_initial(found, free="times", label=f"{problem.label}, retimed")
+    low, high = 1.0, 1.0
+    for _ in range(40):
+        trial = carrier.evaluate(carrier.encode(carrier.vias, carrier.durations * high)[None])
+        ledger.count(1)
+        if trial.feasible[0]:
+            break
+        low, high = high, high * 1.02
+    for _ in range(12):
+        if high - low < 1e-4:
+            break
+        middle = 0.5 * (low + high)
+        trial = carrier.evaluate(carrier.encode(carrier.vias, carrier.durations * middle)[None])
+        ledger.count(1)
+        low, high = (low, middle) if trial.feasible[0] else (middle, high)
+    x = carrier.encode(carrier.vias, carrier.durations * high)
+    trial = carrier.evaluate(x[None])
+    ledger.offer(Candidate(carrier, x, float(trial.cost[0]), float(trial.violation[0])))
