@@ -182,7 +182,7 @@ def _integrate(
     h = interval / steps
     twist, rate = np.empty(len(load)), np.empty(len(load))
     x = load[0] / (stiffness + position[0]) + half * np.sign(load[0])
-    v, a = 0.0, 0.0
+    v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
     twist[0], rate[0] = x, v
     for k in range(1, len(load)):
         for step in range(1, steps + 1):

@@ -12,6 +12,7 @@ from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.levels import amplitude_interval, exactly
+from ident.effects.rigid_body import point_mass
 
 # Windows of the plain grid: each costs three columns in every joint's regression.
 MOST_WINDOWS = 16
@@ -128,10 +129,10 @@ def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
 def force_columns(arm: ArmModel, q: Float[Array, "T n"]) -> Float[Array, "T n 3"]:
     """Torque that holds a unit force along each axis of the base frame, at the last link's centre of mass [m].
 
-    A unit mass in a field along an axis, and no other mass: the torque is the regressor's columns of that mass.
+    That of a unit mass there in a field along the axis, all links being without mass.
     """
     last = arm.inertial_parameters[-10:]
-    point = np.concatenate([[1.0], last[1:4] / max(float(last[0]), 1e-9)])
-    still = np.zeros_like(q)
-    fields = [arm.with_gravity(axis).regressor(q, still, still)[:, :, -10:-6] @ point for axis in np.eye(3)]
-    return np.stack(fields, axis=-1)
+    massless = np.zeros(10 * arm.n)
+    massless[-10:] = point_mass(last[1:4] / max(float(last[0]), 1e-9))
+    probe = arm.with_inertial_parameters(massless)
+    return np.stack([probe.with_gravity(axis).gravity(q) for axis in np.eye(3)], axis=-1)

@@ -41,9 +41,10 @@ class TorqueGainError(Effect):
     summary = "logged torque is too large or small by a factor; look at a known payload"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        variation = float(np.std(np.concatenate([run.total[:, joint] for run in session.runs])))
+        # Of friction alone nobody can tell a gain: it is fitted.
+        variation = float(np.std(np.concatenate([run.rigid[:, joint] for run in session.runs])))
         if variation < LEAST_TORQUE_VARIATION * rated_torque(session, joint):
-            return f"torque of {session.joint_names[joint]} varies by {variation:.2f} N m only"
+            return f"rigid torque of {session.joint_names[joint]} varies by {variation:.2f} N m only"
         return None
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:

@@ -1,0 +1,202 @@
+"""Laws that hold for every effect, and the open catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from smooth_motion import Recover, edit_runs
+
+from ident.effects.base import Effect, RunContext, SessionContext
+from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
+from ident.errors import InputError
+
+NAMES = {
+    "stribeck_friction": "amplitude_Nm stribeck_velocity_rad_s exponent",
+    "nonlinear_viscous_friction": "coefficient exponent",
+    "load_dependent_friction": "mu",
+    "thermal_friction": "viscous_change coulomb_change time_constant_s",
+    "presliding_hysteresis": "amplitude_Nm displacement_rad",
+    "position_dependent_friction": "amplitude_Nm order phase_rad",
+    "asymmetric_friction": "coulomb_difference_Nm viscous_difference_Nms_rad",
+    "joint_coupling": "viscous_Nms_rad coulomb_Nm inertia_kgm2 other_joint",
+    "joint_elasticity": "stiffness_Nm_rad damping_Nms_rad",
+    "backlash": "gap_rad",
+    "torque_ripple": "amplitude_Nm order phase_rad",
+    "spring_torque": "stiffness_Nm_rad rest_rad",
+    "payload": "mass_kg com_x_m com_y_m com_z_m",
+    "link_inertial_error": "mass_change_kg moment_change_x_kgm moment_change_y_kgm moment_change_z_kgm",
+    "gravity_misalignment": "tilt_x_rad tilt_y_rad",
+    "torque_gain_error": "gain",
+    "torque_offset": "offset_Nm drift_Nm_s",
+    "torque_delay": "delay_s",
+    "torque_saturation": "limit_Nm",
+    "encoder_offset": "offset_rad",
+    "external_contact": "start_s end_s force_N link",
+}
+ODD = ("stribeck_friction", "nonlinear_viscous_friction", "load_dependent_friction", "position_dependent_friction")
+EVEN = (
+    "asymmetric_friction",
+    "torque_ripple",
+    "spring_torque",
+    "payload",
+    "link_inertial_error",
+    "gravity_misalignment",
+    "torque_offset",
+    "encoder_offset",
+    "external_contact",
+)
+
+each_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.id)
+
+
+def asked(effect: Effect, session: SessionContext) -> list[int]:
+    """One or two joints at which the effect can be tested."""
+    joints = range(session.n if effect.scope == "joint" else 1)
+    return [joint for joint in joints if effect.untestable(session, joint) is None][:2]
+
+
+def test_the_catalogue_holds_the_fixed_ids_once_each() -> None:
+    """The ids are those of the contract."""
+    assert sorted(effect.id for effect in CATALOGUE) == sorted(NAMES)
+    assert all(effect.summary for effect in CATALOGUE)
+
+
+@each_effect
+def test_columns_fit_their_runs_and_figures_their_columns(effect: Effect, session: SessionContext) -> None:
+    """Shapes are (T, k) or (T, n, k); every column is finite and acts somewhere; figures bear the fixed names."""
+    joints = asked(effect, session)
+    assert joints
+    for joint in joints:
+        for variant in effect.variants(session, joint):
+            columns = effect.columns(session, joint, variant)
+            k = columns[0].shape[-1]
+            for run, values in zip(session.runs, columns, strict=True):
+                lead = (len(run.motion.time),) if effect.rows == "own" else (len(run.motion.time), session.n)
+                assert values.shape == (*lead, k)
+                assert np.all(np.isfinite(values))
+            acts = np.sqrt(sum(np.sum(values**2, axis=tuple(range(values.ndim - 1))) for values in columns))
+            assert np.all(acts > 0.0)
+            assert all(index < k for index in effect.nonnegative)
+            scale = effect.prior_scale(session, joint, variant)
+            assert scale is not None
+            assert scale.shape == (k,)
+            assert np.all(scale > 0.0)
+            figures = effect.parameters(session, joint, variant, 0.5 * scale, np.diag(0.01 * scale**2))
+            assert set(figures) == set(NAMES[effect.id].split())
+            assert all(figure.low <= figure.value <= figure.high for figure in figures.values())
+            assert set(variant.inner) <= set(figures)
+
+
+@each_effect
+def test_columns_of_a_part_of_a_session_are_those_of_the_whole(effect: Effect, session: SessionContext) -> None:
+    """A long session is gone through a few runs at a time: that may change nothing."""
+    part = replace(session, runs=tuple(replace(run) for run in session.runs[2:]))
+    for joint in asked(effect, session)[:1]:
+        for variant in effect.variants(session, joint):
+            whole = effect.columns(session, joint, variant)[2:]
+            for a, b in zip(whole, effect.columns(part, joint, variant), strict=True):
+                np.testing.assert_allclose(b, a, atol=1e-9 * np.abs(a).max(initial=1e-9))
+
+
+def backwards(run: RunContext) -> RunContext:
+    """The same path at the same places, in the other direction."""
+    motion = replace(run.motion, dq=-run.motion.dq)
+    return RunContext(motion, run.arm, run.rigid, run.link, -run.friction, -run.direction)
+
+
+@pytest.mark.parametrize("name", ODD + EVEN)
+def test_parity_is_that_of_the_signature(name: str, session: SessionContext) -> None:
+    """Backwards on the same path, friction turns its sign and gravity, inertia and springs keep theirs."""
+    effect, mirrored = find_effect(name), edit_runs(session, backwards)
+    sign = -1.0 if name in ODD else 1.0
+    for joint in asked(effect, session):
+        for variant in effect.variants(session, joint):
+            there = np.concatenate(effect.columns(session, joint, variant))
+            back = np.concatenate(effect.columns(mirrored, joint, variant))
+            if name == "load_dependent_friction":
+                # Driving and backdriving change places; what is odd is their sum.
+                there, back = there[:, :2].sum(axis=1), back[:, :2].sum(axis=1)
+            np.testing.assert_allclose(back, sign * there, atol=1e-9 * np.abs(there).max())
+
+
+@each_effect
+def test_an_arm_that_hardly_moves_shows_little(effect: Effect, still: SessionContext) -> None:
+    """At one pose only offsets and pushes can be told; every other effect says why not."""
+    joints = range(still.n if effect.scope == "joint" else 1)
+    reasons = [effect.untestable(still, joint) for joint in joints]
+    if effect.id in ("torque_offset", "external_contact"):
+        assert reasons == [None] * len(reasons)
+    else:
+        assert all(reasons)
+
+
+def test_an_unknown_id_is_told_the_known_ones() -> None:
+    """The error lists every id."""
+    with pytest.raises(InputError, match=r"stribeck_friction.*external_contact"):
+        find_effect("phlogiston")
+
+
+MAGNET = '''
+import numpy as np
+from ident.effects.base import Effect, Variant
+from ident.effects.levels import coefficient_interval
+
+
+class Magnet(Effect):
+    """A magnet that pulls towards one angle: tau = A sin(k q)."""
+
+    id = "magnet"
+    summary = "torque repeats some times a turn"
+    nonnegative = (0,)
+
+    def untestable(self, session, joint):
+        q = np.concatenate([run.motion.q[:, joint] for run in session.runs])
+        return "the joint covers too little" if np.ptp(q) < 1.0 else None
+
+    def variants(self, session, joint):
+        return [Variant({"order": k}) for k in (3.0, 4.0)]
+
+    def columns(self, session, joint, variant):
+        return [np.sin(variant.inner["order"] * run.motion.q[:, [joint]]) for run in session.runs]
+
+    def parameters(self, session, joint, variant, coefficients, covariance):
+        return {"amplitude_Nm": coefficient_interval(0, coefficients, covariance)}
+'''
+
+
+def test_a_user_adds_an_effect_in_one_file(tmp_path: Path, session: SessionContext, recover: Recover) -> None:
+    """An effect of 25 lines stands beside the others and finds its own torque."""
+    path = tmp_path / "magnet.py"
+    path.write_text(MAGNET)
+    catalogue = load_catalogue(path)
+    assert catalogue[:-1] == CATALOGUE
+    magnet = find_effect("magnet", catalogue)
+    torque = [0.7 * np.sin(4 * run.motion.q[:, 1]) for run in session.runs]
+    figure = recover(magnet, session, 1, torque)["amplitude_Nm"]
+    assert figure.low < 0.7 < figure.high
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (None, "no such file"),
+        ("x = ", "doesn't run"),
+        ("x = 1", "no complete effect"),
+        (MAGNET.replace('id = "magnet"', "pass"), "no usable id"),
+        (MAGNET.replace('"magnet"', '"backlash"'), "is taken"),
+        (
+            MAGNET.replace("    def untestable", "    def __init__(self, size): ...\n\n    def untestable"),
+            "can't be made",
+        ),
+    ],
+)
+def test_a_file_that_holds_no_effect_is_refused(tmp_path: Path, text: str | None, reason: str) -> None:
+    """The error names the file and what is wrong with it."""
+    path = tmp_path / "own.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=reason):
+        load_catalogue(path)
