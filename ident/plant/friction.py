@@ -20,8 +20,8 @@ from numba import njit
 
 from ident.arrays import Array, Float
 
-# Presliding of the ordinary (stiff) bristles before they slip [rad]: a few encoder counts at the joint.
-STIFF_PRESLIDING = 2e-4
+# Presliding of the ordinary (stiff) bristles before they slip [rad]: a third of a degree at the motor, behind the gear.
+STIFF_PRESLIDING = 5e-5
 
 
 class FrictionLaw(NamedTuple):

@@ -25,7 +25,7 @@ from ident.plant.simulator import Simulator, Trace
 
 STRIDE_S = 0.02
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
-STILL_RAD_S = 0.01
+STILL_RAD_S = 0.02
 TOLERANCE = 0.04
 # Length of motion on which most causes are measured [s].
 ENOUGH_S = 40.0
@@ -156,7 +156,7 @@ class VisibilityMeter:
         for _ in range(TRIES):
             seen = self._share_or_inf(cause, scene, size, seed)
             if abs(seen / wanted - 1.0) < TOLERANCE:
-                return size
+                return float(f"{size:.4g}")  # the last digits depend on the machine's linear algebra
             small, large = (size, large) if seen < wanted else (small, size)
             size = self._next(size, seen, wanted, small, large, cause.inverse)
             if abs(np.log(large / small)) < 0.01:
@@ -168,7 +168,7 @@ class VisibilityMeter:
                 f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}",
                 "choose another amplitude, joint or motion",
             )
-        return size
+        return float(f"{size:.4g}")
 
     def _share_or_inf(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
         """As `share`; a size at which the arm can't move any more shows without limit."""

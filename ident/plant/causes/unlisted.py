@@ -74,7 +74,7 @@ UNLISTED = (
     Cause("cable_drag", "drag_Nm", lambda s: 0.4 * s.coulomb, _stall, _cable),
     Cause("velocity_product_drag", "drag_Nms2_rad2", lambda s: 1.2 * s.coulomb, lambda s: (0.0, s.rated), _product),
     Cause(
-        "sloshing_load", "moving_mass_kg", lambda s: 0.2 * _slosh_bounds(s)[1], _slosh_bounds, _slosh, whole_arm=True
+        "sloshing_load", "moving_mass_kg", lambda s: 0.08 * _slosh_bounds(s)[1], _slosh_bounds, _slosh, whole_arm=True
     ),
     Cause("acceleration_friction", "friction_Nm", lambda s: 0.5 * s.coulomb, _stall, _skid),
     Cause("brake_drag", "drag_Nm", lambda s: 0.8 * s.coulomb, _stall, _brake),

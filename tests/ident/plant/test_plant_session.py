@@ -21,7 +21,7 @@ from ident.recording import Payload
 from ident.robots import data_path
 
 # The ids that the contract fixes.
-IDS = [
+IDS = (
     "stribeck_friction",
     "nonlinear_viscous_friction",
     "load_dependent_friction",
@@ -43,7 +43,7 @@ IDS = [
     "torque_saturation",
     "encoder_offset",
     "external_contact",
-]
+)
 TINY = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0)
 ANSWER = Answer(
     "tm5-900", 3, (TrueEffect("payload", True, (), 1.0, "mass_kg", {"mass_kg": 1.0}),), ("inertia",), {"joint_1": 0.4}

@@ -7,6 +7,7 @@ import pytest
 
 from ident.arm import ArmModel
 from ident.errors import InputError
+from ident.plant import visibility
 from ident.plant.hardware import draw_hardware
 from ident.plant.motions import plan_motions
 from ident.plant.session import SimulationOptions, simulate
@@ -81,6 +82,16 @@ def test_friction_varies_by_a_per_cent_from_run_to_run(hardware):
     moving = np.abs(motion.dq[:, 0]) > 0.2
     levels = [np.abs(trace.log.torque[moving, 0]).mean() for trace in traces]
     assert 0.001 < np.std(levels) / np.mean(levels) < 0.03
+
+
+def test_a_healthy_arm_is_rigid_body_plus_linear_friction(hardware, monkeypatch):
+    """Once the bristles have slipped, nothing is left that the ordinary model can't explain: no delay, no bias."""
+    monkeypatch.setattr(visibility, "STILL_RAD_S", 0.15)
+    motions = plan_motions(hardware.arm, ["fourier", "chirp"], 2, 5.0, np.random.default_rng(0))
+    traces = visibility.quiet_traces(hardware, motions, [1.0, 1.0], 0)
+    rows = visibility.gather(hardware, traces, "refit")
+    rest = np.abs(visibility.remainder(rows)).max(axis=0)
+    assert (rest < 0.05 * hardware.sensing.noise_floor).all()
 
 
 def test_stiff_springs_get_small_steps(hardware):
