@@ -12,7 +12,7 @@ from ident.evaluation import Evaluation, SessionScore
 from ident.hybrid import HybridModel
 from ident.palette import model_colour
 from ident.report.figures import WIDE, make_panel, to_svg
-from ident.report.numbers import pair, places_for
+from ident.report.numbers import pair
 from ident.report.page import Section
 from ident.report.source import ReportInput
 
@@ -91,7 +91,7 @@ def draw_bars(
         axes.errorbar(x, mean[k], std[k], fmt="none", ecolor="#111111", elinewidth=0.9, capsize=2)
     axes.axhline(0.0, color="#333333", linewidth=0.6)
     axes.set_xticks(np.arange(len(sessions)), sessions)
-    return {"title": label.capitalize(), "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
+    return {"title": label[0].upper() + label[1:], "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
 
 
 def _totals(groups: list[list[SessionScore]], name: str) -> Float[Array, "m s"]:
@@ -103,7 +103,6 @@ def _row(
 ) -> dict[str, Any]:
     past = model.provenance
     trained = f"{past['runs']} runs, {past['samples']:,} samples" if "samples" in past else "not recorded"
-    places, torque_places = places_for(energy), places_for(torque)
     return {
         "name": evaluation.model,
         "colour": model_colour(index),
@@ -111,6 +110,6 @@ def _row(
         "joints": len(model.joint_names),
         "inertia": model.inertia,
         "net": f"{past.get('net_parameters', 0):,}" if model.net is not None else "none",
-        "energy": [pair(a, b, places) for a, b in zip(energy, energy_std, strict=True)],
-        "torque": [pair(a, b, torque_places) for a, b in zip(torque, std, strict=True)],
+        "energy": [pair(a, b, 2) for a, b in zip(energy, energy_std, strict=True)],
+        "torque": [pair(a, b, 2) for a, b in zip(torque, std, strict=True)],
     }

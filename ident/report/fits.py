@@ -7,13 +7,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.evaluation import Evaluation, RunTrace
 from ident.palette import MEASURED, rung_colours, rung_name
 from ident.report.figures import make_panel, thin, to_svg
 from ident.report.numbers import fixed
 from ident.report.page import Section
 from ident.report.source import ReportInput
+
+REST = "#e4e4df"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,11 @@ class FitSection(Section):
             chosen = [("The run", worst)]
         colours = rung_colours(evaluation.pooled.rungs)
         return {
-            "legend": [("measured", MEASURED), *((rung_name(rung), colour) for rung, colour in colours.items())],
+            "legend": [
+                ("measured", MEASURED),
+                *((rung_name(rung), colour) for rung, colour in colours.items()),
+                ("at rest: not judged", REST),
+            ],
             "runs": [
                 {
                     "title": title,
@@ -63,6 +69,12 @@ def run_name(evaluation: Evaluation, index: int) -> str:
     return f"{score.name}/{run}{payload}"
 
 
+def rest_spans(time: Float[Array, " t"], moving: Bool[Array, " t"]) -> list[tuple[float, float]]:
+    """Stretches in which a joint rests, where no model of its state can tell the torque."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moving, [0]]).astype(int)))
+    return [(float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2) if b - a > 1]
+
+
 def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     """Measured torque and every rung over time, one panel a joint."""
     time = trace.time - trace.time[0]
@@ -70,6 +82,8 @@ def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
     panels = []
     for j, joint in enumerate(trace.motion.joints):
         figure, axes = make_panel("time [s]", "torque [N m]")
+        for start, end in rest_spans(time, trace.motion.moving[:, j]):
+            axes.axvspan(start, end, color=REST, linewidth=0)
         axes.plot(*thin(time, trace.motion.tau_filtered[:, j]), color=MEASURED, linewidth=1.7)
         for rung, torque in trace.filtered.items():
             axes.plot(*thin(time, torque[:, j]), color=colours[rung], linewidth=0.95)

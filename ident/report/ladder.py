@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.evaluation import SessionScore
 from ident.palette import rung_colours, rung_name
-from ident.report.numbers import fixed, pair, percent, places_for
+from ident.report.numbers import MINUS, fixed, glue, pair, percent, places_for
 from ident.report.page import Section
 from ident.report.source import ReportInput
 
@@ -69,18 +69,24 @@ def _table(
         }
         for k, rung in enumerate(score.rungs)
     ]
-    return {"caption": f"{caption}, mean ± standard deviation over the runs", "columns": [*joints, last], "rows": rows}
+    return {
+        "caption": f"{caption}, mean ± standard deviation over the runs",
+        "columns": [*joints, last],
+        "total": True,
+        "rows": rows,
+    }
 
 
 def _r2_table(score: SessionScore) -> dict[str, Any]:
     colours = rung_colours(score.rungs)
     rows = [
-        {"name": rung_name(rung), "colour": colours[rung], "cells": [*(fixed(v, 3) for v in score.r2[k]), ""]}
+        {"name": rung_name(rung), "colour": colours[rung], "cells": [fixed(v, 3) for v in score.r2[k]]}
         for k, rung in enumerate(score.rungs)
     ]
     return {
         "caption": "Share of the torque's variance explained, R², where the joint moves",
-        "columns": [*score.joints, ""],
+        "columns": list(score.joints),
+        "total": False,
         "rows": rows,
     }
 
@@ -91,7 +97,7 @@ def reductions(score: SessionScore) -> list[str]:
     lines = []
     for k in range(1, len(score.rungs)):
         told = [_change(word, of[k - 1], of[k]) for word, of in (("energy error", energy), ("torque error", torque))]
-        lines.append(f"{rung_name(score.rungs[k])}: {', '.join(told)}")
+        lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(told)}"))
     return lines
 
 
@@ -99,4 +105,4 @@ def _change(word: str, before: float, after: float) -> str:
     if not before > 0:
         return f"{word} as before"
     share = 1.0 - after / before
-    return f"{word} {'less' if share >= 0 else 'more'} by {percent(abs(share))}"
+    return f"{word} {MINUS if share >= 0 else '+'}{percent(abs(share))}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 import numpy as np
 
 MINUS, DASH = "−", "–"
+UNITS = re.compile(r"(?<=\d) (N m|J|kg|g|s|%|Hz)\b|(?<=\d) %")
 
 
 def fixed(value: float | None, places: int = 2) -> str:
@@ -42,6 +44,11 @@ def places_for(values: Iterable[float]) -> int:
     sizes = np.abs(np.asarray(list(values), dtype=float))
     largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     return 0 if largest >= 1000 else 1 if largest >= 100 else 2 if largest >= 0.5 else 3
+
+
+def glue(text: str) -> str:
+    """Units kept on the line of their numbers."""
+    return UNITS.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
 
 
 def percent(share: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -41,3 +41,29 @@ def _facts(model: HybridModel) -> dict[str, Any]:
         ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
     ]
     return {"facts": facts, "data": past.get("data", [])}
+
+
+@dataclass(frozen=True, eq=False)
+class FactsSection(Section):
+    """Names and values, nested ones flattened."""
+
+    facts: Mapping[str, Any]
+    anchor: ClassVar[str] = "provenance"
+    title: ClassVar[str] = "Provenance"
+    template: ClassVar[str] = "facts.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.facts)
+
+    def context(self) -> dict[str, Any]:
+        return {"facts": list(_flat(self.facts))}
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{words}: ")
+        else:
+            yield words, str(value)

@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.evaluation import RunTrace
 from ident.palette import rung_colours, rung_name
-from ident.report.figures import binned, make_panel, thin, to_svg
+from ident.report.figures import binned, envelope, make_panel, to_svg
 from ident.report.page import Section
 from ident.report.source import ReportInput
 
@@ -36,13 +36,22 @@ class ResidualSection(Section):
         return {
             "legend": [(rung_name(rung), colours[rung]) for rung in rungs],
             "last": rung_name(rungs[-1]),
-            "speed": draw_against_speed(traces, units),
-            "position": draw_against_position(traces, units),
+            "close": ", ".join(rung_name(rung) for rung in close_up(rungs)),
+            "speed": draw_against_speed(traces, units, rungs),
+            "speed_close": draw_against_speed(traces, units, close_up(rungs)) if close_up(rungs) != rungs else [],
+            "position": draw_against_position(traces, units, close_up(rungs)),
             "time": draw_over_time(traces, rungs[-1]),
         }
 
 
-def draw_against_speed(traces: Sequence[RunTrace], units: Sequence[str]) -> list[dict[str, Any]]:
+def close_up(rungs: tuple[str, ...]) -> tuple[str, ...]:
+    """The rungs that hold friction: beside the others nothing of theirs could be seen."""
+    return rungs[rungs.index("loss") :] if "loss" in rungs else rungs
+
+
+def draw_against_speed(
+    traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
+) -> list[dict[str, Any]]:
     """Residual against joint speed: the shape of friction. Bins of like counts, none across zero."""
     speed = np.concatenate([trace.motion.dq[trace.motion.coarse] for trace in traces])
     moving = np.concatenate([trace.motion.moving for trace in traces])
@@ -50,11 +59,13 @@ def draw_against_speed(traces: Sequence[RunTrace], units: Sequence[str]) -> list
     for j, joint in enumerate(traces[0].motion.joints):
         x = np.where(moving[:, j], speed[:, j], np.nan)
         edges = [_edges(x[x < 0]), _edges(x[x > 0])]
-        panels.append(_draw(traces, j, x, edges, f"speed [{units[j]}/s]", f"{joint}: residual against speed"))
+        panels.append(_draw(traces, rungs, j, x, edges, f"speed [{units[j]}/s]", f"{joint}: residual against speed"))
     return panels
 
 
-def draw_against_position(traces: Sequence[RunTrace], units: Sequence[str]) -> list[dict[str, Any]]:
+def draw_against_position(
+    traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
+) -> list[dict[str, Any]]:
     """Residual against joint position: gravity, springs, wrong masses."""
     position = np.concatenate([trace.motion.q[trace.motion.coarse] for trace in traces])
     moving = np.concatenate([trace.motion.moving for trace in traces])
@@ -62,24 +73,27 @@ def draw_against_position(traces: Sequence[RunTrace], units: Sequence[str]) -> l
     for j, joint in enumerate(traces[0].motion.joints):
         x = np.where(moving[:, j], position[:, j], np.nan)
         edges = [_edges(x[np.isfinite(x)], 2 * BINS)]
-        panels.append(_draw(traces, j, x, edges, f"position [{units[j]}]", f"{joint}: residual against position"))
+        panels.append(
+            _draw(traces, rungs, j, x, edges, f"position [{units[j]}]", f"{joint}: residual against position")
+        )
     return panels
 
 
 def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]]:
-    """Residual of one rung over all runs, one after the other: drift and outliers."""
+    """Least and largest residual of one rung where the joint moves, over all runs: drift and outliers."""
     residuals = [_residual(trace, rung) for trace in traces]
     lengths = [trace.time[-1] - trace.time[0] for trace in traces]
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     time = np.concatenate([trace.time - trace.time[0] + start for trace, start in zip(traces, starts, strict=False)])
     stacked = np.concatenate(residuals)
+    moving = np.concatenate([trace.motion.moving for trace in traces])
     colour = rung_colours(tuple(traces[0].rungs))[rung]
     panels = []
     for j, joint in enumerate(traces[0].motion.joints):
         figure, axes = make_panel("time, runs end to end [s]", "residual [N m]")
         for start in starts[1:-1] if len(starts) < 60 else []:
             axes.axvline(start, color="#e3e3e3", linewidth=0.5)
-        axes.plot(*thin(time, stacked[:, j], 900), color=colour, linewidth=0.6)
+        axes.fill_between(*envelope(time, np.where(moving[:, j], stacked[:, j], np.nan)), color=colour, linewidth=0.3)
         axes.axhline(0.0, color="#333333", linewidth=0.5)
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
@@ -87,11 +101,16 @@ def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]
 
 
 def _draw(
-    traces: Sequence[RunTrace], j: int, x: Float[Array, " t"], groups: Sequence[Array], label: str, description: str
+    traces: Sequence[RunTrace],
+    rungs: tuple[str, ...],
+    j: int,
+    x: Float[Array, " t"],
+    groups: Sequence[Array],
+    label: str,
+    description: str,
 ) -> dict[str, Any]:
     """Median of every rung's residual in bins, and for the last rung the band of 80 % of the samples."""
-    rungs = tuple(traces[0].rungs)
-    colours = rung_colours(rungs)
+    colours = rung_colours(tuple(traces[0].rungs))
     figure, axes = make_panel(label, "residual [N m]")
     axes.axhline(0.0, color="#333333", linewidth=0.5)
     for rung in rungs:

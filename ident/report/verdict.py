@@ -11,12 +11,15 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.evaluation import SessionScore
 from ident.palette import RUNG_MEANINGS, rung_colours, rung_name
-from ident.report.numbers import fixed, percent, places_for
+from ident.report.numbers import fixed, glue, percent, places_for
 from ident.report.page import Section
 from ident.report.source import ReportInput
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS, IN_PART = 0.25, 0.7
+# A rung that leaves more than this share of both errors isn't worth a word in the lead.
+UNTOLD = 0.9
+SUBJECTS = {"inertia": "fitting the inertias", "loss": "friction", "net": "the net"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +33,20 @@ class VerdictSection(Section):
 
     def context(self) -> dict[str, Any]:
         score = self.source.evaluation.pooled
+        facts = [
+            *self._largest_rest(score),
+            *worse_joints(score),
+            *self._payloads(),
+            *self._judged(score),
+            *self._telemetry(),
+        ]
         return {
-            "headline": headline(score),
-            "lead": describe_energy(score),
+            "headline": glue(headline(score)),
+            "lead": glue(describe_steps(score)),
             "seen": self.source.seen_runs(),
             "runs": sum(len(one.runs) for one in self.source.evaluation.sessions),
             "rows": glance_rows(score),
-            "facts": [*self._largest_rest(score), *self._payloads(), *self._judged(score), *self._telemetry()],
+            "facts": [(kind, glue(text)) for kind, text in facts],
             "joints": joint_bars(score),
             "colours": rung_colours(score.rungs),
             "session": score.name,
@@ -105,20 +115,20 @@ def headline(score: SessionScore) -> str:
     return f"The fit helps little: {numbers}."
 
 
-def describe_energy(score: SessionScore) -> str:
-    """What each rung does to the energy error of a run."""
-    energy = score.energy_mean[:, -1]
-    places = places_for(energy)
-    start = f"A run's energy comes out {fixed(abs(energy[0]), places)} J too {'low' if energy[0] < 0 else 'high'}"
-    steps = [
-        f"{_subject(rung)} brings that to {fixed(value, places)} J"
-        for rung, value in zip(score.rungs[1:], energy[1:], strict=True)
-    ]
-    return f"{start} by the URDF alone; {', '.join(steps)}." if steps else f"{start}."
-
-
-def _subject(rung: str) -> str:
-    return {"inertia": "fitting the inertias", "loss": "friction", "net": "the net"}.get(rung, rung.replace("_", " "))
+def describe_steps(score: SessionScore) -> str:
+    """What each rung that matters does to the energy error of a run and to the torque error."""
+    energy, torque = score.energy_mean[:, -1], score.rmse_mean[:, -1]
+    told = [0]
+    for k in range(1, len(score.rungs)):
+        if torque[k] <= UNTOLD * torque[told[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[told[-1]]):
+            told.append(k)
+    start = fixed(energy[0], 2)
+    if len(told) == 1:
+        return f"The energy error of a run is {start} J, and no rung changes that much."
+    first = f"{SUBJECTS.get(score.rungs[told[1]], score.rungs[told[1]])} brings the energy error of a run from {start}"
+    steps = [f"{first[0].upper()}{first[1:]} to {fixed(energy[told[1]], 2)} J"]
+    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {fixed(energy[k], 2)} J" for k in told[2:]]
+    return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in told)} N m."
 
 
 def glance_rows(score: SessionScore) -> list[dict[str, Any]]:
@@ -138,6 +148,20 @@ def glance_rows(score: SessionScore) -> list[dict[str, Any]]:
         }
         for k, rung in enumerate(score.rungs)
     ]
+
+
+def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
+    """Joints on which the last rung makes the torque error larger than the rung before it."""
+    if len(score.rungs) < 2:
+        return []
+    before, after = score.rmse_mean[-2, :-1], score.rmse_mean[-1, :-1]
+    worse = [
+        f"{joint} ({fixed(a)} → {fixed(b)} N m)"
+        for joint, a, b in zip(score.joints, before, after, strict=True)
+        if b > 1.02 * a
+    ]
+    rung = score.rungs[-1]
+    return [("warning", f"Worse with {rung_name(rung)} than without: {', '.join(worse)}.")] if worse else []
 
 
 def joint_bars(score: SessionScore) -> list[dict[str, Any]]:

@@ -1,0 +1,98 @@
+"""The diagnosis in one sentence, and the gap of every joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ident.report.numbers import fixed, glue, percent
+from ident.report.page import Section
+from ident.report.source import DiagnosisInput
+from ident.report.words import effect_name, join_words
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisVerdictSection(Section):
+    """Verdict, what to make of it, and the gap joint by joint."""
+
+    source: DiagnosisInput
+    anchor: ClassVar[str] = "verdict"
+    title: ClassVar[str] = "Verdict"
+    template: ClassVar[str] = "diagnosis_verdict.html"
+
+    def context(self) -> dict[str, Any]:
+        record = self.source.record
+        session = record.get("session", {})
+        return {
+            "headline": diagnosis_headline(record),
+            "lead": glue(describe_findings(record)),
+            "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
+            "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
+            f"{fixed(session.get('duration_s', 0.0), 0)} s",
+            "gaps": gap_rows(record),
+        }
+
+
+def diagnosis_headline(record: Mapping[str, Any]) -> str:
+    """The verdict as a sentence."""
+    named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
+    more = len(record.get("findings", [])) - 3
+    named += f", and {more} more" if more > 0 else ""
+    return {
+        "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
+        "named": f"The gap has a name: {named}.",
+        "partial": f"Part of the gap has a name: {named}.",
+        "none_of_catalogue": "There is a gap, and no effect of the catalogue explains it.",
+        "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
+        "refused": "Refused: the recordings are unfit for a diagnosis.",
+    }.get(record["verdict"], record["verdict"].replace("_", " "))
+
+
+def describe_findings(record: Mapping[str, Any]) -> str:
+    """How far the named effects shrink the gap."""
+    heldout = record.get("heldout") or {}
+    if not record.get("findings") or "shrink" not in heldout:
+        return ""
+    parts = [
+        f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))}"
+        for joint, before in heldout.get("rms_before_Nm", {}).items()
+        if joint in _named_joints(record)
+    ]
+    closes = f"On runs that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
+    return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
+
+
+def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Residual, ceiling and noise of every joint, with bars on one scale."""
+    gaps = record.get("gap", {})
+    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
+    top = max((gap["rms_Nm"] for gap in gaps.values()), default=0.0)
+    scale = 100.0 / top if top > 0 else 0.0
+    rows = []
+    for joint, gap in gaps.items():
+        energy = gap.get("energy_error_J") or {}
+        rows.append(
+            {
+                "joint": joint,
+                "rms": gap["rms_Nm"],
+                "after": after.get(joint) if record.get("findings") else None,
+                "ceiling": gap.get("ceiling_rms_Nm"),
+                "noise": gap["noise_floor_Nm"],
+                "energy": f"{fixed(energy.get('mean'))} ± {fixed(energy.get('std'))}",
+                "rms_bar": round(scale * gap["rms_Nm"], 1),
+                "noise_bar": round(scale * gap["noise_floor_Nm"], 1),
+                "after_bar": round(scale * after[joint], 1) if joint in after and record.get("findings") else None,
+            }
+        )
+    return rows
+
+
+def _named_joints(record: Mapping[str, Any]) -> set[str]:
+    return {joint for finding in record.get("findings", []) for joint in finding["joints"]}
+
+
+def _finding(finding: Mapping[str, Any]) -> str:
+    joints = finding["joints"]
+    where = join_words(joints) if len(joints) <= 3 else "the whole arm"
+    return f"{effect_name(finding['effect'])} in {where}" if where else effect_name(finding["effect"])
