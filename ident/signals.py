@@ -23,6 +23,9 @@ DEFAULT_CUTOFF = 10.0
 # The filter needs some samples a period of its corner to be one.
 LARGEST_CUTOFF_SHARE = 0.2
 FILTER_ORDER = 4
+# Samples kept a period of the corner. Whitened statistics want fewer: where the filter's stop band is sampled too, a
+# whitening filter blows up the little that is left in it.
+OVERSAMPLING, CRITICAL_OVERSAMPLING = 4.0, 2.5
 # Time around a reversal that friction's memory and the filter need to settle: a fixed part [s], and periods of the
 # filter's corner.
 # A joint slower than this creeps on its bristles as often as it slides [rad/s].
@@ -52,10 +55,10 @@ class Lowpass:
     factor: int
 
     @classmethod
-    def design(cls, rate: float, cutoff: float | None = None) -> Lowpass:
-        """The filter for a rate; at least four samples a period of the corner are kept."""
+    def design(cls, rate: float, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Lowpass:
+        """The filter for a rate; at least `oversampling` samples a period of the corner are kept."""
         corner = min(cutoff or DEFAULT_CUTOFF, LARGEST_CUTOFF_SHARE * rate)
-        return cls(rate, corner, max(1, int(rate / (4 * corner))))
+        return cls(rate, corner, max(1, int(rate / (oversampling * corner))))
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
@@ -165,7 +168,11 @@ def session_noise(session: Session) -> NoiseLevels:
 
 
 def prepare_run(
-    run: Recording, levels: NoiseLevels, payload: Payload | None = None, cutoff: float | None = None
+    run: Recording,
+    levels: NoiseLevels,
+    payload: Payload | None = None,
+    cutoff: float | None = None,
+    oversampling: float = OVERSAMPLING,
 ) -> Motion:
     """Smooths one run and lays it on an even grid."""
     states = smooth(run.time, run.position, levels)
@@ -189,7 +196,7 @@ def prepare_run(
         dq=freeze(dq),
         ddq=freeze(ddq),
         tau=freeze(effort),
-        lowpass=Lowpass.design(rate, cutoff),
+        lowpass=Lowpass.design(rate, cutoff, oversampling),
         std=states.std,
         payload=payload,
         temperature=on_grid(run.temperature),
@@ -197,12 +204,13 @@ def prepare_run(
     )
 
 
-def prepare(session: Session, cutoff: float | None = None) -> tuple[Motion, ...]:
+def prepare(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> tuple[Motion, ...]:
     """All runs of a session that are long enough, as motions.
 
     Args:
         session: The recordings.
         cutoff: Corner of the common filter [Hz]; 10 Hz, or a fifth of the sampling rate, if None.
+        oversampling: Samples kept a period of the corner.
 
     Raises:
         RecordingError: No run is long enough.
@@ -212,7 +220,7 @@ def prepare(session: Session, cutoff: float | None = None) -> tuple[Motion, ...]
         where = str(session.path or session.name)
         raise RecordingError(where, f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
     levels = session_noise(session.replace(runs=long))
-    return tuple(prepare_run(run, levels, session.payload, cutoff) for run in long)
+    return tuple(prepare_run(run, levels, session.payload, cutoff, oversampling) for run in long)
 
 
 def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:

@@ -25,7 +25,7 @@ from ident.effects.base import SessionContext
 from ident.loss import direction
 from ident.signals import Motion
 
-AR_ORDER = 8
+AR_ORDER = 4
 # Samples (after decimation) that are in memory at once.
 CHUNK_SAMPLES = 30_000
 # Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
