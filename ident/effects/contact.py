@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
@@ -100,10 +101,14 @@ def screen_windows(
         count = len(power) // step
         strong = power[: count * step].reshape(count, step).mean(axis=1) > SCREEN_RATIO
         edges = np.flatnonzero(np.diff(np.concatenate([[0], strong.astype(int), [0]])))
+        fine = uniform_filter1d(power, max(1, round(EDGE * step / (SHORTEST_WINDOW / 2))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            inside = slice(first * step, last * step)
-            start, end = float(time[inside][0]), float(time[inside][-1])
-            found.append((float(power[inside].sum()), run.motion.name, start - EDGE, max(end, start + 2 * EDGE) + EDGE))
+            cells = slice(first * step, last * step)
+            # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
+            around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
+            inside = around[fine[around] > 0.25 * power[cells].mean()]
+            start, end = float(time[inside[0]]), float(time[inside[-1]])
+            found.append((float(power[cells].sum()), run.motion.name, start, max(end, start + 2 * EDGE)))
     return tuple(window[1:] for window in sorted(found, reverse=True)[:most])
 
 

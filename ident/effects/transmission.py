@@ -208,9 +208,9 @@ class SpringTorque(Effect):
             slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)
             rest = delta_interval(lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance)
             return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
-        # k sin(2 (q − q₀)) = k cos 2q₀ · sin 2q − k sin 2q₀ · cos 2q: twice q₀ is a phase a quarter turn away.
+        # k sin(2 (q − q₀)) = k cos 2q₀ · sin 2q − k sin 2q₀ · cos 2q: φ = 2q₀ + π/2.
         phase = phase_interval(coefficients, covariance)
-        value, low, high = (((angle + np.pi / 2) / 2) for angle in (phase.value, phase.low, phase.high))
+        value, low, high = ((angle - np.pi / 2) / 2 for angle in (phase.value, phase.low, phase.high))
         # Of the two rests a turn, the one nearer to the middle of the range.
         turns = np.pi * np.round((centre - value) / np.pi)
         return {

@@ -21,14 +21,14 @@ GEARS = np.array([100.0, 100.0, 100.0, 80.0, 80.0, 80.0])
 
 
 def make_run(
-    arm: ArmModel, rng: np.random.Generator, name: str, start: float, seconds: float, size: float
+    arm: ArmModel, rng: np.random.Generator, name: str, start: float, seconds: float, size: float, late: float = 0.0
 ) -> RunContext:
-    """A run of five sines a joint, slow enough for every filter."""
+    """A run of five sines a joint, slow enough for every filter; `late` delays all of it [s]."""
     time = start + np.arange(int(seconds * RATE)) / RATE
     omega = 2 * np.pi * rng.uniform(0.05, 0.6, (5, arm.n))
     phase = rng.uniform(0, 2 * np.pi, (5, arm.n))
     amplitude = size * rng.uniform(0.1, 0.4, (5, arm.n))
-    angle = omega * (time - start)[:, None, None] + phase
+    angle = omega * (time - start - late)[:, None, None] + phase
     q = (amplitude * np.sin(angle)).sum(axis=1)
     dq = (amplitude * omega * np.cos(angle)).sum(axis=1)
     ddq = -(amplitude * omega**2 * np.sin(angle)).sum(axis=1)
@@ -44,11 +44,11 @@ def make_context(arm: ArmModel, name: str, time: Any, q: Any, dq: Any, ddq: Any)
 
 
 def make_session(
-    arm: ArmModel, seconds: float = 20.0, runs: int = 4, size: float = 1.0, pause: float = 2.0
+    arm: ArmModel, seconds: float = 20.0, runs: int = 4, size: float = 1.0, pause: float = 2.0, late: float = 0.0
 ) -> SessionContext:
     """Runs with pauses between them, on one clock."""
     rng = np.random.default_rng(1)
-    found = tuple(make_run(arm, rng, f"run_{k}", k * (seconds + pause), seconds, size) for k in range(runs))
+    found = tuple(make_run(arm, rng, f"run_{k}", k * (seconds + pause), seconds, size, late) for k in range(runs))
     return SessionContext(found, True, arm.joint_names, GEARS, arm.effort_limit)
 
 

@@ -1,0 +1,108 @@
+"""Masses and gravity: arms that are really different, told from the nominal arm's columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from smooth_motion import Recover
+
+from ident.arm import ArmModel
+from ident.arrays import Array
+from ident.effects.base import SessionContext
+from ident.effects.catalogue import find_effect
+from ident.recording import Payload
+
+
+def difference(session: SessionContext, other: ArmModel) -> list[Array]:
+    """Torque of another arm on the same motion, less the nominal arm's."""
+    motions = [run.motion for run in session.runs]
+    return [other.inverse_dynamics(m.q, m.dq, m.ddq) - run.rigid for m, run in zip(motions, session.runs, strict=True)]
+
+
+@pytest.mark.parametrize("com", [(0.0, 0.0, 0.03), (0.02, -0.03, 0.1)])
+def test_a_payload_is_found_with_its_centre(session: SessionContext, recover: Recover, com: tuple[float, ...]) -> None:
+    """A point mass of 1.5 kg, at and off the points of the grid."""
+    torque = difference(session, session.runs[0].arm.with_payload(Payload(1.5, com)))
+    found = recover(find_effect("payload"), session, 0, torque)
+    np.testing.assert_allclose(found["mass_kg"].value, 1.5, rtol=0.01)
+    for axis, place in zip("xyz", com, strict=True):
+        np.testing.assert_allclose(found[f"com_{axis}_m"].value, place, atol=0.005)
+
+
+def test_the_tool_side_is_the_flanges(arm: ArmModel) -> None:
+    """The grid of payloads lies beyond the flange, for frames at the wrist and at the flange."""
+    from ident.effects.rigid_body import _flange_direction
+
+    for robot in (arm, ArmModel.load("panda"), ArmModel.load("ur10")):
+        pose = robot.forward_kinematics(robot.neutral)[robot.links[-1]]
+        before = robot.forward_kinematics(robot.neutral)[robot.links[-2]]
+        outward = (pose[:3, 3] - before[:3, 3]) @ pose[:3, :3] @ _flange_direction(robot)
+        assert outward >= -1e-9
+
+
+def test_a_heavier_link_is_found(session: SessionContext, recover: Recover) -> None:
+    """Link 3 with 12 % more of everything: its mass and its moment say so."""
+    arm = session.runs[0].arm
+    parameters = arm.inertial_parameters.reshape(6, 10).copy()
+    nominal = parameters[2].copy()
+    parameters[2] *= 1.12
+    torque = difference(session, arm.with_inertial_parameters(parameters.ravel()))
+    found = recover(find_effect("link_inertial_error"), session, 2, torque)
+    np.testing.assert_allclose(found["mass_change_kg"].value, 0.12 * nominal[0], rtol=0.05)
+    np.testing.assert_allclose(found["moment_change_x_kgm"].value, 0.12 * nominal[1], rtol=0.05)
+
+
+def test_a_shifted_centre_is_no_mass(session: SessionContext, recover: Recover) -> None:
+    """Link 2 with its centre 10 mm further out: the first moment changes, and the inertia with it."""
+    arm = session.runs[0].arm
+    parameters = arm.inertial_parameters.reshape(6, 10).copy()
+    mass, centre = parameters[1, 0], parameters[1, 1:4] / parameters[1, 0]
+    moved = centre + np.array([0.01, 0.0, 0.0])
+    steiner = mass * ((moved @ moved - centre @ centre) * np.eye(3) - np.outer(moved, moved) + np.outer(centre, centre))
+    parameters[1, 1:4] = mass * moved
+    parameters[1, 4:] += steiner[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    torque = difference(session, arm.with_inertial_parameters(parameters.ravel()))
+    found = recover(find_effect("link_inertial_error"), session, 1, torque)
+    np.testing.assert_allclose(found["moment_change_x_kgm"].value, 0.01 * mass, rtol=0.05)
+    assert abs(found["mass_change_kg"].value) < 0.05 * mass
+
+
+def test_columns_that_act_on_nothing_are_left_out(session: SessionContext) -> None:
+    """A link on a vertical axis has no gravity torque; every column of an outer link counts."""
+    effect = find_effect("link_inertial_error")
+    widths = [effect.columns(session, j, effect.variants(session, j)[0])[0].shape[-1] for j in range(6)]
+    assert widths[0] < 4
+    assert widths[2:] == [4, 4, 4, 4]
+
+
+def test_a_tilted_base_is_found_about_both_axes(session: SessionContext, recover: Recover) -> None:
+    """Turned by 10 and −15 mrad about its own axes, the base sees gravity the other way round."""
+    turn_x, turn_y = 0.010, -0.015
+    about_x = np.array([[1, 0, 0], [0, np.cos(turn_x), -np.sin(turn_x)], [0, np.sin(turn_x), np.cos(turn_x)]])
+    about_y = np.array([[np.cos(turn_y), 0, np.sin(turn_y)], [0, 1, 0], [-np.sin(turn_y), 0, np.cos(turn_y)]])
+    gravity = (about_x @ about_y).T @ np.array([0.0, 0.0, -9.81])
+    torque = difference(session, session.runs[0].arm.with_gravity(gravity))
+    found = recover(find_effect("gravity_misalignment"), session, 0, torque)
+    np.testing.assert_allclose(found["tilt_x_rad"].value, turn_x, atol=3e-4)
+    np.testing.assert_allclose(found["tilt_y_rad"].value, turn_y, atol=3e-4)
+
+
+def test_a_tilt_shows_on_a_vertical_joint(session: SessionContext) -> None:
+    """Joint 1 feels no gravity on a level base, and does on a tilted one; inertia has no part in it."""
+    effect = find_effect("gravity_misalignment")
+    columns = effect.columns(session, 0, effect.variants(session, 0)[0])[0]
+    assert np.abs(columns[:, 0]).max() > 1.0
+    slow = session.runs[0].arm.gravity(session.runs[0].motion.q)
+    assert np.abs(slow[:, 0]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["payload", "link_inertial_error"])
+def test_columns_depend_on_their_own_run_only(name: str, session: SessionContext) -> None:
+    """A run alone has the columns that it has among others."""
+    effect = find_effect(name)
+    second = replace(session, runs=session.runs[1:2])
+    for variant in effect.variants(session, 1):
+        alone, among = effect.columns(second, 1, variant)[0], effect.columns(session, 1, variant)[1]
+        np.testing.assert_array_equal(alone, among)

@@ -1,0 +1,107 @@
+"""Gain, offset, delay, flat tops and shifted zeros: found when put in, untestable where they can't show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
+
+from ident.arm import ArmModel
+from ident.effects.base import RunContext, SessionContext
+from ident.effects.catalogue import find_effect
+from ident.effects.sensing import shifted
+
+
+def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover) -> None:
+    """A log that reads 5 % high reads so of rigid torque, friction and rotor inertia."""
+
+    def with_rotor(run: RunContext) -> RunContext:
+        return replace(run, rotor=0.6 * run.motion.ddq)
+
+    whole = edit_runs(session, with_rotor)
+    torque = [
+        0.05 * (run.rigid + COULOMB * np.tanh(run.motion.dq / 0.01) + VISCOUS * run.motion.dq + 0.6 * run.motion.ddq)
+        for run in session.runs
+    ]
+    found = recover(find_effect("torque_gain_error"), whole, 2, [values[:, 2] for values in torque])["gain"]
+    assert found.low < 0.05 < found.high
+
+
+def test_an_offset_is_found_with_its_drift(session: SessionContext, recover: Recover) -> None:
+    """0.4 N m in the middle of the session, rising by 2 mN m a second through runs and pauses."""
+    middle = (session.runs[0].motion.time[0] + session.runs[-1].motion.time[-1]) / 2
+    torque = [0.4 + 0.002 * (run.motion.time - middle) for run in session.runs]
+    found = recover(find_effect("torque_offset"), session, 0, torque)
+    assert found["offset_Nm"].low < 0.4 < found["offset_Nm"].high
+    assert found["drift_Nm_s"].low < 0.002 < found["drift_Nm_s"].high
+
+
+def test_without_a_clock_there_is_no_drift(session: SessionContext) -> None:
+    """One column, the constant."""
+    effect, torn = find_effect("torque_offset"), replace(session, common_clock=False)
+    variant = effect.variants(torn, 0)[0]
+    np.testing.assert_array_equal(effect.columns(torn, 0, variant)[0], np.ones((len(torn.runs[0].motion.time), 1)))
+    assert effect.parameters(torn, 0, variant, np.array([0.2]), np.eye(1))["drift_Nm_s"].value == 0.0
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.005, 0.013, 0.025])
+def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, delay: float) -> None:
+    """The torque of the same motion, computed late instead of shifted: the figure is within 3 %."""
+    session, late = make_session(arm, 10.0, 2), make_session(arm, 10.0, 2, late=delay)
+    torque = [b.total - a.total for a, b in zip(session.runs, late.runs, strict=True)]
+    found = recover(find_effect("torque_delay"), session, 0, torque)["delay_s"]
+    np.testing.assert_allclose(found.value, delay, rtol=0.03)
+
+
+def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:
+    """Three samples late is the value three samples ago; a cubic is shifted by any part exactly."""
+    t = np.arange(40.0)
+    values = np.stack([np.sin(t), 1 + t - 0.1 * t**2 + 0.01 * t**3], axis=1)
+    np.testing.assert_allclose(shifted(values, 3.0)[3:], values[:-3])
+    late = t - 2.3
+    np.testing.assert_allclose(shifted(values, 2.3)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])
+
+
+def test_steady_torque_shows_no_delay(still: SessionContext) -> None:
+    """What doesn't change can't be late."""
+    assert find_effect("torque_delay").untestable(still, 0) == "torque changes too slowly in all joints"
+
+
+def test_flat_tops_are_found_with_their_limit(session: SessionContext, recover: Recover) -> None:
+    """Torque clipped at 80 % of its largest is found there; below the limit nothing is said."""
+    effect = find_effect("torque_saturation")
+    whole = np.concatenate([run.total[:, 1] for run in session.runs])
+    limit = 0.8 * np.quantile(np.abs(whole), 0.999)
+    torque = [np.clip(run.total[:, 1], -limit, limit) - run.total[:, 1] for run in session.runs]
+    found = recover(effect, session, 1, torque)["limit_Nm"]
+    np.testing.assert_allclose(found.value, limit)
+    variant = effect.variants(session, 1)[0]
+    run = session.runs[0]
+    low = np.abs(run.total[:, 1]) < variant.inner["limit_Nm"]
+    assert not effect.columns(session, 1, variant)[0][low].any()
+    assert np.all(effect.columns(session, 1, variant)[0][:, 0] * run.total[:, 1] <= 0.0)
+
+
+def test_low_loads_show_no_limit(arm: ArmModel) -> None:
+    """A joint that never works hard can't be seen to reach a limit."""
+    gentle = make_session(arm, 5.0, 1, size=0.3)
+    assert "of its rated torque" in str(find_effect("torque_saturation").untestable(gentle, 5))
+
+
+def test_a_shifted_zero_is_found(session: SessionContext, recover: Recover) -> None:
+    """True angles 12 mrad above the logged ones of joint 2: every joint's torque is that of the true angles."""
+    arm, shift = session.runs[0].arm, np.array([0.0, 0.012, 0.0, 0.0, 0.0, 0.0])
+    motions = [run.motion for run in session.runs]
+    torque = [
+        arm.inverse_dynamics(m.q + shift, m.dq, m.ddq) - run.rigid for m, run in zip(motions, session.runs, strict=True)
+    ]
+    found = recover(find_effect("encoder_offset"), session, 1, torque)["offset_rad"]
+    np.testing.assert_allclose(found.value, 0.012, rtol=0.02)
+
+
+def test_a_zero_on_a_vertical_axis_can_not_be_seen(session: SessionContext) -> None:
+    """Turning the whole arm about gravity changes no torque."""
+    reason = find_effect("encoder_offset").untestable(session, 0)
+    assert reason == "no torque depends on the angle of joint_1"

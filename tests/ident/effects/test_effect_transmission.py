@@ -1,0 +1,89 @@
+"""Coupling, ripple and springs: torques written out here are found again, and what can't show says why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from smooth_motion import Recover, edit_runs
+
+from ident.effects.base import RunContext, SessionContext
+from ident.effects.catalogue import find_effect
+
+
+def test_coupling_is_found_with_the_other_joint(session: SessionContext, recover: Recover) -> None:
+    """Friction and inertia of joint 5 that joint 4 feels."""
+    torque = [
+        0.6 * run.direction[:, 4] + 0.9 * run.motion.dq[:, 4] + 0.05 * run.motion.ddq[:, 4] for run in session.runs
+    ]
+    found = recover(find_effect("joint_coupling"), session, 3, torque)
+    assert found["other_joint"].value == 5.0
+    for name, value in {"coulomb_Nm": 0.6, "viscous_Nms_rad": 0.9, "inertia_kgm2": 0.05}.items():
+        assert found[name].low < value < found[name].high
+        np.testing.assert_allclose(found[name].value, value, rtol=0.02)
+
+
+def test_friction_of_a_sum_is_told_from_friction_of_one(session: SessionContext, recover: Recover) -> None:
+    """A gear that turns with the sum of two neighbours rubs by the sum's direction."""
+    torque = [0.8 * np.tanh((run.motion.dq[:, 4] + run.motion.dq[:, 5]) / 0.01) for run in session.runs]
+    found = recover(find_effect("joint_coupling"), session, 5, torque)
+    assert found["other_joint"].value == 5.0
+    np.testing.assert_allclose(found["coulomb_Nm"].value, 0.8, rtol=0.02)
+
+
+def test_a_joint_feels_nothing_of_one_that_stands_or_moves_with_it(session: SessionContext) -> None:
+    """Neither is a candidate; with no candidate left the coupling can't be tested."""
+
+    def together(run: RunContext) -> RunContext:
+        dq, q = np.zeros_like(run.motion.dq), np.zeros_like(run.motion.q)
+        dq[:, :2], q[:, :2] = run.motion.dq[:, :1], run.motion.q[:, :1]
+        return replace(run, motion=replace(run.motion, q=q, dq=dq))
+
+    effect, tied = find_effect("joint_coupling"), edit_runs(session, together)
+    assert "move only together with joint_1" in str(effect.untestable(tied, 0))
+    assert {variant.other for variant in effect.variants(tied, 4)} == {0, 1}
+
+
+def test_ripple_is_found_with_order_and_phase(session: SessionContext, recover: Recover) -> None:
+    """1.2 N m twice a turn of a motor behind a gear of 1:100, highest at a phase of 0.7 rad."""
+    torque = [1.2 * np.cos(200 * run.motion.q[:, 2] - 0.7) for run in session.runs]
+    found = recover(find_effect("torque_ripple"), session, 2, torque)
+    assert found["order"].value == 2.0
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 1.2, rtol=0.01)
+    np.testing.assert_allclose(found["phase_rad"].value, 0.7, atol=0.01)
+
+
+def test_ripple_of_the_load_is_told_at_typical_load(session: SessionContext, recover: Recover) -> None:
+    """Two per cent of the load, whatever its sign."""
+    load = np.concatenate([run.link[:, 1] for run in session.runs])
+    torque = [0.02 * run.link[:, 1] * np.sin(100 * run.motion.q[:, 1]) for run in session.runs]
+    found = recover(find_effect("torque_ripple"), session, 1, torque)
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 0.02 * np.sqrt(np.mean(load**2)), rtol=0.01)
+    np.testing.assert_allclose(found["phase_rad"].value, np.pi / 2, atol=0.01)
+
+
+def test_ripple_needs_a_gear_ratio_and_slow_motion(session: SessionContext) -> None:
+    """Without a ratio there is no line to look for; fast motion lifts it above the filter's corner."""
+    effect = find_effect("torque_ripple")
+    assert "mechanicalReduction" in str(effect.untestable(replace(session, gear_ratios=None), 0))
+
+    def fast(run: RunContext) -> RunContext:
+        return replace(run, motion=replace(run.motion, dq=3.0 + np.abs(run.motion.dq)))
+
+    assert "never slow enough" in str(effect.untestable(edit_runs(session, fast), 0))
+
+
+def test_a_spring_is_found_with_its_rest(session: SessionContext, recover: Recover) -> None:
+    """5 N m/rad about 0.3 rad."""
+    torque = [5.0 * (run.motion.q[:, 0] - 0.3) for run in session.runs]
+    found = recover(find_effect("spring_torque"), session, 0, torque)
+    assert found["stiffness_Nm_rad"].low < 5.0 < found["stiffness_Nm_rad"].high
+    assert found["rest_rad"].low < 0.3 < found["rest_rad"].high
+
+
+def test_a_spring_with_two_rests_a_turn_has_the_same_stiffness(session: SessionContext, recover: Recover) -> None:
+    """k sin(2 (q − q₀)) / 2 has the slope k at its rest."""
+    torque = [2.5 * np.sin(2 * (run.motion.q[:, 0] - 0.3)) for run in session.runs]
+    found = recover(find_effect("spring_torque"), session, 0, torque)
+    assert found["stiffness_Nm_rad"].low < 5.0 < found["stiffness_Nm_rad"].high
+    assert found["rest_rad"].low < 0.3 < found["rest_rad"].high
