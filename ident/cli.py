@@ -147,6 +147,50 @@ def evaluate(
 
 
 @app.command()
+def diagnose(
+    sessions: Sessions,
+    robot: Robot = None,
+    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model, to be compared on the page.")] = None,
+    catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the page to this file.")] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
+    from ident.diagnosis.command import diagnose_reports
+    from ident.diagnosis_output import gap_marks, print_diagnosis
+    from ident.effects.catalogue import load_catalogue
+    from ident.evaluation import evaluate as score
+    from ident.hybrid import HybridModel
+    from ident.opening import inspect_paths, open_for_model
+    from ident.report import ReportInput, write_diagnosis_report
+    from ident.timeline import write_timeline
+
+    loaded = HybridModel.load(model) if model else None
+    arm, reports = inspect_paths(sessions, robot, topic, session_file)
+    if loaded is not None and model is not None:
+        loaded.require_robot(arm, model)
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, load_catalogue(catalogue), cutoff, seed)
+    print_diagnosis(console, diagnosis)
+    record = diagnosis.to_dict()
+    if html is not None:
+        evaluation = None
+        if loaded is not None and analysis is not None:
+            opened = open_for_model(sessions, loaded, topic, session_file)
+            evaluation = ReportInput((loaded,), (score(loaded, opened.groups, loaded.robot.name),), ())
+        write_diagnosis_report(html, record, evaluation)
+        console.print(f"page written to {html}")
+    if rrd is not None and analysis is not None:
+        write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, gap_marks(analysis))
+        console.print(f"timeline written to {rrd}")
+    write_json(json_file, record)
+
+
+@app.command()
 def view(
     sessions: Sessions,
     model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
