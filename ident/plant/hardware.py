@@ -118,11 +118,11 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         inertia_error: Standard deviation of the relative error of masses and inertias.
     """
     n, scale = arm.n, effort_scale(arm)
-    spread = lambda share: np.exp(share * rng.standard_normal(n))  # noqa: E731
     relative = scale / 157.0
-    coulomb = 12.0 * relative**1.15 * spread(0.25)
-    viscous = 10.0 * relative**1.35 * spread(0.25)
-    rotor = 1.0 * relative**1.55 * spread(0.15)
+    own = rng.standard_normal((3, n))
+    coulomb = 12.0 * relative**1.15 * np.exp(0.25 * own[0])
+    viscous = 10.0 * relative**1.35 * np.exp(0.25 * own[1])
+    rotor = 1.0 * relative**1.55 * np.exp(0.15 * own[2])
     size = np.linalg.norm([arm.model.inertias[i].lever for i in range(1, n + 1)], axis=1)
     bodies = nominal_bodies(n).replace(
         mass_scale=1.0 + inertia_error * rng.standard_normal(n),

@@ -20,7 +20,7 @@ from ident.plant.thermal import cool_down
 
 LARGEST_STEP_S = 5e-4
 # The spring between motor and link must turn by less than this angle of its own oscillation in a step.
-SPRING_PHASE = 0.35
+SPRING_PHASE = 0.6
 # Velocity filter of the controller [rad/s].
 FILTER_RAD_S = 900.0
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].

@@ -46,8 +46,8 @@ def _spring(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
 
 
 def _stiffness_bounds(scene: Scene) -> tuple[float, float]:
-    """Softer than this the joint would sag by a third of a radian under its rated torque."""
-    return 3.0 * scene.rated, 2000.0 * scene.rated
+    """Softer, and the joint would sag by a third of a radian under its rated torque; stiffer is rigid."""
+    return 3.0 * scene.rated, 1000.0 * scene.rated
 
 
 DRIVE = (

@@ -97,7 +97,7 @@ def test_a_healthy_arm_is_rigid_body_plus_linear_friction(hardware, monkeypatch)
 def test_stiff_springs_get_small_steps(hardware):
     assert choose_step(hardware) == 5e-4
     soft = hardware.with_laws("drive", 1, elastic=True, stiffness=2e4)
-    stiff = hardware.with_laws("drive", 5, elastic=True, stiffness=4e4)
+    stiff = hardware.with_laws("drive", 5, elastic=True, stiffness=9e4)
     assert choose_step(stiff) < choose_step(soft) < 5e-4
 
 
