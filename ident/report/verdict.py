@@ -19,6 +19,8 @@ from ident.report.source import ReportInput
 FOLLOWS, IN_PART = 0.25, 0.7
 # A rung that leaves more than this share of both errors isn't worth a word in the lead.
 UNTOLD = 0.9
+# From here on a joint is told to be worse: less is within the scatter of the runs.
+WORSE = 1.02
 SUBJECTS = {"inertia": "fitting the inertias", "loss": "friction", "net": "the net"}
 
 
@@ -158,10 +160,10 @@ def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
     worse = [
         f"{joint} ({fixed(a)} → {fixed(b)} N m)"
         for joint, a, b in zip(score.joints, before, after, strict=True)
-        if b > 1.02 * a
+        if b > WORSE * a
     ]
-    rung = score.rungs[-1]
-    return [("warning", f"Worse with {rung_name(rung)} than without: {', '.join(worse)}.")] if worse else []
+    subject = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
+    return [("warning", f"Worse with {subject} than without: {', '.join(worse)}.")] if worse else []
 
 
 def joint_bars(score: SessionScore) -> list[dict[str, Any]]:
