@@ -106,8 +106,18 @@ def _stack(motions: Sequence[Motion], name: str) -> Float[Array, "T n"]:
     return np.concatenate([getattr(motion, name) for motion in motions])
 
 
-def fit_signed(states: States, joint: int, sign: float, rows: Array | slice = slice(None)) -> SignedFit:
-    """Fits one joint's torque, times a sign, with non-negative coefficients."""
+def fit_signed(
+    states: States, joint: int, sign: float, rows: Array | slice = slice(None), spring: bool = False
+) -> SignedFit:
+    """Fits one joint's torque, times a sign, with non-negative coefficients.
+
+    Args:
+        states: Filtered states.
+        joint: Which joint.
+        sign: Factor on the torque, 1 or -1.
+        rows: States to use.
+        spring: Whether a spring of either sign may explain what grows with the joint's angle.
+    """
     dq, tau = states.dq[rows, joint], sign * states.tau[rows, joint]
     gravity = states.gravity[rows, joint]
     columns = [gravity - gravity.mean(), states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
@@ -116,9 +126,11 @@ def fit_signed(states: States, joint: int, sign: float, rows: Array | slice = sl
     # Columns that are zero but for rounding would get coefficients without meaning.
     live = size > 1e-6 * max(float(size.max()), 1e-12)
     scaled = np.where(live, table / np.where(live, size, 1.0), 0.0)
-    ones = np.full((len(tau), 1), len(tau) ** -0.5)
-    weights, _ = nnls(np.hstack([scaled, ones, -ones]), tau)
-    residual = tau - np.hstack([scaled, ones, -ones]) @ weights
+    free = np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring])
+    free = free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    full = np.hstack([scaled, free, -free])
+    weights, _ = nnls(full, tau)
+    residual = tau - full @ weights
     variance = float(tau.var())
     coefficients = np.where(live, weights[:4] / np.where(live, size, 1.0), 0.0)
     explained = 1.0 - float(np.mean(residual**2)) / variance if variance > 0.0 else 0.0
@@ -152,7 +164,9 @@ def check_effort(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     ]
     upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
     issues = _tell_flipped(session, flipped, right, wrong)
-    issues += _check_scale(session, states, upright)
+    # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
+    sprung = {joint: fit_signed(states, joint, -1.0 if joint in flipped else 1.0, spring=True) for joint in tested}
+    issues += _check_scale(session, states, upright, sprung)
     return issues + _check_origin(session, arm, states)
 
 
@@ -171,11 +185,17 @@ def _tell_flipped(
     return [TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy)]
 
 
-def _check_scale(session: Session, states: States, fits: dict[int, SignedFit]) -> list[TelemetryIssue]:
+def _check_scale(
+    session: Session, states: States, fits: dict[int, SignedFit], sprung: dict[int, SignedFit]
+) -> list[TelemetryIssue]:
     heavy = [joint for joint in fits if states.heavy[joint]]
     remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
-    deaf = [joint for joint in heavy if fits[joint].explained < FOLLOWS]
-    off = [joint for joint in heavy if joint not in deaf and not SCALE_LOW < fits[joint].gravity < SCALE_HIGH]
+    deaf = [joint for joint in heavy if sprung[joint].explained < FOLLOWS]
+    off = [
+        joint
+        for joint in heavy
+        if joint not in deaf and all(not SCALE_LOW < fit[joint].gravity < SCALE_HIGH for fit in (fits, sprung))
+    ]
     issues = []
     if deaf:
         joint = min(deaf, key=lambda j: fits[j].explained)
