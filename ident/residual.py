@@ -40,6 +40,8 @@ DIRECTION_SCALES = (0.02, 0.15)
 LOAD_ROUNDING = 0.5
 # A short recording still gets this many steps an epoch, as long as a step sees enough samples.
 LEAST_STEPS, LEAST_BATCH = 32, 16
+# Weights from which on a net trains faster on several threads.
+WORTH_THREADS = 100_000
 # Length of the stretches that are held back as a whole [samples].
 STRETCH = 200
 
@@ -239,12 +241,7 @@ class _Training:
         tensors |= {f"best.{name}": value for name, value in self.best.items()} | {"least": self.least}
         for index, entry in self.optimiser.state_dict()["state"].items():
             tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in entry.items()}
-        record = {
-            "epoch": self.epoch,
-            "best_epoch": self.best_epoch,
-            "train": self.train,
-            "validation": self.validation,
-        }
+        record = {name: getattr(self, name) for name in ("epoch", "best_epoch", "train", "validation")}
         with atomic_write(folder / "checkpoint.safetensors") as part:
             metadata = {"fingerprint": fingerprint, "record": json.dumps(record)}
             save_file({name: value.contiguous() for name, value in tensors.items()}, part, metadata)
@@ -274,8 +271,8 @@ class _Training:
         self.optimiser.load_state_dict(state)
         self.best, self.least = part("best."), tensors["least"]
         record = json.loads(metadata["record"])
-        self.epoch, self.best_epoch = record["epoch"], record["best_epoch"]
-        self.train, self.validation = record["train"], record["validation"]
+        for name, value in record.items():
+            setattr(self, name, value)
 
 
 def _held_back(samples: int, options: NetOptions, rng: np.random.Generator) -> Bool[Array, "members T"]:
@@ -322,11 +319,13 @@ def fit_residual_net(
     scale = np.maximum(np.sqrt((mask * y**2).sum(axis=0) / np.maximum(mask.sum(axis=0), 1.0)), 1e-9)
     held = _held_back(len(y), options, np.random.default_rng(options.seed))
     data = _Data(*(torch.from_numpy(part.astype(np.float32)) for part in ((x - mean) / std, y / scale, mask, held)))
-    # A net a joint is a chain of products too small to share: more threads only wait for each other.
-    with torch.random.fork_rng(devices=[]), _threads(1 if options.preset != "paper" else torch.get_num_threads()):
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
         network = _build(x.shape[-1], y.shape[1], options)
-        training = _train(network, data, options, progress, checkpoint)
+        # The products of a small net are too small to share: more threads only wait for each other.
+        small = sum(weight.numel() for weight in network.parameters()) < WORTH_THREADS
+        with _threads(1 if small else torch.get_num_threads()):
+            training = _train(network, data, options, progress, checkpoint)
     if options.patience:
         network.load_state_dict(training.best)
     network.eval()
@@ -347,8 +346,8 @@ def _threads(count: int) -> Iterator[None]:
 def _train(
     network: Network, data: _Data, options: NetOptions, progress: Progress | None, checkpoint: Path | None
 ) -> _Training:
-    kind = torch.optim.AdamW if options.weight_decay > 0 else torch.optim.Adam
-    optimiser = kind(network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
+    adam = torch.optim.AdamW if options.weight_decay > 0 else torch.optim.Adam
+    optimiser = adam(network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
     silent = data.held[:, :, None] * data.mask
     least = (silent * data.targets**2).sum(dim=1) / silent.sum(dim=1).clamp(min=1.0)
     training = _Training(network, optimiser, least)
@@ -373,8 +372,8 @@ def _stalled(training: _Training, options: NetOptions) -> bool:
 def _one_epoch(training: _Training, data: _Data, options: NetOptions) -> None:
     """One pass in an order that depends on seed and epoch alone, so that a resumed training is the same training."""
     torch.manual_seed(options.seed * 100_003 + training.epoch)  # dropout's masks
-    some = torch.nonzero((data.held == 0).any(dim=0))[:, 0].numpy()
-    order = np.random.default_rng((options.seed, training.epoch)).permutation(some)
+    some = torch.nonzero((data.held == 0).any(dim=0))[:, 0]
+    order = np.random.default_rng((options.seed, training.epoch)).permutation(some.numpy())
     if options.cosine:
         rate = 0.5 * options.learning_rate * (1 + np.cos(np.pi * training.epoch / options.epochs))
         for group in training.optimiser.param_groups:
