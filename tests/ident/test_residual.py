@@ -17,12 +17,12 @@ from tests.ident.made_up import multisine, two_joint_arm
 
 DEFAULT = PRESETS["default"]
 # A paper net small enough for a test: the same kind, dropout included.
-DENSE = replace(PRESETS["paper"], hidden=(16, 16), epochs=12)
-QUICK = replace(DEFAULT, epochs=12)
+DENSE = replace(PRESETS["paper"], hidden=(16, 16), epochs=6)
+QUICK = replace(DEFAULT, epochs=6)
 State = tuple[Array, Array, Array, Array]
 
 
-def _states(seed: int, samples: int = 1500, arm: ArmModel | None = None) -> State:
+def _states(seed: int, samples: int = 1000, arm: ArmModel | None = None) -> State:
     arm = arm or two_joint_arm()
     time = np.arange(samples) / 50.0
     q, dq, ddq = multisine(np.random.default_rng(seed), time, arm.n)
@@ -107,9 +107,9 @@ class _Interrupted(Exception):
     """Stands for Ctrl-C."""
 
 
-@pytest.mark.parametrize("options", [replace(QUICK, epochs=25), replace(DENSE, epochs=25)], ids=["default", "paper"])
+@pytest.mark.parametrize("options", [replace(QUICK, epochs=15), replace(DENSE, epochs=15)], ids=["default", "paper"])
 def test_a_resumed_training_is_the_uninterrupted_one(options: NetOptions, tmp_path: Path) -> None:
-    """Stopped after epoch 17 and started again, the training goes on from epoch 10's checkpoint to the same weights
+    """Stopped after epoch 13 and started again, the training goes on from epoch 10's checkpoint to the same weights
 
     and the same history, bit for bit.
     """
@@ -117,7 +117,7 @@ def test_a_resumed_training_is_the_uninterrupted_one(options: NetOptions, tmp_pa
     whole = fit_residual_net([state], [_stribeck(state)], options=options)
 
     def stop(epoch: int, epochs: int, error: float) -> None:
-        if epoch == 17:
+        if epoch == 13:
             raise _Interrupted
 
     with pytest.raises(_Interrupted):
@@ -203,7 +203,7 @@ def test_a_friction_law_is_learnt() -> None:
 
     with the load, measured with a tenth of its size in noise.
     """
-    rng, train = np.random.default_rng(7), [_states(seed) for seed in (10, 11, 12)]
+    rng, train = np.random.default_rng(7), [_states(seed, 1500) for seed in (10, 11, 12)]
     noise = [0.1 * np.std(_stribeck(state)) * rng.standard_normal(state[0].shape) for state in train]
     targets = [_stribeck(state) + n for state, n in zip(train, noise, strict=True)]
     net = fit_residual_net(train, targets)
