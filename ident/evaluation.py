@@ -111,16 +111,14 @@ class SessionScore:
         return np.sqrt(np.concatenate([squares, _mean(squares, axis=2)[..., None]], axis=2))
 
     def to_dict(self) -> dict[str, Any]:
+        """For JSON, which knows no NaN: what a joint that never moves can't tell is null."""
         columns = [*self.joints, "total"]
 
-        def table(values: Float[Array, "R n+1"]) -> dict[str, dict[str, float]]:
-            rows = zip(self.rungs, values, strict=True)
-            return {rung: dict(zip(columns, map(float, row), strict=True)) for rung, row in rows}
+        def table(values: Float[Array, "R k"]) -> dict[str, dict[str, float | None]]:
+            cells = [[None if np.isnan(value) else float(value) for value in row] for row in values]
+            rows = zip(self.rungs, cells, strict=True)
+            return {rung: dict(zip(columns[: len(row)], row, strict=True)) for rung, row in rows}
 
-        r2 = {
-            rung: dict(zip(self.joints, map(float, row), strict=True))
-            for rung, row in zip(self.rungs, self.r2, strict=True)
-        }
         return {
             "session": self.name,
             "runs": len(self.runs),
@@ -128,7 +126,7 @@ class SessionScore:
             "energy_error_J": {"mean": table(self.energy_mean), "std": table(self.energy_std)},
             "torque_rmse_Nm": {"mean": table(self.rmse_mean), "std": table(self.rmse_std)},
             "torque_rmse_at_rest_Nm": table(self.rest_rmse),
-            "r2_moving": r2,
+            "r2_moving": table(self.r2),
         }
 
 
