@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -12,9 +13,11 @@ from ident.evaluation import Evaluation, SessionScore
 from ident.hybrid import HybridModel
 from ident.palette import model_colour
 from ident.report.figures import WIDE, make_panel, to_svg
-from ident.report.numbers import pair
+from ident.report.numbers import pair, plural, table_places
 from ident.report.page import Section
-from ident.report.source import ReportInput
+from ident.report.source import ReportInput, pool_name
+
+TICK_WIDTH = 16  # [characters]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,8 @@ class ComparisonSection(Section):
             joint for joint in evaluations[0].pooled.joints if all(joint in e.pooled.joints for e in evaluations)
         )
         groups = [[restrict(score, joints) for score in compared_scores(one)] for one in evaluations]
-        names = [score.name for score in groups[0]]
+        names = [pool_name(score, 24) for score in groups[0]]
+        several = [len(score.runs) > 1 for score in groups[0]]
         energy, energy_std = _totals(groups, "energy_mean"), _totals(groups, "energy_std")
         torque, torque_std = _totals(groups, "rmse_mean"), _totals(groups, "rmse_std")
         models = [one.model for one in evaluations]
@@ -50,7 +54,9 @@ class ComparisonSection(Section):
                 draw_bars("torque error, RMS [N m]", names, models, torque, torque_std),
             ],
             "rows": [
-                _row(model, one, k, energy[k], energy_std[k], torque[k], torque_std[k])
+                _row(
+                    model, one, k, _cells(energy[k], energy_std[k], several), _cells(torque[k], torque_std[k], several)
+                )
                 for k, (model, one) in enumerate(zip(self.source.models, evaluations, strict=True))
             ],
         }
@@ -83,14 +89,16 @@ def draw_bars(
     std: Float[Array, "m s"],
 ) -> dict[str, Any]:
     """Grouped bars: one group a session, one bar a model, black lines one standard deviation each way."""
-    figure, axes = make_panel("evaluated on", label, WIDE)
+    ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
+    lines = max(tick.count("\n") for tick in ticks)
+    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * lines)
     width = 0.8 / len(models)
     for k in range(len(models)):
         x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width
         axes.bar(x, mean[k], 0.88 * width, color=model_colour(k))
         axes.errorbar(x, mean[k], std[k], fmt="none", ecolor="#111111", elinewidth=0.9, capsize=2)
     axes.axhline(0.0, color="#333333", linewidth=0.6)
-    axes.set_xticks(np.arange(len(sessions)), sessions)
+    axes.set_xticks(np.arange(len(sessions)), ticks)
     return {"title": label[0].upper() + label[1:], "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
 
 
@@ -98,11 +106,16 @@ def _totals(groups: list[list[SessionScore]], name: str) -> Float[Array, "m s"]:
     return np.array([[getattr(score, name)[-1, -1] for score in scores] for scores in groups])
 
 
+def _cells(mean: Float[Array, " s"], std: Float[Array, " s"], several: list[bool]) -> list[str]:
+    places = table_places(mean)
+    return [pair(a, b if more else None, places) for a, b, more in zip(mean, std, several, strict=True)]
+
+
 def _row(
-    model: HybridModel, evaluation: Evaluation, index: int, energy: Array, energy_std: Array, torque: Array, std: Array
+    model: HybridModel, evaluation: Evaluation, index: int, energy: list[str], torque: list[str]
 ) -> dict[str, Any]:
     past = model.provenance
-    trained = f"{past['runs']} runs, {past['samples']:,} samples" if "samples" in past else "not recorded"
+    trained = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else "not recorded"
     return {
         "name": evaluation.model,
         "colour": model_colour(index),
@@ -110,6 +123,6 @@ def _row(
         "joints": len(model.joint_names),
         "inertia": model.inertia,
         "net": f"{past.get('net_parameters', 0):,}" if model.net is not None else "none",
-        "energy": [pair(a, b, 2) for a, b in zip(energy, energy_std, strict=True)],
-        "torque": [pair(a, b, 2) for a, b in zip(torque, std, strict=True)],
+        "energy": energy,
+        "torque": torque,
     }

@@ -31,7 +31,7 @@ class FitSection(Section):
         evaluation = self.source.evaluation
         errors = run_errors(evaluation)
         order = np.argsort(errors)
-        typical, worst = int(order[len(order) // 2]), int(order[-1])
+        typical, worst = int(order[(len(order) - 1) // 2]), int(order[-1])
         chosen = [("A typical run", typical), ("The worst run", worst)]
         if typical == worst:
             chosen = [("The run", worst)]
@@ -66,7 +66,7 @@ def run_name(evaluation: Evaluation, index: int) -> str:
     names = [(score, run) for score in evaluation.sessions for run in score.runs]
     score, run = names[index]
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
-    return f"{score.name}/{run}{payload}"
+    return (run if run == score.name else f"{score.name}/{run}") + payload
 
 
 def rest_spans(time: Float[Array, " t"], moving: Bool[Array, " t"]) -> list[tuple[float, float]]:

@@ -10,9 +10,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.evaluation import SessionScore
 from ident.palette import rung_colours, rung_name
-from ident.report.numbers import MINUS, fixed, glue, pair, percent, places_for
+from ident.report.numbers import MINUS, fixed, glue, pair, percent, plural, table_places
 from ident.report.page import Section
-from ident.report.source import ReportInput
+from ident.report.source import ReportInput, pool_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,8 @@ def ladder_tables(score: SessionScore) -> dict[str, Any]:
     joints = list(score.joints)
     payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
     return {
-        "name": score.name,
-        "runs": f"{len(score.runs)} run{'' if len(score.runs) == 1 else 's'}{payload}",
+        "name": pool_name(score),
+        "runs": plural(len(score.runs), "run") + payload,
         "tables": [
             _table(score, "Energy error of a run [J]", joints, "total", score.energy_mean, score.energy_std),
             _table(score, "Torque error, RMS [N m]", joints, "all joints", score.rmse_mean, score.rmse_std),
@@ -60,12 +60,13 @@ def _table(
     mean: Float[Array, "R n+1"],
     std: Float[Array, "R n+1"],
 ) -> dict[str, Any]:
-    places, colours = places_for(mean.ravel()), rung_colours(score.rungs)
+    colours = rung_colours(score.rungs)
+    spread: list[Any] = list(std) if len(score.runs) > 1 else [[None] * len(row) for row in mean]
     rows = [
         {
             "name": rung_name(rung),
             "colour": colours[rung],
-            "cells": [pair(a, b, places) for a, b in zip(mean[k], std[k], strict=True)],
+            "cells": [pair(a, b, table_places(mean[k])) for a, b in zip(mean[k], spread[k], strict=True)],
         }
         for k, rung in enumerate(score.rungs)
     ]
@@ -105,4 +106,6 @@ def _change(word: str, before: float, after: float) -> str:
     if not before > 0:
         return f"{word} as before"
     share = 1.0 - after / before
+    if abs(share) < 0.0005:
+        return f"{word} unchanged"
     return f"{word} {MINUS if share >= 0 else '+'}{percent(abs(share))}"

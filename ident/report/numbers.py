@@ -35,7 +35,9 @@ def significant(value: float | None, digits: int = 2) -> str:
 
 
 def pair(value: float | None, spread: float | None, places: int = 2) -> str:
-    """Mean and standard deviation in one cell."""
+    """Mean and standard deviation in one cell; the mean alone where there is no spread, as of a single run."""
+    if spread is None:
+        return fixed(value, places)
     return f"{fixed(value, places)} ± {fixed(spread, places)}"
 
 
@@ -49,6 +51,16 @@ def places_for(values: Iterable[float]) -> int:
 def glue(text: str) -> str:
     """Units kept on the line of their numbers."""
     return UNITS.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
+
+
+def table_places(values: Iterable[float]) -> int:
+    """Decimals of a table's row: two, fewer where its numbers are large."""
+    return min(2, places_for(values))
+
+
+def plural(count: int, noun: str) -> str:
+    """A count with its noun."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def percent(share: float | None) -> str:

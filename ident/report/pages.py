@@ -11,6 +11,7 @@ from ident.recording import TelemetryIssue
 from ident.report.comparison import ComparisonSection
 from ident.report.fits import FitSection
 from ident.report.ladder import LadderSection
+from ident.report.numbers import plural
 from ident.report.page import Section, write_report
 from ident.report.parameters import ParameterSection
 from ident.report.payloads import PayloadSection
@@ -19,6 +20,8 @@ from ident.report.residuals import ResidualSection
 from ident.report.source import ReportInput
 from ident.report.telemetry import TelemetrySection
 from ident.report.verdict import VerdictSection
+
+MOST_NAMES = 8
 
 
 def evaluation_sections(source: ReportInput) -> list[Section]:
@@ -57,5 +60,6 @@ def write_evaluation_report(
     source = ReportInput(tuple(models), tuple(evaluations), tuple(issues))
     scores = source.evaluation.sessions
     runs = sum(len(score.runs) for score in scores)
-    subtitle = f"{source.model.robot.name} · {', '.join(score.name for score in scores)} · {runs} runs"
+    names = ", ".join(score.name for score in scores) if len(scores) <= MOST_NAMES else f"{len(scores)} sessions"
+    subtitle = f"{source.model.robot.name} · {names} · {plural(runs, 'run')}"
     return write_report(path, "Does the model follow the arm?", evaluation_sections(source), subtitle)

@@ -9,9 +9,9 @@ import numpy as np
 
 from ident.evaluation import SessionScore
 from ident.palette import rung_colours, rung_name
-from ident.report.numbers import pair, places_for
+from ident.report.numbers import pair, table_places
 from ident.report.page import Section
-from ident.report.source import ReportInput
+from ident.report.source import ReportInput, pool_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,15 @@ class PayloadSection(Section):
 def _table(caption: str, scores: list[SessionScore], mean: str, std: str) -> dict[str, Any]:
     centre = np.array([getattr(score, mean)[:, -1] for score in scores])
     spread = np.array([getattr(score, std)[:, -1] for score in scores])
-    places = places_for(centre.ravel())
     rows = [
         {
             "name": f"{1000 * score.payload_kg:.0f} g" if score.payload_kg else "none",
-            "session": score.name,
+            "session": pool_name(score),
             "runs": len(score.runs),
-            "cells": [pair(a, b, places) for a, b in zip(centre[k], spread[k], strict=True)],
+            "cells": [
+                pair(a, b if len(score.runs) > 1 else None, table_places(centre[k]))
+                for a, b in zip(centre[k], spread[k], strict=True)
+            ],
         }
         for k, score in enumerate(scores)
     ]

@@ -80,7 +80,7 @@ def draw_against_position(
 
 
 def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]]:
-    """Least and largest residual of one rung where the joint moves, over all runs: drift and outliers."""
+    """Residual of one rung where the joint moves, over all runs: its span, and each run's median."""
     residuals = [_residual(trace, rung) for trace in traces]
     lengths = [trace.time[-1] - trace.time[0] for trace in traces]
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -93,7 +93,9 @@ def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]
         figure, axes = make_panel("time, runs end to end [s]", "residual [N m]")
         for start in starts[1:-1] if len(starts) < 60 else []:
             axes.axvline(start, color="#e3e3e3", linewidth=0.5)
-        axes.fill_between(*envelope(time, np.where(moving[:, j], stacked[:, j], np.nan)), color=colour, linewidth=0.3)
+        span = envelope(time, np.where(moving[:, j], stacked[:, j], np.nan))
+        axes.fill_between(*span, color=colour, alpha=0.45, linewidth=0.3)
+        axes.hlines(_medians(traces, residuals, j), starts[:-1], starts[1:], color="#111111", linewidth=1.4)
         axes.axhline(0.0, color="#333333", linewidth=0.5)
         axes.margins(x=0.01)
         panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
@@ -121,6 +123,12 @@ def _draw(
                 axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
             axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
     return {"title": traces[0].motion.joints[j], "svg": to_svg(figure, description)}
+
+
+def _medians(traces: Sequence[RunTrace], residuals: Sequence[Array], j: int) -> list[float]:
+    """Median residual of each run where the joint moves; not a number where it never does."""
+    own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
+    return [float(np.median(values)) if len(values) else np.nan for values in own]
 
 
 def _residual(trace: RunTrace, rung: str) -> Float[Array, "t n"]:

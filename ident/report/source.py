@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ident.arrays import Array, Float, freeze
-from ident.evaluation import Evaluation
+from ident.evaluation import Evaluation, SessionScore
 from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
 
@@ -51,6 +51,12 @@ class ReportInput:
         trained = [(d.get("session"), str(d.get("file", ""))) for d in self.model.provenance.get("data", [])]
         stems = {(session, file.rsplit(".", 1)[0]) for session, file in trained}
         return sum((score.name, run) in stems for score in self.evaluation.sessions for run in score.runs)
+
+
+def pool_name(score: SessionScore, longest: int = 70) -> str:
+    """Name of a group of runs; a count of its sessions where their names would fill the line."""
+    parts = score.name.split(" + ")
+    return score.name if len(parts) == 1 or len(score.name) <= longest else f"all {len(parts)} sessions"
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.evaluation import SessionScore
 from ident.palette import RUNG_MEANINGS, rung_colours, rung_name
-from ident.report.numbers import fixed, glue, percent, places_for
+from ident.report.numbers import fixed, glue, pair, percent, places_for, plural, table_places
 from ident.report.page import Section
-from ident.report.source import ReportInput
+from ident.report.source import ReportInput, pool_name
 
 # Share of the URDF's torque error that may be left for "follows", and for "follows in part".
 FOLLOWS, IN_PART = 0.25, 0.7
@@ -51,7 +51,7 @@ class VerdictSection(Section):
             "facts": [(kind, glue(text)) for kind, text in facts],
             "joints": joint_bars(score),
             "colours": rung_colours(score.rungs),
-            "session": score.name,
+            "session": pool_name(score),
         }
 
     def _largest_rest(self, score: SessionScore) -> list[tuple[str, str]]:
@@ -91,14 +91,19 @@ class VerdictSection(Section):
             return []
         known = bool(self.source.model.provenance.get("data"))
         unseen = "that the fit never saw" if known else "(which runs the model was fitted on is not recorded)"
-        return [("good" if known else "warning", f"Judged on {score.name}: {len(score.runs)} runs {unseen}.")]
+        return [
+            (
+                "good" if known else "warning",
+                f"Judged on {pool_name(score)}: {plural(len(score.runs), 'run')} {unseen}.",
+            )
+        ]
 
     def _telemetry(self) -> list[tuple[str, str]]:
         count = {level: sum(one.severity == level for one in self.source.issues) for level in ("fatal", "warning")}
         if count["fatal"]:
-            return [("warning", f"Telemetry: {_plural(count['fatal'], 'fatal issue')}. See the table below.")]
+            return [("warning", f"Telemetry: {plural(count['fatal'], 'fatal issue')}. See the table below.")]
         if count["warning"]:
-            return [("warning", f"Telemetry: {_plural(count['warning'], 'warning')}. See the table below.")]
+            return [("warning", f"Telemetry: {plural(count['warning'], 'warning')}. See the table below.")]
         return []
 
 
@@ -124,28 +129,29 @@ def describe_steps(score: SessionScore) -> str:
     for k in range(1, len(score.rungs)):
         if torque[k] <= UNTOLD * torque[told[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[told[-1]]):
             told.append(k)
-    start = fixed(energy[0], 2)
+    joule = [fixed(value, table_places([value])) for value in energy]
+    start = joule[0]
     if len(told) == 1:
         return f"The energy error of a run is {start} J, and no rung changes that much."
     first = f"{SUBJECTS.get(score.rungs[told[1]], score.rungs[told[1]])} brings the energy error of a run from {start}"
-    steps = [f"{first[0].upper()}{first[1:]} to {fixed(energy[told[1]], 2)} J"]
-    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {fixed(energy[k], 2)} J" for k in told[2:]]
+    steps = [f"{first[0].upper()}{first[1:]} to {joule[told[1]]} J"]
+    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {joule[k]} J" for k in told[2:]]
     return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in told)} N m."
 
 
 def glance_rows(score: SessionScore) -> list[dict[str, Any]]:
     """The ladder's totals with bars: one row a rung."""
     energy, spread, torque = score.energy_mean[:, -1], score.energy_std[:, -1], score.rmse_mean[:, -1]
-    places, torque_places = places_for(energy), places_for(torque)
+    several = len(score.runs) > 1
     colours = rung_colours(score.rungs)
     return [
         {
             "name": rung_name(rung),
             "meaning": RUNG_MEANINGS.get(rung, "named effects"),
             "colour": colours[rung],
-            "energy": f"{fixed(energy[k], places)} ± {fixed(spread[k], places)}",
+            "energy": pair(energy[k], spread[k] if several else None, table_places([energy[k]])),
             "energy_bar": _share(abs(energy[k]), np.abs(energy)),
-            "torque": fixed(torque[k], torque_places),
+            "torque": fixed(torque[k], table_places([torque[k]])),
             "torque_bar": _share(torque[k], torque),
         }
         for k, rung in enumerate(score.rungs)
@@ -186,7 +192,3 @@ def _share(value: float, of: Float[Array, "..."] | Sequence[float]) -> float:
     """Length of a bar in per cent of the longest."""
     top = float(np.nanmax(of)) if np.any(np.isfinite(of)) else 0.0
     return round(100.0 * float(value) / top, 1) if top > 0 and np.isfinite(value) else 0.0
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
