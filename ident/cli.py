@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -188,6 +189,62 @@ def diagnose(
         write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, gap_marks(analysis))
         console.print(f"timeline written to {rrd}")
     write_json(json_file, record)
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder of the simulated session.")],
+    effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.")] = None,
+    robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
+    seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.")] = 0,
+    motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
+    runs: Annotated[int, typer.Option(help="Number of runs.")] = 10,
+    duration: Annotated[float, typer.Option(help="Rough duration of a run [s].")] = 8.0,
+    rate: Annotated[float, typer.Option(help="Log rate [Hz].")] = 250.0,
+    velocity: Annotated[bool, typer.Option(help="Log the velocity channel.")] = True,
+    temperature: Annotated[bool, typer.Option(help="Log joint temperatures.")] = False,
+    payload: Annotated[str | None, typer.Option(help="Known body at the flange: MASS or MASS@X,Y,Z.")] = None,
+    decoy: Annotated[list[str] | None, typer.Option(help="inertia, geometry, friction, controller.")] = None,
+    answer: Annotated[bool, typer.Option(help="Write what was wrong beside the session.")] = False,
+    sealed: Annotated[bool, typer.Option(help="Write it encrypted; its SHA-256 and key are printed.")] = False,
+    recipe: Annotated[str | None, typer.Option(help="Make a shipped set of recordings instead.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """A session of the simulated arm, its effects chosen."""
+    from ident.plant.output import simulate_to
+    from ident.plant.recipes import run_recipe
+    from ident.plant.request import parse_payload
+    from ident.plant.session import RICH, SimulationOptions
+
+    with progress_bar(console, "simulation", "") as progress:
+        finished = count()
+
+        def tell() -> None:
+            progress(next(finished) + 1, runs, 0.0)
+
+        if recipe is not None:
+            written = run_recipe(recipe, out)
+        else:
+            options = SimulationOptions(
+                robot=robot,
+                effects=tuple(effect or ()),
+                seed=seed,
+                motions=tuple(motion) if motion else RICH,
+                runs=runs,
+                duration=duration,
+                rate=rate,
+                velocity=velocity,
+                temperature=temperature,
+                payload=parse_payload(payload) if payload else None,
+                decoys=tuple(decoy or ()),
+            )
+            written = [simulate_to(out, options, answer, sealed, tell)]
+    for one in written:
+        console.print(f"{one.folder}: {one.runs} runs, {one.samples} samples, {one.duration_s:.0f} s")
+        if one.sha256:
+            console.print(f"sealed: sha256 {one.sha256}" + (f", key {one.key}" if one.key else ""), soft_wrap=True)
+    record = [{**vars(one), "folder": str(one.folder)} for one in written]
+    write_json(json_file, {"schema": "ident.simulation/1", "sessions": record})
 
 
 @app.command()

@@ -53,15 +53,19 @@ def make_console() -> Console:
 
 
 @contextmanager
-def progress_bar(console: Console, label: str) -> Iterator[Callable[[int, int, float], None]]:
-    """Lends a callback (done, total, error): a bar on a terminal, a plain line at every tenth elsewhere."""
+def progress_bar(console: Console, label: str, figure: str = "error") -> Iterator[Callable[[int, int, float], None]]:
+    """Lends a callback (done, total, figure): a bar on a terminal, a plain line at every tenth elsewhere."""
+
+    def tail(value: float) -> str:
+        return f", {figure} {value:.4f}" if figure else ""
+
     if not console.is_terminal:
         said = [-1]
 
         def line(done: int, total: int, error: float) -> None:
             if 10 * done // total > said[0]:
                 said[0] = 10 * done // total
-                console.print(f"{label}: {done} of {total}, error {error:.4f}")
+                console.print(f"{label}: {done} of {total}{tail(error)}")
 
         yield line
         return
@@ -70,6 +74,6 @@ def progress_bar(console: Console, label: str) -> Iterator[Callable[[int, int, f
         task = progress.add_task(label, total=None)
 
         def bar(done: int, total: int, error: float) -> None:
-            progress.update(task, completed=done, total=total, description=f"{label} (error {error:.3f})")
+            progress.update(task, completed=done, total=total, description=f"{label}{tail(error)}")
 
         yield bar

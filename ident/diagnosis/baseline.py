@@ -19,8 +19,8 @@ from ident.loss import LossModel, LossParameters, direction
 from ident.signals import Motion
 
 # Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
-# arms come out of the factory within some per cent of their drawing, URDFs within ten of the arm.
-INERTIA_SHARE = 0.06
+# arms come out of the factory within some per cent of their drawing, URDFs of the arm.
+INERTIA_SHARE = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,7 @@ def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
         arm=baseline.arm.with_payload(motion.payload),
         rigid=rigid,
         link=rigid,
+        rotor=np.asarray(loss.motor_inertia * motion.ddq),
         friction=np.asarray(loss.viscous * motion.dq + loss.coulomb * slip),
         direction=slip,
         temperature=motion.temperature,

@@ -64,6 +64,8 @@ class Finding:
                 "p_value": self.named.gates.p_value,
                 "log_score_gain": self.named.gates.log_score[0],
                 "log_score_error": self.named.gates.log_score[1],
+                "log_evidence": self.named.gates.evidence,
+                "judged_against": "urdf" if self.named.absorbed else "tuned",
             },
         }
 
@@ -256,8 +258,8 @@ def _findings(
     before_J = np.mean([_energy(item, item.before) for item in series], axis=0)
     after_J = np.mean([_energy(item, item.after) for item in series], axis=0)
     findings = []
-    for k, (item, estimate) in enumerate(zip(found.named, estimates, strict=True)):
-        old, new = found.ladder[k].rms, found.ladder[k + 1].rms
+    for item, estimate in zip(found.named, estimates, strict=True):
+        old, new = item.before.rms, item.after.rms
         own = [item.group.joint] if item.group.effect.scope == "joint" else _shown(old, new)
         acts = own if item.group.effect.rows == "own" else _shown(old, new)
         names = tuple(joints[j] for j in own)

@@ -12,7 +12,7 @@ Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilt
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -126,7 +126,8 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
     """Every run's tables, a chunk of runs in memory at a time."""
     for chunk in _chunks(session):
         part = SessionContext(
-            tuple(session.runs[i] for i in chunk),
+            # Copies, so that what the effects cache with a run goes when its chunk goes.
+            tuple(replace(session.runs[i]) for i in chunk),
             session.common_clock,
             session.joint_names,
             session.gear_ratios,
