@@ -31,7 +31,18 @@ def check_urdf(root: ET.Element, where: str) -> None:
         _check_inertial(link, where)
     for joint in root.findall("joint"):
         _check_joint(joint, where)
+    for element in root.findall("transmission/actuator/mechanicalReduction"):
+        _check_reduction(element, where)
     _check_tree(root, where)
+
+
+def _check_reduction(element: ET.Element, where: str) -> None:
+    try:
+        usable = np.isfinite(float(element.text or "")) and float(element.text or "") != 0.0
+    except ValueError:
+        usable = False
+    if not usable:
+        raise RobotError(where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
 
 
 def _require_names(elements: list[ET.Element], kind: str, where: str) -> None:

@@ -73,7 +73,12 @@ def _robot(*changes: tuple[str, str]) -> str:
     return text
 
 
+GEAR = (
+    "<transmission><joint name='one'/><actuator><mechanicalReduction>{}</mechanicalReduction></actuator></transmission>"
+)
 BAD = {
+    "text in a gear ratio": (_robot(("</robot>", GEAR.format("fast") + "</robot>")), "<mechanicalReduction> is 'fast'"),
+    "a gear ratio of zero": (_robot(("</robot>", GEAR.format(0) + "</robot>")), "<mechanicalReduction> is '0'"),
     "not XML": ("# robot", "not XML"),
     "empty": ("", "not XML"),
     "another format": ("<mujoco/>", "root element is <mujoco>"),
