@@ -10,13 +10,13 @@ import rerun.blueprint as rrb
 TIMELINE = "time"
 
 
-def make_blueprint(joints: Sequence[str], with_model: bool, with_arm: bool) -> rrb.Blueprint:
+def make_blueprint(joints: Sequence[str], with_model: bool, reach: float) -> rrb.Blueprint:
     """The layout.
 
     Args:
         joints: Joint names.
         with_model: Whether there are rungs to compare.
-        with_arm: Whether there are boxes to show.
+        reach: How far the arm reaches [m], for the camera's place; 0 where there are no boxes to show.
     """
     tabs = [_joint_tab(joint, with_model) for joint in joints]
     what = "residual" if with_model else "torque"
@@ -24,17 +24,25 @@ def make_blueprint(joints: Sequence[str], with_model: bool, with_arm: bool) -> r
     series = rrb.Tabs(overview, *tabs, active_tab=0)
     log = rrb.TextLogView(origin="/log", name="runs, telemetry, marks")
     left = rrb.Vertical(
-        *([rrb.Spatial3DView(origin="/arm", name="arm")] if with_arm else []),
+        *([_arm_view(reach)] if reach > 0 else []),
         log,
-        row_shares=[3, 2] if with_arm else [1],
+        row_shares=[3, 2] if reach > 0 else [1],
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, series, column_shares=[2, 5]),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="paused"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
     )
+
+
+def _arm_view(reach: float) -> rrb.Spatial3DView:
+    """The arm from the side and a little above, whole in any posture."""
+    eye = rrb.EyeControls3D(
+        position=[1.5 * reach, -1.5 * reach, 1.0 * reach], look_target=[0.0, 0.0, 0.3 * reach], eye_up=[0.0, 0.0, 1.0]
+    )
+    return rrb.Spatial3DView(origin="/arm", name="arm", eye_controls=eye)
 
 
 def _joint_tab(joint: str, with_model: bool) -> rrb.Container:
@@ -48,7 +56,9 @@ def _joint_tab(joint: str, with_model: bool) -> rrb.Container:
 
 def _series(joint: str, key: str, name: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=str(entity(joint, key)), name=name, plot_legend=rrb.PlotLegend(visible=True, corner=rrb.Corner2D.LeftTop)
+        origin=str(entity(joint, key)),
+        name=name,
+        plot_legend=rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop),
     )
 
 

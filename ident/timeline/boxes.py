@@ -67,3 +67,10 @@ def link_poses(
     return {
         link: (matrix[:, :3, 3], Rotation.from_matrix(matrix[:, :3, :3]).as_quat()) for link, matrix in stacked.items()
     }
+
+
+def arm_reach(arm: ArmModel) -> float:
+    """Length of the chain of link frames [m]: the arm stays within this distance of its base."""
+    poses = list(arm.forward_kinematics(arm.neutral).values())
+    places = np.array([pose[:3, 3] for pose in poses])
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())

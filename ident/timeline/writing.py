@@ -21,7 +21,7 @@ from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
 from ident.timeline.blueprint import TIMELINE, entity, make_blueprint
-from ident.timeline.boxes import link_boxes, link_poses
+from ident.timeline.boxes import arm_reach, link_boxes, link_poses
 from ident.timeline.marks import Mark
 from ident.timeline.series import Curve, marked, run_curves
 
@@ -58,7 +58,7 @@ def write_timeline(
     with atomic_write(target) as part:
         recording = rr.RecordingStream("armgap", recording_id=_recording_id(motions))
         joints = motions[0].joints
-        layout = make_blueprint(joints, model is not None, bool(link_boxes(arm)))
+        layout = make_blueprint(joints, model is not None, arm_reach(arm) if link_boxes(arm) else 0.0)
         recording.save(part, default_blueprint=layout)
         _log(recording, arm, motions, model, issues, marks)
         recording.flush()

@@ -21,7 +21,7 @@ from ident.loss import LossParameters
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
 from ident.timeline import Mark, show_timeline, write_timeline
-from ident.timeline.boxes import link_boxes
+from ident.timeline.boxes import arm_reach, link_boxes
 from ident.timeline.writing import PAUSE, run_starts
 from tests.ident.made_up import made_motions
 
@@ -138,6 +138,13 @@ def test_boxes_lie_where_the_collision_geometry_does(arm: ArmModel) -> None:
         corner = of_joint @ body.placement.homogeneous @ np.array([*body.geometry.halfSide, 1.0])
         shown = Rotation.from_quat(box.rotations[0]).apply(box.half_sizes[0]) + box.centres[0]
         np.testing.assert_allclose((poses[box.link] @ [*shown, 1.0])[:3], corner[:3], atol=1e-9)
+
+
+def test_reach_bounds_every_posture(arm: ArmModel, motions: list[Motion]) -> None:
+    """No link's origin is ever further from the base than the reach."""
+    poses = [arm.forward_kinematics(q) for q in motions[0].q[::20]]
+    furthest = max(np.linalg.norm(pose[:3, 3]) for frames in poses for pose in frames.values())
+    assert 0.5 < furthest <= arm_reach(arm) < 3.0
 
 
 def test_marks_show_on_the_residual(saved: Saved, motions: list[Motion]) -> None:
