@@ -43,9 +43,7 @@ class Chain:
         """Reads the arrays from the arm's Pinocchio model."""
         model, joints = arm.model, range(1, arm.n + 1)
         axes, sliding = zip(*(_axis(model, i) for i in joints), strict=True)
-        rotations = [
-            _rodrigues(model.jointPlacements[i].rotation, axes[i - 1], sliding[i - 1]) for i in joints
-        ]
+        rotations = [_rodrigues(model.jointPlacements[i].rotation, axes[i - 1], sliding[i - 1]) for i in joints]
         return cls(
             rotations=freeze(np.array(rotations)),
             offsets=freeze(np.array([model.jointPlacements[i].translation for i in joints])),

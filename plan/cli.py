@@ -79,7 +79,9 @@ def compare(
     variables: Variables = None,
     vias: Vias = None,
     trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
-    methods: Annotated[str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")] = None,
+    methods: Annotated[
+        str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")
+    ] = None,
     seeds: Annotated[int, typer.Option(help="Number of seeds.", min=1)] = 5,
     evaluations: Annotated[int, typer.Option(help="Evaluations at which costs are compared.", min=1)] = 2100,
     seconds: Annotated[float, typer.Option(help="Time at which costs are compared [s].", min=0.0)] = 1.0,

@@ -35,7 +35,7 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         held: Positions of the robot's other joints [rad].
     """
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
-    arm = reduce_arm(model.arm, moving, fixed)
+    arm = reduce_arm(model.arm, moving, list(fixed))
     net = None
     if model.net is not None:
         net = read_residual(model.net)

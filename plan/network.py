@@ -94,8 +94,7 @@ class DenseNet:
 
     @cached_property
     def _single(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        pairs = zip(self.weights, self.biases, strict=True)
-        return [(torch.from_numpy(w.astype(np.float32)), torch.from_numpy(b.astype(np.float32))) for w, b in pairs]
+        return [(_to_single(w), _to_single(b)) for w, b in zip(self.weights, self.biases, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,34 +154,34 @@ class JointNets:
             near, far = (torch.tanh(v / scale) for scale in DIRECTION_SCALES)
             rounded = torch.sqrt(load * load + LOAD_ROUNDING**2) * near
             x = torch.stack([v, a, near, far, load, rounded], dim=1)
-            first, second, last = self._single[j]
-            x = torch.nn.functional.silu(torch.addmm(first[1], x, first[0]))
-            for weight, bias in second:
+            for weight, bias in self._single[j][:-1]:
                 x = torch.nn.functional.silu(torch.addmm(bias, x, weight))
-            return torch.addmv(last[1], x, last[0]).numpy().astype(float)
+            weight, bias = self._single[j][-1]
+            return torch.addmv(bias, x, weight[:, 0]).numpy().astype(float)
+
+    def side_by_side(self, j: int) -> list[tuple[Float[Array, "i o"], Float[Array, " o"]]]:
+        """Layers of one joint with all members in one: inner matrices block by block, outputs averaged."""
+        weights, biases = [w[:, j] for w in self.weights], [b[:, j] for b in self.biases]
+        members = len(weights[0])
+        layers = [(np.concatenate(list(weights[0]), axis=1), biases[0].reshape(-1))]
+        layers += [(_block_diagonal(w), b.reshape(-1)) for w, b in zip(weights[1:-1], biases[1:-1], strict=True)]
+        return [*layers, (weights[-1].reshape(-1, 1) / members, biases[-1].mean(axis=0))]
 
     @cached_property
-    def _single(self) -> list[tuple]:
-        """Layers of each joint with all members side by side: inner matrices block by block, outputs averaged."""
-        return [_side_by_side([w[:, j] for w in self.weights], [b[:, j] for b in self.biases]) for j in self._joints]
-
-    @property
-    def _joints(self) -> range:
-        return range(self.weights[0].shape[1])
+    def _single(self) -> list[list[tuple[torch.Tensor, torch.Tensor]]]:
+        return [
+            [(_to_single(weight), _to_single(bias)) for weight, bias in self.side_by_side(j)]
+            for j in range(self.weights[0].shape[1])
+        ]
 
 
-def _side_by_side(weights: list[Array], biases: list[Array]) -> tuple:
-    def single(values: Array) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+def _block_diagonal(blocks: Float[Array, "m i o"]) -> Float[Array, "mi mo"]:
+    members, rows, columns = blocks.shape
+    out = np.zeros((members * rows, members * columns))
+    for m, block in enumerate(blocks):
+        out[m * rows : (m + 1) * rows, m * columns : (m + 1) * columns] = block
+    return out
 
-    members = len(weights[0])
-    first = single(np.concatenate(list(weights[0]), axis=1)), single(biases[0].reshape(-1))
-    inner = []
-    for weight, bias in zip(weights[1:-1], biases[1:-1], strict=True):
-        rows, columns = weight.shape[1:]
-        blocks = np.zeros((members * rows, members * columns))
-        for m in range(members):
-            blocks[m * rows : (m + 1) * rows, m * columns : (m + 1) * columns] = weight[m]
-        inner.append((single(blocks), single(bias.reshape(-1))))
-    last = single(weights[-1].reshape(-1) / members), single(np.array([biases[-1].mean()]))
-    return first, inner, last
+
+def _to_single(values: Array) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

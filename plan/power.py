@@ -101,10 +101,12 @@ class ChainTorque:
         self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
     ) -> Float[Array, "B T n"]:
         """Joint torque [N m]."""
-        flat = [np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)]
-        tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, *flat)
+        flat_q, flat_dq, flat_ddq = (
+            np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)
+        )
+        tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, flat_q, flat_dq, flat_ddq)  # type: ignore[call-arg]
         if self.net is not None:
-            tau += self.net.torque(*flat, rigid)
+            tau += self.net.torque(flat_q, flat_dq, flat_ddq, rigid)
         return tau.reshape(np.shape(q))
 
 

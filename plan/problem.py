@@ -204,7 +204,7 @@ class PlanningProblem:
 
     @cached_property
     def margin(self) -> float:
-        """Clearance asked of the motion: that of the limits, or half of what start and goal have if that is less [m]."""
+        """Clearance asked of the motion: the limits' own, or half of what start and goal have if less [m]."""
         ends = self.scene.separation(np.stack([self.start, self.goal]))
         return float(min(self.limits.clearance, 0.5 * max(ends.min(), 0.0)))
 
@@ -226,7 +226,10 @@ class PlanningProblem:
     def with_initial(self, splines: Splines, **changes: object) -> PlanningProblem:
         """The same problem started from another trajectory (the first of a batch)."""
         return replace(
-            self, vias=splines.points[0, 1:-1], durations=splines.durations[0], **changes  # type: ignore[arg-type]
+            self,
+            vias=splines.points[0, 1:-1],
+            durations=splines.durations[0],
+            **changes,  # type: ignore[arg-type]
         )
 
     def _join(self, vias: Array, logarithms: Array) -> Array:

@@ -58,9 +58,8 @@ class Certificate:
         if not self.clearance.collision_free:
             found.append(f"{self.clearance.pair} collide at {self.clearance.time:.3f} s")
         elif self.clearance.proven < self.asked_clearance - CLEARANCE_SHORT:
-            found.append(
-                f"{self.clearance.pair} come within {1000 * self.clearance.proven:.1f} mm at {self.clearance.time:.3f} s"
-            )
+            near = f"{1000 * self.clearance.proven:.1f} mm at {self.clearance.time:.3f} s"
+            found.append(f"{self.clearance.pair} come within {near}")
         return found
 
 

@@ -49,9 +49,21 @@ def _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q, dq, ddq, work
         gy = ay + bz * px - bx * pz + wz * ux - wx * uz
         gz = az + bx * py - by * px + wx * uy - wy * ux
         # Into this frame's axes.
-        tx, ty, tz = r[0] * wx + r[3] * wy + r[6] * wz, r[1] * wx + r[4] * wy + r[7] * wz, r[2] * wx + r[5] * wy + r[8] * wz
-        sx, sy, sz = r[0] * bx + r[3] * by + r[6] * bz, r[1] * bx + r[4] * by + r[7] * bz, r[2] * bx + r[5] * by + r[8] * bz
-        ax, ay, az = r[0] * gx + r[3] * gy + r[6] * gz, r[1] * gx + r[4] * gy + r[7] * gz, r[2] * gx + r[5] * gy + r[8] * gz
+        tx, ty, tz = (
+            r[0] * wx + r[3] * wy + r[6] * wz,
+            r[1] * wx + r[4] * wy + r[7] * wz,
+            r[2] * wx + r[5] * wy + r[8] * wz,
+        )
+        sx, sy, sz = (
+            r[0] * bx + r[3] * by + r[6] * bz,
+            r[1] * bx + r[4] * by + r[7] * bz,
+            r[2] * bx + r[5] * by + r[8] * bz,
+        )
+        ax, ay, az = (
+            r[0] * gx + r[3] * gy + r[6] * gz,
+            r[1] * gx + r[4] * gy + r[7] * gz,
+            r[2] * gx + r[5] * gy + r[8] * gz,
+        )
         ax += lx * a + 2.0 * v * (ty * lz - tz * ly)
         ay += ly * a + 2.0 * v * (tz * lx - tx * lz)
         az += lz * a + 2.0 * v * (tx * ly - ty * lx)

@@ -51,7 +51,11 @@ def set_up(
     if model is not None:
         model.require_robot(robot, task.source)
     arm, held = _moving_arm(task, robot)
-    torque = torque_of_robot(arm) if model is None else torque_of_model(model, task.n, _held_by_model(model, held, task))
+    torque = (
+        torque_of_robot(arm)
+        if model is None
+        else torque_of_model(model, task.n, list(_held_by_model(model, held, task)))
+    )
     vias = straight(task.start, task.goal, task.via_points)
     return PlanningProblem(
         scene=Scene.build(arm, task.obstacles),
@@ -125,12 +129,16 @@ def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
     """The arm of the joints that move, and where the others are held."""
     if len(task.goal) != task.n or not 1 <= task.n <= robot.n:
         raise TaskError(
-            task.source, f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints", "give as many or fewer"
+            task.source,
+            f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints",
+            "give as many or fewer",
         )
     rest = robot.n - task.n
     held = robot.neutral[task.n :] if task.wrist is None else task.wrist
     if len(held) != rest:
-        raise TaskError(task.source, f"task.wrist_deg has {len(held)} angles, {rest} joints stand still", f"give {rest}")
+        raise TaskError(
+            task.source, f"task.wrist_deg has {len(held)} angles, {rest} joints stand still", f"give {rest}"
+        )
     if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
         raise TaskError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
     return reduce_arm(robot, task.n, list(held)), np.array(held)

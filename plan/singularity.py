@@ -33,9 +33,7 @@ def _jacobians(rot, off, axes, sliding, tip, q):  # type: ignore[no-untyped-def]
                 at[i + 1, k] = at[i, k]
                 for m in range(3):
                     at[i + 1, k] += frame[i, k, m] * off[i, m]
-                    frame[i + 1, k, m] = (
-                        frame[i, k, 0] * r[0, m] + frame[i, k, 1] * r[1, m] + frame[i, k, 2] * r[2, m]
-                    )
+                    frame[i + 1, k, m] = frame[i, k, 0] * r[0, m] + frame[i, k, 1] * r[1, m] + frame[i, k, 2] * r[2, m]
             if slides:
                 for k in range(3):
                     for m in range(3):

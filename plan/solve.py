@@ -62,7 +62,12 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, trial: Trial
     else:
         problems = [base]
     records = tuple(
-        {"label": seed.label, "target_m": seed.target.tolist(), "via_points_rad": seed.vias.tolist(), "reason": seed.reason}
+        {
+            "label": seed.label,
+            "target_m": seed.target.tolist(),
+            "via_points_rad": seed.vias.tolist(),
+            "reason": seed.reason,
+        }
         for seed in seeds
     )
     if problem.objective == "time":
@@ -171,20 +176,18 @@ def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | No
         if not certificate.broken or not best.feasible:
             break
         ledger.notes.append(f"mended between the search's samples: {'; '.join(certificate.broken)}")
-        for mended in _mended(best, certificate, rng, turn):
-            again = certify(problem, mended.splines)
-            if not again.broken:
-                return mended, again
+        tried = [(mended, certify(problem, mended.splines)) for mended in _mended(best, certificate, rng, turn)]
+        allowed = [pair for pair in tried if not pair[1].broken]
+        if allowed:
+            return min(allowed, key=lambda pair: pair[0].cost)
     return best, certificate
 
 
-def _mended(
-    best: Candidate, certificate: Certificate, rng: np.random.Generator, turn: int
-) -> Iterator[Candidate]:
+def _mended(best: Candidate, certificate: Certificate, rng: np.random.Generator, turn: int) -> Iterator[Candidate]:
     """The motion slowed down a little, where time is free; or found anew with limits tighter by what was broken."""
     problem, limits = best.problem, best.problem.limits
     if problem.objective == "time" and problem.searches_times:
-        for factor in 1.0 + 0.002 * 1.5 ** np.arange(8):
+        for factor in 1.0 + 0.002 * 1.5 ** np.arange(10):
             splines = Splines(best.splines.points, best.splines.durations * factor)
             slower = problem.with_initial(splines)
             yield Candidate(slower, slower.initial, float(splines.total[0]), 0.0)

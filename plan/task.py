@@ -162,7 +162,9 @@ def _obstacle(reader: _Reader, entry: Any, number: int) -> Box:
     reader.known("obstacle", entry, key)
     size = reader.numbers(entry, f"{key}.size_m", 3)
     if np.any(size <= 0):
-        raise SceneError(reader.file, f"{key}: size_m {size.tolist()} has a side that is not above zero", "give lengths")
+        raise SceneError(
+            reader.file, f"{key}: size_m {size.tolist()} has a side that is not above zero", "give lengths"
+        )
     rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
     centre = reader.numbers(entry, f"{key}.xyz_m", 3)
     return Box(str(entry.get("name", key)), 0, rotation, centre, size / 2)
@@ -189,7 +191,9 @@ class _Reader:
         unknown = sorted(set(entry) - KEYS[table])
         if unknown:
             place = f"{name or table or 'file'}: "
-            raise SceneError(self.file, f"{place}unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(KEYS[table]))}")
+            raise SceneError(
+                self.file, f"{place}unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(KEYS[table]))}"
+            )
         for inner in ("task", "limits"):
             if table == "" and isinstance(entry.get(inner), dict):
                 self.known(inner, entry[inner])
@@ -237,5 +241,7 @@ class _Reader:
     def positive(self, entry: Mapping[str, Any], key: str, count: int) -> Float[Array, " k"]:
         values = self.numbers(entry, key, count)
         if np.any(values <= 0):
-            raise SceneError(self.file, f"{key} {values.tolist()} is not above zero throughout", "give positive numbers")
+            raise SceneError(
+                self.file, f"{key} {values.tolist()} is not above zero throughout", "give positive numbers"
+            )
         return values

@@ -194,7 +194,8 @@ def _to_rows(found: Evaluation) -> Array:
 
 
 def _from_rows(rows: Array) -> Evaluation:
-    return Evaluation(*rows[:, :6].T, peak=rows[:, 6:])
+    cost, collision, speed, torque, position, gap = rows[:, :6].T
+    return Evaluation(cost, collision, speed, torque, position, gap, rows[:, 6:])
 
 
 class Planner(ABC):

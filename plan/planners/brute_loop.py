@@ -192,12 +192,12 @@ class BruteLoop:
             c = _coefficients(*self.model.chain.dynamics, self.turns, own, other)
             if self.tables is not None:
                 parts = self.tables.of(second, third)
-                _look_up(c, self.turns, v1, a1, *self.wheel, *parts, residual)
+                _look_up(c, self.turns, v1, a1, *self.wheel, *parts, residual)  # type: ignore[call-arg]
             elif self.sums is not None:
                 residual = self.sums.torque(second, third)
             sums = (self.losses[0], self.losses[1][:, second].copy(), self.losses[2][:, third].copy())
             rest = (own[1], other[1], self.courses.weights, KINDS[self.metric], residual, out[third])
-            _add_energies(c, self.turns, v1, a1, *self.wheel, *sums, *rest)
+            _add_energies(c, self.turns, v1, a1, *self.wheel, *sums, *rest)  # type: ignore[call-arg]
         return out
 
 

@@ -25,8 +25,8 @@ class Compression(Planner):
 
     The paper "individually compressed the elapsed time of all trajectory sections until the joint reached its torque
     limit"; in what order is not said. Here each section in turn gives up a tenth at most, pass after pass, until a
-    pass gains nothing: a section that is drawn together all at once leaves its neighbours no room. One factor keeps the path as it is; unequal sections change the spline between the via points, so
-    collisions are checked again.
+    pass gains nothing: a section that is drawn together all at once leaves its neighbours no room. One factor keeps
+    the path as it is; unequal sections change the spline between the via points, so collisions are checked again.
 
     Attributes:
         mode: `factor`, `sections`, or `both` for the better of the two.

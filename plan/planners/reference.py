@@ -29,9 +29,9 @@ SHORTEST_REACH = 0.005
 class Reference(Planner):
     """IPOPT, from the initial trajectory or from the best of a short CMA-ES run over all of them.
 
-    The sign of the speed and the modulus of power are rounded, first widely and then finely; the result is evaluated
-    with the exact ones. Limits enter the programme only where the optimum without them breaks one. Clearance is
-    kept by separating planes that are chosen anew after each solve.
+    The sign of the speed and the modulus of power are rounded, first widely, so that no joint is kept from turning
+    back, and then finely; the result is evaluated with the exact ones. Limits enter the programme only where the
+    optimum without them breaks one. Clearance is kept by separating planes that are chosen anew after each solve.
 
     Attributes:
         widths: Rounding of sign [rad/s] and power [W], solve by solve.
@@ -45,7 +45,7 @@ class Reference(Planner):
         extra: Clearance added to the margin, for what happens between the watched places [m].
     """
 
-    widths: tuple[tuple[float, float], ...] = ((0.05, 2.0), (0.01, 0.1))
+    widths: tuple[tuple[float, float], ...] = ((0.5, 5.0), (0.05, 0.5), (0.005, 0.05))
     rounds: int = 10
     screening: int = 3000
     finalists: int = 2
@@ -65,6 +65,8 @@ class Reference(Planner):
             _Run(first, self, ledger, first.initial).solve(self.rounds)
             return
         raw = [(p, p.initial) for p in problems if p.initial_evaluation.violation[0] < WORTH_TRYING]
+        if first.objective == "time":
+            raw = []  # they are energy optima, far from the limits: the screening has left them behind
         raw.sort(key=lambda start: float(start[0].initial_evaluation.cost[0]))
         Evolution(most=self.screening * len(problems)).search(problems, ledger, rng)
         best = sorted(ledger.best_of.values(), key=lambda found: (not found.feasible, found.violation, found.cost))

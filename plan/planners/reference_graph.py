@@ -69,11 +69,11 @@ def build(
     elif objective == "time":
         s = np.linspace(0.0, 1.0, LIMIT_NODES)
     q, dq, ddq = symbolic.spline_function(n, vias, s)(z, start, goal)
-    tau = _torque(model, q, dq, ddq, widths[0]) if limited or objective == "energy" else None
+    tau: Any = _torque(model, q, dq, ddq, widths[0]) if limited or objective == "energy" else None
     cost = ca.sum1(durations)
     if objective == "energy":
         cost = ca.dot(ca.vec(ca.DM(w) @ durations.T), ca.sum1(_power(tau, dq, metric, widths[1])).T)
-    constraints = [ca.vec(q), ca.vec(dq), ca.vec(tau)] if limited else []
+    constraints: list[Any] = [ca.vec(part) for part in (q, dq, tau)] if limited else []
     if slots:
         parts = (ca.repmat(part, 1, slots) for part in (z, start, goal))
         constraints.append(_slot_function(model.chain, vias).map(slots)(*parts, places).T)
@@ -96,7 +96,7 @@ def _options(model: ChainTorque) -> dict[str, Any]:
     ipopt = {
         "print_level": 0,
         "sb": "yes",
-        "max_iter": 80,
+        "max_iter": 60,
         "tol": 1e-6,
         "acceptable_tol": 1e-4,
         "acceptable_iter": 4,
@@ -112,7 +112,7 @@ def _torque(model: ChainTorque, q: Any, dq: Any, ddq: Any, width: Any) -> Any:
     parts = [ca.SX.sym(name, n) for name in ("q", "dq", "ddq")]
     rigid = ca.Function("rigid", parts, [symbolic.inverse_dynamics(model.chain, *parts)])
     losses = model.losses
-    widths = [v if v > 0 else width for v in losses.transition_speed]
+    widths = [ca.sqrt(width**2 + v**2) for v in losses.transition_speed]
     slip = ca.vertcat(*(ca.tanh(dq[j, :] / widths[j]) for j in range(n)))
 
     def rows(values: Array) -> Any:
@@ -159,8 +159,8 @@ def _slot_function(chain: Chain, vias: int) -> Any:
     def chosen(values: list[Any]) -> Any:
         return sum(which[k] * values[k] for k in range(vias + 1))
 
-    picked = [chosen(part) for part in (points[:-1], points[1:], slopes[:-1], slopes[1:], h)]
-    q, _, _ = symbolic.section_state(*picked, s)
+    q0, q1, v0, v1 = (chosen(part) for part in (points[:-1], points[1:], slopes[:-1], slopes[1:]))
+    q, _, _ = symbolic.section_state(q0, q1, v0, v1, chosen(h), s)
     frames = symbolic.placements(chain, q)
     size = n + 1 + 15
     first, second = (_extent(frames, boxes[i * size : (i + 1) * size], normal) for i in range(2))

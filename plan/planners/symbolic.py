@@ -99,20 +99,17 @@ def _dense(net: DenseNet, x: Symbol) -> Symbol:
 
 def _joint(net: JointNets, j: int, v: Symbol, a: Symbol, load: Symbol) -> Symbol:
     near, far = (ca.tanh(v / scale) for scale in DIRECTION_SCALES)
-    features = ca.vertcat(v, a, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
-    total = 0
-    for member in range(len(net.weights[0])):
-        x = features
-        for layer, (weight, bias) in enumerate(zip(net.weights, net.biases, strict=True)):
-            x = _affine(weight[member, j].T, bias[member, j], x)
-            if layer < len(net.weights) - 1:
-                x = 0.5 * x * (1 + ca.tanh(0.5 * x))  # SiLU, in the form that never overflows
-        total = total + x
-    return total / len(net.weights[0])
+    x = ca.vertcat(v, a, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
+    layers = net.side_by_side(j)
+    for number, (weight, bias) in enumerate(layers):
+        x = _affine(weight.T, bias, x)
+        if number < len(layers) - 1:
+            x = 0.5 * x * (1 + ca.tanh(0.5 * x))  # SiLU, in the form that never overflows
+    return x
 
 
 def _affine(weight: Array, bias: Array, x: Symbol) -> Symbol:
-    return ca.DM(np.array(weight)) @ x + ca.repmat(ca.DM(np.array(bias)), 1, x.shape[1])
+    return ca.sparsify(ca.DM(np.array(weight))) @ x + ca.repmat(ca.DM(np.array(bias)), 1, x.shape[1])
 
 
 def knot_slopes(points: list[Symbol], h: list[Symbol]) -> list[Symbol]:
@@ -131,7 +128,9 @@ def knot_slopes(points: list[Symbol], h: list[Symbol]) -> list[Symbol]:
     return slopes
 
 
-def section_state(q0: Symbol, q1: Symbol, v0: Symbol, v1: Symbol, h: Symbol, s: Symbol) -> tuple[Symbol, Symbol, Symbol]:
+def section_state(
+    q0: Symbol, q1: Symbol, v0: Symbol, v1: Symbol, h: Symbol, s: Symbol
+) -> tuple[Symbol, Symbol, Symbol]:
     """Position, velocity and acceleration at local time s of one section."""
     a, b, d = v0 * h, v1 * h, q1 - q0
     c2, c3 = 3 * d - 2 * a - b, a + b - 2 * d

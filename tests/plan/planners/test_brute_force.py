@@ -1,0 +1,91 @@
+"""Brute force: the shared loop equals plain evaluation, and finds the grid's best."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from plan.chain import Chain
+from plan.errors import MethodError
+from plan.planners.brute_force import BruteForce, make_courses
+from plan.planners.brute_loop import BruteLoop
+from plan.power import METRICS, ChainTorque
+from plan.problem import PlanningProblem
+from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
+
+
+def grid(courses, second: int) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Decision vectors of one block, rows for joint 3 and columns for joint 1."""
+    count = len(courses.vias[0])
+    shape = (count, count, courses.vias[0].shape[1])
+    first = np.broadcast_to(courses.vias[0][None], shape)
+    own = np.broadcast_to(courses.vias[1][second], shape)
+    third = np.broadcast_to(courses.vias[2][:, None], shape)
+    return np.stack([first, own, third], axis=-1).reshape(count * count, -1)
+
+
+def block_error(task: PlanningProblem) -> float:
+    courses = make_courses(task, 3)
+    ours = BruteLoop(task.model, courses, task.metric).block(4)
+    return float(np.abs(task.evaluate(grid(courses, 4)).cost - ours.reshape(-1)).max())
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_loop_equals_plain_evaluation(metric: str) -> None:
+    """The polynomial in the first joint's state gives the energies of plain evaluation to 1e-9 J."""
+    assert block_error(problem(metric=metric)) < 1e-9
+
+
+def test_loop_on_a_tilted_base() -> None:
+    """Where the first joint turns against gravity, its sine and cosine are carried along."""
+    tilted = ChainTorque(Chain.from_arm(three_joints().with_gravity([2.0, 3.0, -9.0])), losses())
+    assert block_error(problem(model=tilted)) < 1e-9
+
+
+@pytest.mark.parametrize(("net", "bound"), [(joint_nets(), 5e-3), (dense_net(), 1e-3)], ids=["default", "paper"])
+def test_loop_with_a_net(net: object, bound: float) -> None:
+    """Tables of the default net cost a few millijoules of 50 J, the paper's net single precision."""
+    assert block_error(problem(model=model(net))) < bound  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("net", [None, joint_nets()], ids=["no net", "default"])
+@pytest.mark.parametrize("blocked", [False, True])
+def test_finds_the_best_allowed_grid_point(net: object, blocked: bool) -> None:
+    """On a grid of 3⁶ points the result is the cheapest feasible one of plain evaluation, obstacle or not."""
+    task = problem(*[MONITOR] if blocked else [], duration=1.0, model=model(net), radius=4.0)  # type: ignore[arg-type]
+    start = task.start
+    if blocked:  # widen the cells, so that some grid points pass beside the box
+        task = replace(task, goal=task.goal + np.radians([10.0, 25.0, 20.0]))
+    cells = [(start + (task.goal - start) * k / 2, start + (task.goal - start) * (k + 1) / 2) for k in range(2)]
+    axes = [np.linspace(low[j], high[j], 3) for low, high in cells for j in range(3)]
+    found = task.evaluate(np.array(list(product(*axes))))
+    known = found.cost[found.feasible].min() if found.feasible.any() else None
+    book = BruteForce(levels=3).run([task], ledger(), np.random.default_rng(0))
+    assert book.evaluations == 3**6
+    assert book.best is not None
+    if known is None:
+        assert not book.best.feasible
+    else:
+        assert book.best.cost == pytest.approx(known, abs=1e-9)
+
+
+def test_plain_grid_over_durations() -> None:
+    """Three levels of three durations: 27 evaluations."""
+    task = problem(objective="time", free="times")
+    book = BruteForce(levels=3).run([task], ledger(), np.random.default_rng(0))
+    assert book.evaluations == 27
+    assert book.best is not None
+
+
+def test_refuses_a_grid_too_large() -> None:
+    """Five via points would be 11¹⁵ points."""
+    with pytest.raises(MethodError, match="11\\^15"):
+        BruteForce().run([problem(vias=5)], ledger(), np.random.default_rng(0))
+
+
+def test_budget_ends_it() -> None:
+    """Out of evaluations, the best so far is kept and the note says so."""
+    book = BruteForce(levels=5).run([problem()], ledger(2000), np.random.default_rng(0))
+    assert book.best is not None
+    assert any("budget" in note for note in book.notes)

@@ -1,0 +1,209 @@
+"""The planners that sample: what every one of them owes, and what each is for."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plan.errors import MethodError
+from plan.planners import METHODS, Planner, make_planner
+from plan.planners.compression import Compression
+from plan.planners.evolution import Evolution
+from plan.planners.genetic import PaperGenetic, StrongGenetic
+from plan.planners.ppo import Ppo
+from plan.planners.reward import REWARDS, paper_reward
+from plan.planners.toppra import Toppra
+from plan.result import certify
+from plan.starts import from_vias
+from tests.plan.worlds import MONITOR, ledger, problem
+
+SAMPLERS = [
+    Ppo(epochs=300),
+    Ppo(epochs=200, reward="paper"),
+    PaperGenetic(population=40, generations=20),
+    StrongGenetic(population=40, generations=20),
+    Evolution(),
+]
+IDS = ["ppo", "ppo-paper", "ga", "ga-pymoo", "cma"]
+
+
+@pytest.mark.parametrize("planner", SAMPLERS, ids=IDS)
+def test_better_than_the_start_and_allowed(planner: Planner) -> None:
+    """Every method ends with a feasible motion cheaper than the initial one."""
+    task = problem()
+    book = planner.run([task], ledger(), np.random.default_rng(0))
+    assert book.best is not None
+    assert book.best.feasible
+    assert book.best.cost < 0.98 * task.initial_evaluation.cost[0]
+
+
+@pytest.mark.parametrize("planner", SAMPLERS, ids=IDS)
+def test_same_seed_same_result(planner: Planner) -> None:
+    """Two runs with one seed agree to the last bit; another seed differs."""
+    task = problem()
+    runs = [planner.run([task], ledger(400), np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    first, again, other = (run.best.x for run in runs if run.best is not None)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("planner", SAMPLERS, ids=IDS)
+def test_budget_is_kept(planner: Planner) -> None:
+    """No evaluation beyond the budget, whatever the batch size."""
+    book = planner.run([problem()], ledger(137), np.random.default_rng(0))
+    assert book.evaluations == 137
+
+
+@pytest.mark.parametrize("planner", SAMPLERS, ids=IDS)
+def test_resumed_search_is_the_same_search(planner: Planner, tmp_path: Path) -> None:
+    """Stopped after 150 evaluations and taken up again, a search ends where an uninterrupted one does."""
+    task, journal = problem(), tmp_path / "journal.npz"
+    planner.run([task], ledger(150, journal=journal, fingerprint="a"), np.random.default_rng(3))
+    resumed = planner.run([task], ledger(400, journal=journal, fingerprint="a"), np.random.default_rng(3))
+    whole = planner.run([task], ledger(400), np.random.default_rng(3))
+    assert resumed.best is not None
+    assert whole.best is not None
+    assert np.array_equal(resumed.best.x, whole.best.x)
+
+
+def test_journal_of_another_task_is_not_taken(tmp_path: Path) -> None:
+    """A checkpoint with another fingerprint is ignored."""
+    journal = tmp_path / "journal.npz"
+    Evolution().run([problem()], ledger(100, journal=journal, fingerprint="a"), np.random.default_rng(0))
+    book = ledger(100, journal=journal, fingerprint="b")
+    assert book._replay is None
+
+
+def test_cma_goes_round_the_box() -> None:
+    """From a way beside the box CMA-ES ends clear of it, from several starts at once."""
+    task = problem(MONITOR, duration=1.0)
+    starts = [task, from_vias(task, np.radians([[40.0, 20.0, -94.0]]), "beside", 2)]
+    book = Evolution(most=3000).run(starts, ledger(), np.random.default_rng(0))
+    assert book.best is not None
+    assert book.best.feasible
+    assert set(book.best_of) == {"straight", "beside"}
+    assert certify(book.best.problem, book.best.splines).clearance.proven > 0.004
+
+
+def test_ppo_is_near_the_optimum() -> None:
+    """Five hundred epochs, as in the paper's table 3, come within 1 % of CMA-ES's optimum."""
+    task = problem()
+    known = Evolution().run([task], ledger(), np.random.default_rng(0)).best
+    found = Ppo(epochs=500).run([task], ledger(), np.random.default_rng(0)).best
+    assert known is not None
+    assert found is not None
+    assert found.cost < 1.01 * known.cost
+
+
+def test_ppo_schedule() -> None:
+    """Every start gets its 100 epochs first; the rest goes by rounds of 100 to starts drawn by what they learn."""
+    task = problem(MONITOR, duration=1.0)
+    starts = [
+        from_vias(task, np.radians([[40.0, 20.0, -94.0]]), "near", 2),
+        from_vias(task, np.radians([[-40.0, 90.0, -90.0]]), "far", 2),
+    ]
+    counts: dict[str, int] = {"near": 0, "far": 0}
+    book = ledger()
+    evaluate = book.evaluate
+
+    def counting(which, x):  # type: ignore[no-untyped-def]
+        counts[which.label] += len(x)
+        return evaluate(which, x)
+
+    book.evaluate = counting  # type: ignore[method-assign]
+    Ppo(epochs=800).run(starts, book, np.random.default_rng(0))
+    assert counts["far"] >= 100
+    assert counts["near"] > 400
+    assert sum(counts.values()) == 800
+
+
+def test_paper_rewards() -> None:
+    """Eq. 7: 10⁴ / E where free, −1 / distance in collision; finite at contact. Eq. 9: 10³ × time saved."""
+    task = problem(MONITOR, duration=1.0)
+    x = task.initial + np.random.default_rng(0).normal(size=(200, 6)) * 0.3
+    found = task.evaluate(x)
+    reward = paper_reward(task, found)
+    free = found.feasible
+    assert reward[free] == pytest.approx(1e4 / found.cost[free])
+    hit = found.collision > 0
+    assert np.all(reward[hit] < 0)
+    assert np.all(np.isfinite(reward))
+    assert reward[hit].min() >= -1e3
+    fast = problem(objective="time", free="times")
+    shorter = fast.evaluate(fast.initial[None] + np.log(0.9))
+    assert paper_reward(fast, shorter) == pytest.approx(1e3 * 0.1 * 0.65, rel=1e-6)
+
+
+def test_bounded_reward_is_bounded_and_monotone() -> None:
+    """The default reward stays within ±20, and a worse collision is never better."""
+    task = problem(MONITOR, duration=1.0)
+    x = task.initial + np.random.default_rng(0).normal(size=(300, 6)) * 0.4
+    found = task.evaluate(x)
+    reward = REWARDS["bounded"](task, found)
+    assert np.abs(reward).max() <= 20.0
+    cheap = np.abs(found.cost - np.median(found.cost)) < 0.2 * np.median(found.cost)
+    order = np.argsort(found.violation[cheap])
+    assert np.corrcoef(found.violation[cheap][order], reward[cheap][order])[0, 1] < -0.8
+
+
+def test_genes_cover_the_box() -> None:
+    """All bits zero is the lower bound, all one the upper; encoding inverts decoding to a step."""
+    task, ga = problem(), PaperGenetic()
+    genes = np.zeros((2, task.dimension, 10), dtype=int)
+    genes[1] = 1
+    low, high = ga._decode(task, genes)
+    assert low == pytest.approx(task.lower)
+    assert high == pytest.approx(task.upper)
+    step = (task.upper - task.lower) / 1023
+    assert np.all(np.abs(ga._decode(task, ga._encode(task, task.initial)[None])[0] - task.initial) <= step)
+
+
+@pytest.mark.parametrize("mode", ["factor", "sections"])
+def test_compression_stops_at_a_limit(mode: str) -> None:
+    """Compression keeps the via points and ends with some limit met to 1 %, none broken."""
+    task = problem(duration=4.0, objective="time", free="times")
+    book = Compression(mode=mode).run([task], ledger(), np.random.default_rng(0))  # type: ignore[arg-type]
+    assert book.best is not None
+    found = certify(task, book.best.splines)
+    assert book.best.splines.points[0, 1:-1] == pytest.approx(task.vias)
+    assert not found.broken
+    assert max(found.torque_share.max(), found.speed_share.max()) > 0.98
+    if mode == "factor":
+        assert np.ptp(book.best.splines.durations) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_sections_beat_one_factor() -> None:
+    """Sections drawn together one by one end faster than all by one factor."""
+    task = problem(duration=4.0, objective="time", free="times")
+    times = [
+        Compression(mode=mode).run([task], ledger(), np.random.default_rng(0)).best.cost  # type: ignore[arg-type, union-attr]
+        for mode in ("factor", "sections")
+    ]
+    assert times[1] < times[0]
+
+
+def test_toppra_bounds_its_path() -> None:
+    """toppra's time is below that of any cubic time law on the same path, and its motion breaks nothing."""
+    task = problem(duration=1.0, objective="time", free="times")
+    book = Toppra().run([task], ledger(), np.random.default_rng(0))
+    factor = Compression(mode="factor").run([task], ledger(), np.random.default_rng(0))
+    assert book.best is not None
+    assert factor.best is not None
+    assert book.best.feasible
+    assert book.best.cost < factor.best.cost
+    bound = float(book.notes[-1].split(": ")[1].split(" s")[0])
+    assert bound <= book.best.cost
+    path = task.decode(task.initial).at(np.linspace(0, 1, 3000))[0]
+    q = book.best.splines.at(np.linspace(0, book.best.cost, 50))[0]
+    away = np.array([np.abs(path - row).max(axis=1).min() for row in q])
+    assert away.max() < 0.02
+
+
+def test_methods_by_name() -> None:
+    """Every name makes a planner; an unknown one names those there are; time-only methods refuse energy."""
+    for method in METHODS:
+        assert isinstance(make_planner(method, "time"), Planner)
+    with pytest.raises(MethodError, match="use one of: reference, cma"):
+        make_planner("magic", "energy")
+    with pytest.raises(MethodError, match="shortens time only"):
+        make_planner("toppra", "energy")

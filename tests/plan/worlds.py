@@ -1,0 +1,88 @@
+"""Arms, models and tasks that the planner's tests share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from ident.arm import ArmModel
+from plan.boxes import Box
+from plan.chain import Chain
+from plan.network import DenseNet, JointNets
+from plan.planners import Budget, Ledger
+from plan.power import ChainTorque, Losses
+from plan.problem import Limits, PlanningProblem
+from plan.scene import Scene
+from plan.starts import straight
+
+START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
+MONITOR = Box("monitor", 0, np.eye(3), [0.04, -0.47, 0.56], [0.06, 0.06, 0.06])
+
+
+@cache
+def three_joints() -> ArmModel:
+    """The TM5-900 with its wrist frozen at zero."""
+    return ArmModel.load("tm5-900").locked(["joint_4", "joint_5", "joint_6"], [0.0, 0.0, 0.0])
+
+
+def losses(n: int = 3) -> Losses:
+    """Losses of the size that a fit of the TM5-900 gives."""
+    return Losses(
+        motor_inertia=np.linspace(0.9, 0.5, n),
+        viscous=np.linspace(8.0, 5.0, n),
+        coulomb=np.linspace(8.0, 5.0, n),
+        offset=np.linspace(0.3, -0.2, n),
+        transition_speed=np.full(n, 0.01),
+    )
+
+
+def joint_nets(n: int = 3, members: int = 2, seed: int = 0) -> JointNets:
+    """A net of the default kind with random weights, a few N m large."""
+    rng = np.random.default_rng(seed)
+    scale = np.array([0.3, 0.1, 1.0, 1.0, 0.02, 0.02])
+    shapes = [(6, 8), (8, 5), (5, 1)]
+    weights = [rng.normal(size=(members, n, *shape)) for shape in shapes]
+    weights[0] *= scale[:, None]
+    return JointNets(tuple(weights), tuple(0.3 * rng.normal(size=(members, n, shape[1])) for shape in shapes))
+
+
+def dense_net(n: int = 3, seed: int = 0) -> DenseNet:
+    """A net of the paper's kind with random weights."""
+    rng = np.random.default_rng(seed)
+    shapes = [(16, 3 * n), (12, 16), (n, 12)]
+    weights = tuple(rng.normal(size=shape) / np.sqrt(shape[1]) for shape in shapes)
+    return DenseNet(weights, tuple(0.3 * rng.normal(size=shape[0]) for shape in shapes))
+
+
+def model(net: DenseNet | JointNets | None = None) -> ChainTorque:
+    """The three-joint arm with losses."""
+    return ChainTorque(Chain.from_arm(three_joints()), losses(), net)
+
+
+def problem(*obstacles: Box, duration: float = 0.65, vias: int = 2, clearance: float = 0.005, **changes: object):  # type: ignore[no-untyped-def]
+    """The paper's task of table 3, with obstacles if given."""
+    arm = three_joints()
+    task = PlanningProblem(
+        scene=Scene.build(arm, obstacles),
+        model=model(),
+        limits=Limits(arm.lower, arm.upper, arm.velocity_limit, arm.effort_limit, clearance),
+        start=START,
+        goal=GOAL,
+        vias=straight(START, GOAL, vias),
+        durations=np.full(vias + 1, duration / (vias + 1)),
+    )
+    return replace(task, **changes)  # type: ignore[arg-type]
+
+
+def ledger(evaluations: int = 10**7, seconds: float = 300.0, **options: object) -> Ledger:
+    """A ledger with a wide budget."""
+    return Ledger(Budget(evaluations, seconds), **options)  # type: ignore[arg-type]
+
+
+def random_rotation(rng: np.random.Generator) -> np.ndarray:
+    """A rotation drawn evenly."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
