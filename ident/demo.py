@@ -8,21 +8,26 @@ from typing import Any
 from rich.console import Console
 
 from ident.console import ladder_table, print_issues, progress_bar
+from ident.diagnosis.command import diagnose_reports
+from ident.diagnosis_output import print_diagnosis
+from ident.effects.catalogue import CATALOGUE
 from ident.evaluation import Evaluation, evaluate
 from ident.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.opening import Opened, open_sessions
-from ident.report import write_evaluation_report
+from ident.opening import Opened, inspect_paths, open_sessions
+from ident.report import write_diagnosis_report, write_evaluation_report
 from ident.robots import data_path
 from ident.timeline import write_timeline
 
 TRAINING = ("T1", "T2")
 EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")
+# Recordings of arms with one effect each that nobody here was told of.
+SEALED = ("sealed_1", "sealed_2", "sealed_3")
 # The paper's figure 9: the same model trained on one group of trajectories, on the other, and on both.
 GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}
 
 
 def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
-    """Fits, evaluates, reports; returns the figures of the command's JSON.
+    """Fits, evaluates, diagnoses, reports; returns the figures of the command's JSON.
 
     Args:
         out: Folder for model, report and timeline.
@@ -45,7 +50,24 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
     console.print(f"report: {out / 'report.html'}")
     console.print(f"timeline: {out / 'timeline.rrd'} (open it with `rerun {out / 'timeline.rrd'}`)")
     console.print(f"model: {out / 'model'}")
-    return {"schema": "ident.demo/1", "models": [result.to_dict() for result in results]}
+    diagnoses = [_diagnose(folder / name, out / f"diagnosis_{name}.html", console) for name in SEALED]
+    return {
+        "schema": "ident.demo/1",
+        "models": [result.to_dict() for result in results],
+        "diagnoses": diagnoses,
+    }
+
+
+def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
+    """Diagnoses a session whose cause is withheld, in an envelope beside it."""
+    arm, reports = inspect_paths([session], "tm5-900")
+    diagnosis, _, _ = diagnose_reports(reports, arm, CATALOGUE)
+    console.print(f"\nWhat is wrong with the arm of {session.name}?")
+    print_diagnosis(console, diagnosis)
+    record = diagnosis.to_dict()
+    write_diagnosis_report(page, record)
+    console.print(f"diagnosis: {page}")
+    return record
 
 
 def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console, links: int = 6) -> HybridModel:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from rich.console import Console
 
@@ -33,11 +35,10 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""
         console.print(f"  {name}: {gap['rms_Nm']:.3f} N m against {gap['noise_floor_Nm']:.3f} of noise{left}")
-    silent: dict[str, list[str]] = {}
-    for item in diagnosis.not_testable:
-        silent.setdefault(f"{item['effect']} ({item['reason']})", []).extend(item["joints"])
-    for what, joints in silent.items():
-        console.print(f"  not testable: {what}: {', '.join(joints)}", soft_wrap=True, highlight=False)
+    silent = Counter(item["effect"] for item in diagnosis.not_testable)
+    if silent:
+        told = ", ".join(f"{effect} ({count} joints)" if count > 1 else effect for effect, count in silent.items())
+        console.print(f"  not testable with these motions: {told}; the page says why", soft_wrap=True)
 
 
 def describe(finding: Finding) -> str:

@@ -170,7 +170,7 @@ class Search:
         tried = []
         for score, group in short:
             seen, fast = (float(p.visibility(group.columns).max()) for p in (projection, held_fast))
-            absorbed = seen < ABSORBED_BELOW and fast > 2.0 * seen
+            absorbed = group.effect.inertia_like and seen < ABSORBED_BELOW and fast > 2.0 * seen
             before = self.fixed.score(chosen) if absorbed else ladder[-1]
             after = (self.fixed if absorbed else self.held_out).score([*chosen, group])
             first = self.fixed.score() if absorbed else ladder[0]

@@ -134,6 +134,7 @@ class Effect(ABC):
         scope: `joint` if it belongs to one joint (or the link that the joint moves), `arm` if to the whole arm.
         rows: `own` if its torque acts on its own joint only: columns of shape (T, k); `all` if on any: (T, n, k).
         nonnegative: Indices of columns whose coefficients can't be negative.
+        inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
         summary: One line for reports: what happens and where to look.
     """
 
@@ -141,6 +142,7 @@ class Effect(ABC):
     scope: ClassVar[Literal["joint", "arm"]] = "joint"
     rows: ClassVar[Literal["own", "all"]] = "own"
     nonnegative: ClassVar[tuple[int, ...]] = ()
+    inertia_like: ClassVar[bool] = False
     summary: ClassVar[str] = ""
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:

@@ -31,6 +31,7 @@ class Payload(Effect):
     """
 
     id = "payload"
+    inertia_like = True
     scope = "arm"
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
@@ -72,6 +73,7 @@ class LinkInertialError(Effect):
     """
 
     id = "link_inertial_error"
+    inertia_like = True
     rows = "all"
     summary = "a link's mass or its centre is not that of the URDF; look at fast motion in many poses"
 
@@ -109,6 +111,7 @@ class GravityMisalignment(Effect):
     """
 
     id = "gravity_misalignment"
+    inertia_like = True
     scope = "arm"
     rows = "all"
     summary = "the base is not level; look at gravity's torque on a joint that the model takes for vertical"

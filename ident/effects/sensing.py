@@ -38,6 +38,7 @@ class TorqueGainError(Effect):
     """A drive gain that is off: the log reads 1 + g times the torque; τ = g τ_model."""
 
     id = "torque_gain_error"
+    inertia_like = True
     summary = "logged torque is too large or small by a factor; look at a known payload"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -198,6 +199,7 @@ class EncoderOffset(Effect):
     """
 
     id = "encoder_offset"
+    inertia_like = True
     rows = "all"
     summary = "a joint's zero is shifted: gravity's torque is that of another angle; look at many poses"
 

@@ -176,6 +176,7 @@ class SpringTorque(Effect):
     """
 
     id = "spring_torque"
+    inertia_like = True
     summary = "torque depends on the joint's angle like a spring's; look at one angle under different gravity"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
