@@ -140,6 +140,7 @@ def solve(
     ledger = Ledger(budget or default_budget(method), progress, journal, _fingerprint(problem, method, seed))
     starts = starts or find_starts(problem, rng, trial)
     planner.run(starts.problems, ledger, rng)
+    spent = ledger.seconds
     best, certificate = _certified(ledger, rng)
     status, reason = _judge(best, certificate, ledger, starts)
     result = PlanResult(
@@ -148,7 +149,7 @@ def solve(
         splines=None if best is None else best.splines,
         certificate=certificate,
         evaluations=ledger.evaluations,
-        seconds=ledger.seconds,
+        seconds=spent,
         starts=_start_records(starts, ledger),
         history=tuple(ledger.history),
         notes=tuple(ledger.notes),
@@ -219,8 +220,8 @@ def _judge(
     reason = "; ".join(broken[:2])
     if starts.records and len(failed) == len(starts.records):
         reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
-    spent = ledger.remaining == 0
-    return ("budget_spent" if spent else "infeasible"), f"the best motion found is not allowed: {reason}"
+    over = ledger.remaining == 0
+    return ("budget_spent" if over else "infeasible"), f"the best motion found is not allowed: {reason}"
 
 
 def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]:

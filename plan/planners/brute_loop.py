@@ -189,15 +189,15 @@ class BruteLoop:
         residual = np.empty((*v1.shape, 3) if self.model.net is not None else (0, 0, 0))
         for third in range(len(out)):
             other = np.ascontiguousarray(self.courses.states[2][:, :, third])
-            c = _coefficients(*self.model.chain.dynamics, self.turns, own, other)
+            c = _coefficients(*self.model.chain.dynamics, self.turns, own, other)  # type: ignore[call-arg]
             if self.tables is not None:
-                parts = self.tables.of(second, third)
-                _look_up(c, self.turns, v1, a1, *self.wheel, *parts, residual)  # type: ignore[call-arg]
+                low, step, first, *others = self.tables.of(second, third)
+                _look_up(c, self.turns, v1, a1, *self.wheel, low, step, first, others[0], others[1], residual)
             elif self.sums is not None:
                 residual = self.sums.torque(second, third)
             sums = (self.losses[0], self.losses[1][:, second].copy(), self.losses[2][:, third].copy())
             rest = (own[1], other[1], self.courses.weights, KINDS[self.metric], residual, out[third])
-            _add_energies(c, self.turns, v1, a1, *self.wheel, *sums, *rest)  # type: ignore[call-arg]
+            _add_energies(c, self.turns, v1, a1, *self.wheel, *sums, *rest)
         return out
 
 

@@ -45,10 +45,10 @@ class Ppo(Planner):
     epochs: int = 2100
     round_length: int = 100
     batch: int = 25
-    passes: int = 6
-    clip: float = 0.2
+    passes: int = 3
+    clip: float = 0.3
     spread: float = 0.03
-    learning_rate: float = 1e-3
+    learning_rate: float = 3e-3
     entropy: float = 0.0
     name: ClassVar[str] = "ppo"
 
