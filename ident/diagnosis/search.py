@@ -18,12 +18,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.diagnosis.evidence import Evidence
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
 from ident.diagnosis.layout import Group
 from ident.diagnosis.projection import Prior, Projection, project
-from ident.diagnosis.significance import block_scores, family_p_values
+from ident.diagnosis.significance import block_scores, family_p_values, group_p_value
 
 FAMILY_ERROR = 0.05
 LEAST_RMS_FALL = 0.02
@@ -184,15 +184,17 @@ class Search:
         folds = self.evidence.fold_of_block
         by_run = np.array([scores[folds == fold].sum(axis=0) for fold in np.unique(folds)])
         wanted = {group.key for group in short}
+        quick = [g for g in self.evidence.layout.groups if g.effect.id not in SLOW_EFFECTS]
+        slow = [g for g in self.evidence.layout.groups if g.effect.id in SLOW_EFFECTS and g.key in wanted]
         least: dict[Key, float] = {}
-        for slow, sums in ((False, scores), (True, by_run)):
-            family = [g for g in self.evidence.layout.groups if (g.effect.id in SLOW_EFFECTS) == slow]
-            if not family:
-                continue
-            values = family_p_values(sums, family, np.random.default_rng(self.seed))
-            for group, value in zip(family, values, strict=True):
-                if group.key in wanted:
-                    least[group.key] = min(least.get(group.key, 1.0), float(value))
+        rng = np.random.default_rng(self.seed)
+        for group, value in zip(quick, family_p_values(scores, quick, rng), strict=True):
+            if group.key in wanted:
+                least[group.key] = min(least.get(group.key, 1.0), float(value))
+        for key in {group.key for group in slow}:
+            mates = [group for group in slow if group.key == key]
+            value = group_p_value(by_run, projection.rest, mates, rng)
+            least[key] = min(1.0, value * self.evidence.layout.n)
         return least
 
     def _gates(
@@ -224,21 +226,25 @@ class Search:
             before = list(current)
             for i in range(len(current)):
                 others = current[:i] + current[i + 1 :]
-                best = self.best_by_key(project(gram, self.evidence, self.prior, others), others)
+                projection = project(gram, self.evidence, self.prior, others)
+                best = self.best_by_key(projection, others)
                 current[i] = best[current[i].key][1]
                 rival = max(best.values(), key=lambda pair: pair[0])[1]
-                if rival.key != current[i].key:
-                    old, new = self.held_out.score([*others, current[i]]), self.held_out.score([*others, rival])
-                    gain, error = new.gain_over(old)
-                    if gain > error:
-                        current[i] = rival
+                if rival.key != current[i].key and self._beats(projection, others, rival, current[i]):
+                    current[i] = rival
             if current == before:
                 break
         return current
 
+    def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
+        """Whether a rival is significant, and better on held-out runs than the holder of a name by one error.
 
-def slot_scores(search: Search, gram: Float[Array, "P P"], named: Sequence[Group], slot: int) -> dict[Key, float]:
-    """Log evidence of every name for one slot of the model, the others as they are."""
-    others = [group for i, group in enumerate(named) if i != slot]
-    projection = project(gram, search.evidence, search.prior, others)
-    return {key: score for key, (score, _) in search.best_by_key(projection, others).items()}
+        A holder that tuning absorbs is not swapped: held-out runs can't judge it.
+        """
+        if holder.effect.inertia_like and projection.visibility(holder.columns).max() < ABSORBED_BELOW:
+            return False
+        if self._p_values(projection, [rival])[rival.key] > FAMILY_ERROR:
+            return False
+        old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
+        gain, error = new.gain_over(old)
+        return gain > error

@@ -64,6 +64,7 @@ class TorqueOffset(Effect):
     """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid)."""
 
     id = "torque_offset"
+    inertia_like = True
     summary = "torque is shifted by a constant, at rest too, or drifts; look at static holds"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
