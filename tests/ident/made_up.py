@@ -39,13 +39,13 @@ def urdf(*parts: str) -> str:
 
 
 def sliding_arm() -> ArmModel:
-    """Turning, sliding, turning without limits, sliding; axes askew, the last one not of unit length."""
+    """Turning, sliding, turning without limits, sliding; axes askew, those of the slides not of unit length."""
     return ArmModel.from_urdf(
         urdf(
             link("base"),
             *(link(f"link_{i}", 3.0 - 0.5 * i) for i in range(1, 5)),
             joint("turn_1", "base", "link_1", axis="0 1 0"),
-            joint("slide_2", "link_1", "link_2", "prismatic", "0.6 0 0.8"),
+            joint("slide_2", "link_1", "link_2", "prismatic", "3 0 4"),
             joint("turn_3", "link_2", "link_3", "continuous", "0 -0.8 0.6", ""),
             joint("slide_4", "link_3", "link_4", "prismatic", "0 3 4"),
         )
