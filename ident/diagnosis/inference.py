@@ -18,6 +18,8 @@ from ident.effects.base import Interval, SessionContext
 INTERVAL_FALL = 1.92
 # Names whose log evidence is nearer than this to the best can't be told apart.
 CLASS_NATS = 3.0
+# Names of which the evidence is weaker than the holder's by more than this are not asked for [nats].
+RIVAL_NATS = 60.0
 # Exponent that turns log evidence into calibrated probabilities: recordings hold more misfit than the noise model.
 TEMPER = 0.2
 
@@ -129,9 +131,12 @@ def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
 ) -> tuple[float, tuple[str, ...]]:
     """Probability of a name against all others for its slot, and the names that stand too near to tell."""
-    scores: dict[Key, float] = {
-        key: score / spare for key, (score, _) in search.best_by_key(projection, others).items()
-    }
+    best = search.best_by_key(projection, others)
+    least = best[group.key][0] - RIVAL_NATS * spare
+    near_it = [rival for score, rival in best.values() if score > least]
+    # What a single block of misfit speaks for is no rival.
+    allowed = search.significant_keys(projection, near_it) | {group.key}
+    scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
     own = scores[group.key]
     best_of_effect: dict[str, float] = {}
     for (effect, _, _), score in scores.items():

@@ -130,6 +130,12 @@ class Search:
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
+    def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
+        """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
+        p_values = self._p_values(projection, groups)
+        hidden = {g.key for g in groups if g.effect.inertia_like and _least_seen(projection, g)}
+        return hidden | {key for key, value in p_values.items() if value <= FAMILY_ERROR}
+
     def score_of(self, projection: Projection, group: Group) -> float:
         """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost."""
         gain, _ = projection.gain(group)
@@ -241,10 +247,15 @@ class Search:
 
         A holder that tuning absorbs is not swapped: held-out runs can't judge it.
         """
-        if holder.effect.inertia_like and projection.visibility(holder.columns).max() < ABSORBED_BELOW:
+        if holder.effect.inertia_like and _least_seen(projection, holder):
             return False
         if self._p_values(projection, [rival])[rival.key] > FAMILY_ERROR:
             return False
         old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
         gain, error = new.gain_over(old)
         return gain > error
+
+
+def _least_seen(projection: Projection, group: Group) -> bool:
+    """Whether the tuned baseline leaves next to nothing of a group."""
+    return bool(projection.visibility(group.columns).max() < ABSORBED_BELOW)
