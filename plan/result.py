@@ -22,6 +22,8 @@ Status = Literal["solved", "infeasible", "budget_spent"]
 ROUNDING = 1e-9
 # Clearance may fall short of what was asked for by this [m].
 CLEARANCE_SHORT = 5e-4
+# Quadrature points a section of the certificate: friction that turns round inside a section needs many.
+FINE = 200
 # Places a section at which the certificate looks for peaks of torque.
 DENSE = 400
 
@@ -65,7 +67,7 @@ class Certificate:
 
 def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     """Checks the first of a batch of motions: energy, limits on a dense grid, clearance at every instant."""
-    s, w = section_nodes(24)
+    s, w = section_nodes(FINE)
     q, dq, ddq = splines.states(s)
     tau = problem.model.torque(q, dq, ddq)
     weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
