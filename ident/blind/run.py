@@ -1,0 +1,215 @@
+"""The check as a whole: make all cases, print their seals, diagnose, open, score. Goes on where it was stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import ident
+from ident.blind.cases import FULL_MIX, plan_slots
+from ident.blind.examining import ExamineTask, examine
+from ident.blind.making import MADE_NAME, MakeTask, case_key, make, redraw
+from ident.blind.scoring import Outcome, score_case
+from ident.blind.summary import BlindReport
+from ident.blind.workers import run_tasks
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.plant.answer import open_envelope
+
+RUN_NAME, REPORT_NAME = "run.json", "blind.json"
+# What the two kinds of process are made of: cases are made, or diagnosed, again when that code has changed.
+PLANT_CODE = ("plant", "arm.py", "blind/cases.py", "blind/making.py", "writing.py")
+MODEL_CODE = (
+    "diagnosis",
+    "effects",
+    "telemetry",
+    "arm.py",
+    "inertia.py",
+    "loss.py",
+    "signals.py",
+    "smoothing.py",
+    "blind/examining.py",
+    "blind/alternatives.py",
+    "blind/rivals.py",
+)
+
+Say = Callable[[str], None]
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class BlindOptions:
+    """What to check.
+
+    Attributes:
+        cases: Number of cases.
+        seed: Of the check; drawn from the system's entropy if None.
+        out: Folder for everything; a check that was stopped there goes on.
+        workers: Processes on this machine.
+        scheduler: Address of a Dask scheduler instead; its workers must see `out` by the same path.
+        mix: Shares of the kinds of case.
+        robot: URDF path or name.
+        semi_real: Folder of real recordings to which known effects are added, instead of simulated cases.
+    """
+
+    cases: int = 40
+    seed: int | None = None
+    out: Path = Path("out/blind")
+    workers: int = 1
+    scheduler: str | None = None
+    mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))
+    robot: str = "tm5-900"
+    semi_real: Path | None = None
+
+
+def run_blind(
+    options: BlindOptions, say: Say = lambda line: None, progress: Progress = lambda step, done, total: None
+) -> BlindReport:
+    """Runs the check.
+
+    Args:
+        options: What to check.
+        say: Told the seals, line by line, before any diagnosis.
+        progress: Told what is being done, how many cases are done, and of how many.
+
+    Raises:
+        InputError: Options that make no sense, or another check in the folder.
+    """
+    seed = _begin(options)
+    tasks = _make_tasks(options, seed)
+    _make_all(tasks, options, progress)
+    made = {task.slot.name: _read(task.sealed / MADE_NAME) for task in tasks}
+    for name, record in made.items():
+        say(f"{name} sealed: sha256 {record['sha256']}")
+    results = _examine_all(tasks, made, options, progress)
+    report = BlindReport(
+        robot=options.robot,
+        seed=seed,
+        seals={name: record["sha256"] for name, record in made.items()},
+        outcomes=tuple(_open(task, made[task.slot.name], results[task.slot.name]) for task in tasks),
+        run={**_settings(options), "plant": tasks[0].stamp, "diagnosis": stamp_of(MODEL_CODE)},
+    )
+    with atomic_write(options.out / REPORT_NAME) as part:
+        part.write_text(json.dumps(report.to_dict(), indent=1) + "\n", encoding="utf-8")
+    return report
+
+
+def _begin(options: BlindOptions) -> int:
+    """Checks the options, and that the folder holds no other check; returns the seed."""
+    if options.cases < 1:
+        raise InputError("--cases", f"{options.cases} cases", "ask for one or more")
+    if options.workers < 1:
+        raise InputError("--workers", f"{options.workers} processes", "give one or more")
+    if options.seed is not None and not 0 <= options.seed < 2**62:
+        raise InputError("--seed", f"{options.seed}", "choose a number from 0 to 2^62")
+    path, settings = options.out / RUN_NAME, _settings(options)
+    if path.is_file():
+        before = _read(path)
+        seed = int(before.pop("seed"))
+        if before != settings or options.seed not in (None, seed):
+            raise InputError(path, "another check was begun in this folder", "choose another --out, or its options")
+        return seed
+    if options.out.is_dir() and any(options.out.iterdir()):
+        raise InputError(options.out, "the folder holds something else", "choose another --out")
+    seed = secrets.randbits(48) if options.seed is None else options.seed
+    with atomic_write(path) as part:
+        part.write_text(json.dumps({**settings, "seed": seed}, indent=1) + "\n", encoding="utf-8")
+    return seed
+
+
+def _settings(options: BlindOptions) -> dict[str, Any]:
+    """What decides which cases there are."""
+    return {
+        "cases": options.cases,
+        "mix": dict(options.mix),
+        "robot": options.robot,
+        "semi_real": str(options.semi_real) if options.semi_real else None,
+    }
+
+
+def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
+    stamp = stamp_of(PLANT_CODE)
+    return [
+        MakeTask(
+            slot=slot,
+            number=number,
+            seed=seed,
+            robot=options.robot,
+            session=(options.out / "sessions" / slot.name).resolve(),
+            sealed=(options.out / "sealed" / slot.name).resolve(),
+            stamp=stamp,
+        )
+        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
+    ]
+
+
+def _make_all(tasks: Sequence[MakeTask], options: BlindOptions, progress: Progress) -> None:
+    waiting = [task for task in tasks if not _is_done(task.sealed / MADE_NAME, task.stamp)]
+    done = _counter("simulating", len(tasks) - len(waiting), len(tasks), progress)
+    run_tasks(make, waiting, options.workers, options.scheduler, done)
+
+
+def _examine_all(
+    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, progress: Progress
+) -> dict[str, dict[str, Any]]:
+    """Results of all cases; those of an earlier version of the diagnosis, or of another seal, are had anew."""
+    stamp = stamp_of(MODEL_CODE)
+    asked = [
+        ExamineTask(
+            session=task.session,
+            robot=task.robot,
+            excluded=tuple(made[task.slot.name]["excluded"]),
+            result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
+            stamp=f"{stamp} {made[task.slot.name]['sha256']}",
+        )
+        for task in tasks
+    ]
+    waiting = [task for task in asked if not _is_done(task.result, task.stamp)]
+    done = _counter("diagnosing", len(asked) - len(waiting), len(asked), progress)
+    run_tasks(examine, waiting, options.workers, options.scheduler, done)
+    return {task.session.name: _read(task.result) for task in asked}
+
+
+def _counter(step: str, already: int, total: int, progress: Progress) -> Callable[[str], None]:
+    finished: set[str] = set()
+
+    def count(name: str) -> None:
+        finished.add(name)
+        progress(step, already + len(finished), total)
+
+    return count
+
+
+def _is_done(path: Path, stamp: str) -> bool:
+    """Whether a file of this version is there. A diagnosis that failed is tried again."""
+    if not path.is_file():
+        return False
+    record = _read(path)
+    return record.get("stamp") == stamp and "error" not in record
+
+
+def _open(task: MakeTask, made: Mapping[str, Any], result: Mapping[str, Any]) -> Outcome:
+    """Opens a case's envelope and scores it."""
+    answer = open_envelope(task.sealed, case_key(task.seed, task.slot.name))
+    case = redraw(task, int(made["attempt"]))
+    return score_case(task.slot.name, task.slot.kind, case.amplitude, task.slot.rich, answer, result)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return record
+
+
+def stamp_of(parts: Sequence[str]) -> str:
+    """Short hash of some of our own source files: says whether code has changed."""
+    root, digest = Path(ident.__file__).parent, hashlib.sha256()
+    for part in parts:
+        path = root / part
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()[:16]

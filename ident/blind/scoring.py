@@ -1,0 +1,194 @@
+"""Third step of a case: what was said against what was true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.plant.answer import Answer, TrueEffect
+
+REFUSING = ("none_of_catalogue", "partial")
+# A name at this probability or above is confident.
+CONFIDENT = 0.8
+# An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
+SHOWN_SHARE = 1.0 / 3.0
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """A true figure against its 95 % interval."""
+
+    effect: str
+    parameter: str
+    true: float
+    low: float
+    high: float
+
+    @property
+    def inside(self) -> bool:
+        if self.parameter == "phase_rad":
+            middle = 0.5 * (self.low + self.high)
+            away = np.angle(np.exp(1j * (self.true - middle)))
+            return bool(abs(away) <= 0.5 * (self.high - self.low) + 1e-9)
+        slack = 1e-6 * abs(self.true)
+        return self.low - slack <= self.true <= self.high + slack
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case, scored.
+
+    Attributes:
+        name, kind: The case.
+        amplitude, rich: Its visible amplitude [noise floors] and motion.
+        truth: True effects as (id, joint); the joint is empty for the whole arm.
+        verdict: Of the diagnosis; `failed` if it failed.
+        named: Names given, as (id, joints, probability).
+        strict: Whether the first name is the true effect (single effects).
+        class_aware: Whether the true effect is in the first name's class.
+        joint: Whether the first name is at the true joint.
+        class_size: Of the first name's class; None without a name.
+        refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
+        set_f1: Of all names with their joints against the truth.
+        shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
+        coverage: True figures against intervals, of all true names.
+        right: Whether each name is true.
+        rivals: Names of the plain methods.
+        seconds: Time of the diagnosis.
+        error: What went wrong, if it failed.
+    """
+
+    name: str
+    kind: str
+    amplitude: float
+    rich: bool
+    truth: tuple[tuple[str, str], ...]
+    verdict: str
+    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()
+    strict: bool = False
+    class_aware: bool = False
+    joint: bool = False
+    class_size: int | None = None
+    refused: bool = False
+    set_f1: float | None = None
+    shrink_share: float | None = None
+    coverage: tuple[Coverage, ...] = ()
+    right: tuple[bool, ...] = ()
+    rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    seconds: float | None = None
+    error: str = ""
+
+    @property
+    def confidently_wrong(self) -> bool:
+        """Whether a name that is not true was given with confidence, the verdict being that it has a name."""
+        wrong = [p for (_, _, p), right in zip(self.named, self.right, strict=True) if not right]
+        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+
+    def to_dict(self) -> dict[str, Any]:
+        record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
+        record["coverage"] = [{**vars(one), "inside": one.inside} for one in self.coverage]
+        return record
+
+
+def score_case(
+    name: str, kind: str, amplitude: float, rich: bool, answer: Answer, result: Mapping[str, Any]
+) -> Outcome:
+    """Scores a case.
+
+    Args:
+        name, kind, amplitude, rich: The case.
+        answer: From its opened envelope.
+        result: What the diagnosing process wrote.
+    """
+    truth = tuple((one.effect, one.joints[0] if one.joints else "") for one in answer.effects)
+    if "error" in result:
+        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
+    record = result["diagnosis"]
+    findings = record["findings"]
+    matches = [next((one for one in answer.effects if _is_true(one, f, answer)), None) for f in findings]
+    first = findings[0] if findings else None
+    only = answer.effects[0] if len(answer.effects) == 1 else None
+    return Outcome(
+        name=name,
+        kind=kind,
+        amplitude=amplitude,
+        rich=rich,
+        truth=truth,
+        verdict=record["verdict"],
+        named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
+        strict=bool(first and only and first["effect"] == only.effect),
+        class_aware=bool(first and only and only.effect in first["class"]),
+        joint=bool(first and only and at_right_joint(only, first, answer)),
+        class_size=len(first["class"]) if first else None,
+        refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
+        set_f1=_f1(len(findings), sum(one is not None for one in matches), len(truth)) if truth else None,
+        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
+        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f)),
+        right=tuple(one is not None for one in matches),
+        rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
+        seconds=result.get("seconds"),
+    )
+
+
+def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which an effect is visible."""
+    if not effect.visible_Nm:
+        return list(answer.noise_floor_Nm)
+    seen = {joint: value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()}
+    most = max(seen.values())
+    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
+
+
+def at_right_joint(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    """Whether a name is where the truth is; either joint of a coupled pair names the pair."""
+    wanted = list(true.joints) or shown_joints(true, answer)
+    if true.effect == finding["effect"] == "joint_coupling":
+        wanted.append(str(true.parameters.get("other_joint", "")))
+    return any(joint in finding["joints"] for joint in wanted)
+
+
+def _is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return bool(true.effect == finding["effect"]) and (not true.joints or at_right_joint(true, finding, answer))
+
+
+def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
+    """Whether the joint of the largest gap, or that of the first name, is a true one."""
+    wanted = list(true.joints) or shown_joints(true, answer)
+    gap = {j: one["rms_Nm"] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
+    told = [max(gap, key=lambda j: gap[j])] if gap else []
+    told += record["findings"][0]["joints"] if record["findings"] else []
+    return any(joint in wanted for joint in told)
+
+
+def _f1(named: int, hits: int, true: int) -> float:
+    return 2.0 * hits / (named + true) if named + true else 1.0
+
+
+def _shrink_share(
+    truth: Sequence[tuple[str, str]], heldout: Mapping[str, Any] | None, joints: Sequence[str], answer: Answer
+) -> float | None:
+    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
+    if heldout is None or len(truth) != 1:
+        return None
+    alone = heldout["alone"].get(f"{truth[0][0]}:{truth[0][1]}")
+    if alone is None:
+        return None
+    floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
+    view = heldout[alone["view"]]
+    before = np.square(np.array(view["none"]) / floor)
+    told = float(np.sum(before - np.square(np.array(alone["rms"]) / floor)))
+    found = float(np.sum(before - np.square(np.array(view["named"]) / floor)))
+    return float(np.clip(found / told, 0.0, 1.0)) if told > 0.0 else None
+
+
+def _covers(true: TrueEffect, finding: Mapping[str, Any]) -> list[Coverage]:
+    """Figures that both tell by the same name."""
+    told = finding["parameters"]
+    return [
+        Coverage(true.effect, name, float(value), float(told[name]["low"]), float(told[name]["high"]))
+        for name, value in true.parameters.items()
+        if name in told and not isinstance(value, str) and None not in (told[name]["low"], told[name]["high"])
+    ]

@@ -1,0 +1,88 @@
+"""Scores with intervals: shares after Wilson, means by bootstrap, and how well probabilities are meant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+Z = 1.959964
+RESAMPLES = 2000
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Score:
+    """A figure with its 95 % interval.
+
+    Attributes:
+        value: Share or mean; None if no case speaks of it.
+        low, high: Ends of the interval.
+        count: Cases behind it.
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    count: int
+
+
+def share(hits: Sequence[bool]) -> Score:
+    """Share of hits with Wilson's interval.
+
+    Source: Wilson 1927.
+    """
+    n = len(hits)
+    if n == 0:
+        return Score(None, None, None, 0)
+    p = sum(map(bool, hits)) / n
+    centre = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
+    reach = Z / (1 + Z**2 / n) * float(np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2)))
+    return Score(p, max(centre - reach, 0.0), min(centre + reach, 1.0), n)
+
+
+def mean(values: Sequence[float]) -> Score:
+    """Mean with the percentile interval of a bootstrap over cases."""
+    if len(values) == 0:
+        return Score(None, None, None, 0)
+    x = np.asarray(values, dtype=float)
+    draws = x[np.random.default_rng(0).integers(len(x), size=(RESAMPLES, len(x)))].mean(axis=1)
+    return Score(float(x.mean()), float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)), len(x))
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Findings whose probability lies in one bin: how often they were right against what they said."""
+
+    low: float
+    high: float
+    said: float
+    right: Score
+
+
+def calibration_curve(said: Sequence[float], right: Sequence[bool], bins: int = BINS) -> tuple[Bin, ...]:
+    """Bins of equal width that hold anything."""
+    p, hit = np.asarray(said, dtype=float), np.asarray(right, dtype=bool)
+    which = np.minimum((p * bins).astype(int), bins - 1)
+    return tuple(
+        Bin(k / bins, (k + 1) / bins, float(p[which == k].mean()), share(list(hit[which == k])))
+        for k in range(bins)
+        if (which == k).any()
+    )
+
+
+def calibration_error(said: Sequence[float], right: Sequence[bool]) -> Score:
+    """Expected calibration error: mean distance of said and found share, weighted by the number of findings."""
+    if len(said) == 0:
+        return Score(None, None, None, 0)
+    p, hit = np.asarray(said, dtype=float), np.asarray(right, dtype=bool)
+    draws = np.random.default_rng(0).integers(len(p), size=(RESAMPLES // 10, len(p)))
+    errors = [_distance(p[rows], hit[rows]) for rows in draws]
+    return Score(_distance(p, hit), float(np.quantile(errors, 0.025)), float(np.quantile(errors, 0.975)), len(p))
+
+
+def _distance(p: np.ndarray, hit: np.ndarray) -> float:
+    which = np.minimum((p * BINS).astype(int), BINS - 1)
+    total = sum(abs(float(p[which == k].sum() - hit[which == k].sum())) for k in np.unique(which))
+    return total / len(p)

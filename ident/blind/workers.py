@@ -1,0 +1,94 @@
+"""Runs tasks in other processes: on this machine by joblib, or on a Dask cluster.
+
+A task writes its own result file, so that nothing is lost with the process that asked for it; a task whose worker
+dies is given to another.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+from joblib.externals.loky import ProcessPoolExecutor
+
+from ident.errors import InputError
+
+T = TypeVar("T")
+# How often a task may lose its worker before it is given up.
+MOST_LOSSES = 4
+
+
+class LostWorker(RuntimeError):
+    """Workers died again and again."""
+
+
+def run_tasks(
+    function: Callable[[T], str],
+    tasks: Sequence[T],
+    workers: int = 1,
+    scheduler: str | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> None:
+    """Runs all tasks, in any order.
+
+    Args:
+        function: Importable; returns the name of its task.
+        tasks: Its arguments.
+        workers: Processes on this machine.
+        scheduler: Address of a Dask scheduler instead; its workers must see the same folders.
+        done: Told the name of each finished task.
+
+    Raises:
+        InputError: The scheduler can't be reached.
+        LostWorker: Workers die again and again.
+    """
+    if not tasks:
+        return
+    if scheduler is None:
+        _run_here(function, tasks, workers, done)
+    else:
+        _run_on_cluster(function, tasks, scheduler, done)
+
+
+def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, done: Callable[[str], None]) -> None:
+    """In fresh processes: they know nothing of earlier tasks of another kind."""
+    waiting = dict(enumerate(tasks))
+    for _ in range(MOST_LOSSES):
+        workers = min(workers, len(waiting))
+        threads = str(max(1, (os.cpu_count() or 1) // workers))
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        executor = ProcessPoolExecutor(workers, env=dict.fromkeys(names, threads))
+        try:
+            futures = {executor.submit(function, task): i for i, task in waiting.items()}
+            for future in as_completed(futures):
+                try:
+                    name = future.result()
+                except BrokenProcessPool:
+                    continue  # its task stays in the waiting list
+                del waiting[futures[future]]
+                done(name)
+        finally:
+            executor.shutdown(wait=True, kill_workers=True)
+        if not waiting:
+            return
+    raise LostWorker(f"{len(waiting)} tasks lost their worker {MOST_LOSSES} times: is there memory enough?")
+
+
+def _run_on_cluster(
+    function: Callable[[T], str], tasks: Sequence[T], scheduler: str, done: Callable[[str], None]
+) -> None:
+    from distributed import Client
+    from distributed import as_completed as as_dask_completed
+
+    try:
+        client: Any = Client(scheduler, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = str(error) or type(error).__name__
+        raise InputError("--scheduler", f"{scheduler} can't be reached ({reason})", "give tcp://HOST:PORT") from None
+    with client:
+        futures = client.map(function, list(tasks), pure=False)
+        for _, name in as_dask_completed(futures, with_results=True):
+            done(name)
