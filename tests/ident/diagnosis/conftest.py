@@ -1,0 +1,20 @@
+"""One healthy session, analysed once, for all laws of the diagnosis."""
+
+from __future__ import annotations
+
+import pytest
+
+from ident.arm import ArmModel
+from ident.diagnosis.diagnose import Analysis
+from tests.ident.diagnosis.planted import analyse, load_arm, nothing
+
+
+@pytest.fixture(scope="session")
+def short_arm() -> ArmModel:
+    return load_arm()
+
+
+@pytest.fixture(scope="session")
+def healthy(short_arm: ArmModel) -> Analysis:
+    """What the diagnosis makes of an arm that the baseline describes exactly."""
+    return analyse(short_arm, nothing)

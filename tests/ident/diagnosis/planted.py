@@ -1,0 +1,91 @@
+"""Recordings of a three-joint arm whose torque is written out here, so that what is wrong with it is known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array
+from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.signals import Motion
+from tests.ident.made_up import made_motions
+
+COULOMB = np.array([6.0, 9.0, 5.0])  # [N m]
+VISCOUS = np.array([8.0, 10.0, 4.0])  # [N m s/rad]
+ROTOR = np.array([1.5, 1.5, 0.8])  # [kg m²]
+NOISE = 0.3  # [N m], white, before the filter
+SLIP = 0.01  # transition speed of Coulomb friction [rad/s]
+
+Plant = Callable[[ArmModel, Array, Array, Array], Array]
+
+
+def healthy_torque(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """What the baseline can say exactly: rigid body, rotors, viscous and Coulomb friction."""
+    return arm.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + COULOMB * np.tanh(dq / SLIP) + VISCOUS * dq
+
+
+def at_joint(joint: int, torque: Array, n: int = 3) -> Array:
+    """A torque on one joint, none on the others."""
+    whole = np.zeros((len(torque), n))
+    whole[:, joint] = torque
+    return whole
+
+
+def nothing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return np.zeros_like(q)
+
+
+def spring_on_3(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ₃ = 1.5 sin 2 q₃ N m: a spring of 3 N m/rad with rests at 0 and π."""
+    return at_joint(2, 1.5 * np.sin(2 * q[:, 2]))
+
+
+def load_friction_on_2(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ₂ = 0.08 |τ_rigid,₂| sign(dq₂)."""
+    return at_joint(1, 0.08 * np.abs(arm.inverse_dynamics(q, dq, ddq)[:, 1]) * np.tanh(dq[:, 1] / SLIP))
+
+
+def gain_on_2(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """The log of joint 2 reads 1.15 times the torque."""
+    return at_joint(1, 0.15 * healthy_torque(arm, q, dq, ddq)[:, 1])
+
+
+def stribeck_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ₁ = 6 exp(−(v / 0.06)²) sign(v) N m."""
+    v = dq[:, 0]
+    return at_joint(0, 6.0 * np.exp(-((v / 0.06) ** 2)) * np.tanh(v / SLIP))
+
+
+def offset_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ₁ is shifted by 0.75 N m, at rest and in motion."""
+    return at_joint(0, np.full(len(q), 0.75))
+
+
+def load_arm() -> ArmModel:
+    """The first three joints of the TM5-900, the wrist locked."""
+    return ArmModel.load("tm5-900", joints=["joint_1", "joint_2", "joint_3"])
+
+
+def record(arm: ArmModel, plant: Plant) -> list[Motion]:
+    """Six runs of 8 s at 50 Hz."""
+
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        return healthy_torque(arm, q, dq, ddq) + plant(arm, q, dq, ddq)
+
+    return made_motions(arm, law, range(6), 8.0, 50.0, noise=NOISE)
+
+
+def analyse(arm: ArmModel, plant: Plant, catalogue: Sequence[Effect] = CATALOGUE) -> Analysis:
+    """The diagnosis of such recordings; each run has a clock of its own."""
+    return diagnose(record(arm, plant), arm, catalogue, common_clock=False)
+
+
+def named(analysis: Analysis) -> set[tuple[str, str]]:
+    """Effect and joint of every finding."""
+    return {
+        (finding.estimate.group.effect.id, joint) for finding in analysis.diagnosis.findings for joint in finding.joints
+    }

@@ -1,0 +1,196 @@
+"""Block sums say the same as the rows that they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ident.arrays import Array, freeze
+from ident.diagnosis import evidence as evidence_module
+from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.evidence import Rows, build_partition, compute_rows, estimate_noise, gather
+from ident.diagnosis.heldout import HeldOut
+from ident.diagnosis.layout import Layout
+from ident.diagnosis.projection import RIDGE, Prior, project
+from ident.signals import Lowpass, Motion
+
+
+@pytest.fixture(scope="module")
+def all_rows(healthy: Analysis) -> list[Rows]:
+    partition = build_partition(healthy.session)
+    return list(compute_rows(healthy.session, healthy.baseline, healthy.evidence.layout, partition))
+
+
+@pytest.fixture(scope="module")
+def whitened(healthy: Analysis, all_rows: list[Rows]) -> tuple[Array, Array, Array]:
+    """All joints' whitened rows as one tall table, zeros where a joint has no such column; block; joint."""
+    evidence = healthy.evidence
+    order = evidence.whitening.coefficients.shape[1] - 1
+    tall, blocks, joints = [], [], []
+    for rows in all_rows:
+        for j, local in enumerate(evidence.layout.local):
+            table = rows.tables[j] / evidence.scale[local]
+            white = lfilter(evidence.whitening.coefficients[j], 1.0, table, axis=0) / evidence.whitening.innovation[j]
+            counts = rows.counts[:, j]
+            whole = np.array([t >= order and counts[t - order : t + 1].all() for t in range(len(counts))])
+            wide = np.zeros((int(whole.sum()), evidence.layout.size + 1))
+            wide[:, local] = white[whole]
+            tall.append(wide)
+            blocks.append(rows.blocks[whole])
+            joints.append(np.full(len(wide), j))
+    return np.concatenate(tall), np.concatenate(blocks), np.concatenate(joints)
+
+
+def prior_rows(information: Array) -> Array:
+    """Rows R with Rᵀ R = information, to stand below a least-squares problem."""
+    values, vectors = np.linalg.eigh(information)
+    return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+
+
+def least_squares(tall: Array, inside: Array, prior: Prior, ridge: float = RIDGE) -> tuple[Array, float]:
+    """Coefficients and misfit (prior included) of the columns `inside`, by numpy on the rows themselves."""
+    x, y = tall[:, inside], tall[:, -1]
+    information = np.diag(ridge * (x**2).sum(axis=0) + 1e-9)
+    rank = len(prior.base)
+    information[:rank, :rank] += prior.base + ridge * np.diag(np.diag(prior.base))
+    below = prior_rows(information)
+    estimate = np.linalg.lstsq(np.vstack([x, below]), np.concatenate([y, np.zeros(len(below))]), rcond=None)[0]
+    misfit = float(np.sum((y - x @ estimate) ** 2) + np.sum((below @ estimate) ** 2))
+    return estimate, misfit
+
+
+def test_gram_is_the_product_of_the_rows(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
+    """Law: Σ_b G_b = XᵀX, to rounding, and each joint counts as many samples as it has rows."""
+    tall, _, joints = whitened
+    gram = healthy.evidence.gram()
+    assert np.allclose(gram, tall.T @ tall, rtol=0, atol=1e-9 * np.abs(gram).max())
+    assert np.array_equal(healthy.evidence.samples, np.bincount(joints))
+
+
+def test_blocks_add_up_to_the_whole(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
+    """Law: sums over a set of blocks and over the others add up, and each set's are those of its own rows."""
+    tall, blocks, _ = whitened
+    evidence = healthy.evidence
+    chosen = np.arange(len(evidence.fold_of_block)) % 3 == 0
+    part, rest, whole = evidence.gram(chosen), evidence.gram(~chosen), evidence.gram()
+    assert np.allclose(part + rest, whole, rtol=0, atol=1e-9 * np.abs(whole).max())
+    mine = tall[chosen[blocks]]
+    assert np.allclose(part, mine.T @ mine, rtol=0, atol=1e-9 * np.abs(whole).max())
+
+
+def test_projection_is_least_squares(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
+    """Law: the solution from sums is numpy's least squares on the rows, the prior as further rows; to 1e-6."""
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    projection = project(healthy.evidence.gram(), healthy.evidence, prior)
+    estimate, _ = least_squares(whitened[0], projection.inside, prior)
+    assert np.allclose(projection.estimate, estimate, rtol=1e-6, atol=1e-6 * np.abs(estimate).max())
+
+
+def test_gain_of_a_group_is_the_fall_of_the_misfit(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
+    """Law (Frisch, Waugh, Lovell): what a group of free signs gains by the Schur complement is the fall of the misfit
+    of a regression with its columns, to 0.1 % of the misfit's unit or of the gain.
+    """
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    projection = project(healthy.evidence.gram(), healthy.evidence, prior)
+    _, before = least_squares(whitened[0], projection.inside, prior)
+    tried = 0
+    for group in healthy.evidence.layout.groups:
+        clear = projection.visibility(group.columns).min() > 0.05
+        if group.effect.nonnegative or not clear or tried >= 8:
+            continue
+        tried += 1
+        _, after = least_squares(whitened[0], np.concatenate([projection.inside, group.columns]), prior)
+        assert projection.gain(group)[0] == pytest.approx(before - after, rel=1e-3, abs=1e-3), group.key
+    assert tried >= 5
+
+
+def test_signed_coefficients_are_not_negative(healthy: Analysis) -> None:
+    """Law: columns of known sign never get a negative coefficient, and the sign costs gain or nothing."""
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    projection = project(healthy.evidence.gram(), healthy.evidence, prior)
+    signed = [group for group in healthy.evidence.layout.groups if group.effect.nonnegative]
+    assert signed
+    for group in signed:
+        gain, beta = projection.gain(group)
+        assert gain >= 0.0
+        assert beta[[c for c in group.effect.nonnegative if c < len(beta)]].min() >= 0.0
+
+
+def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
+    """Law: the score of a fold comes from coefficients that never saw it: refitted rows give the same misfit."""
+    tall, blocks, joints = whitened
+    evidence = healthy.evidence
+    prior = Prior.of(evidence, healthy.baseline.prior)
+    score = HeldOut(evidence, prior).score()
+    inside = np.arange(evidence.layout.tuned)
+    for fold in (0, 3):
+        held = evidence.fold_of_block[blocks] == fold
+        estimate, _ = least_squares(tall[~held], inside, prior, ridge=1e-8)
+        left = tall[:, -1] - tall[:, inside] @ estimate
+        expected = [np.sum(left[held & (joints == j)] ** 2) for j in range(evidence.layout.n)]
+        assert np.allclose(score.misfit[fold], expected, rtol=1e-5)
+
+
+def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: how many runs are in memory at once changes neither the rows nor, in N m, their sums."""
+    monkeypatch.setattr(evidence_module, "CHUNK_SAMPLES", 500)
+    layout = healthy.evidence.layout
+    partition = build_partition(healthy.session)
+    assert len(list(evidence_module._chunks(healthy.session))) >= 3
+    for one, other in zip(compute_rows(healthy.session, healthy.baseline, layout, partition), all_rows, strict=True):
+        assert one.run == other.run
+        assert np.array_equal(one.blocks, other.blocks)
+        for a, b in zip(one.tables, other.tables, strict=True):
+            assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
+    chunked = gather(healthy.session, healthy.baseline, layout)
+    assert np.array_equal(chunked.weights, healthy.evidence.weights)
+    for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
+        ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]
+        assert np.allclose(a * ours, b * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
+
+
+def test_whitening_finds_an_autoregression() -> None:
+    """Law: of noise e_t = 0.6 e_{t−1} + 0.2 u_t the filter is (1, −0.6, 0, …) to 0.05, the innovation 0.2 and the level
+    0.2 / √(1 − 0.36) to 5 %, whatever the columns beside it explain.
+    """
+    rng = np.random.default_rng(11)
+    held = []
+    for run in range(4):
+        columns = rng.standard_normal((1500, 3))
+        noise = lfilter([0.2], [1.0, -0.6], rng.standard_normal(1500))
+        table = np.column_stack([columns, columns @ [3.0, -1.0, 0.5] + noise])
+        held.append(Rows(run, (table,), np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)))
+    layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
+    noise = estimate_noise(layout, held)
+    assert np.allclose(noise.coefficients[0], [1.0, -0.6, 0.0, 0.0, 0.0], atol=0.05)
+    assert noise.innovation[0] == pytest.approx(0.2, rel=0.05)
+    assert noise.level[0] == pytest.approx(0.25, rel=0.05)
+
+
+def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:
+    """Bound: white noise of 0.3 N m at 50 Hz, filtered at 10 Hz, leaves 0.3 √(10 / 25) N m of level; to 15 %."""
+    assert np.allclose(healthy.evidence.whitening.level, 0.3 * np.sqrt(10.0 / 25.0), rtol=0.15)
+
+
+def test_reversals_do_not_count() -> None:
+    """Law: of a swing sin 2πt/4 s no sample counts within 0.15 s of a reversal, and every one beyond 0.3 s does."""
+    time = np.arange(800) / 100.0
+    q = np.sin(2 * np.pi * time / 4.0)[:, None]
+    dq, ddq = np.gradient(q, 0.01, axis=0), np.zeros_like(q)
+    motion = Motion(
+        "swing",
+        ("a",),
+        freeze(time),
+        freeze(q),
+        freeze(dq),
+        freeze(ddq),
+        freeze(q),
+        Lowpass.design(100.0),
+        freeze(np.full((3, 1), 1e-6)),
+    )
+    coarse = time[motion.coarse]
+    distance = np.abs((coarse - 1.0 + 1.0) % 2.0 - 1.0)  # to the reversals at 1, 3, 5, 7 s
+    inner = (coarse > 0.5) & (coarse < 7.5)
+    assert not motion.settled[distance < 0.15].any()
+    assert motion.settled[(distance > 0.3) & inner].all()

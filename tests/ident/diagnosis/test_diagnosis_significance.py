@@ -1,0 +1,106 @@
+"""The tests keep their error rate, and find what is there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.heldout import HeldOut
+from ident.diagnosis.inference import INTERVAL_FALL, _interval_of_profile
+from ident.diagnosis.layout import Group
+from ident.diagnosis.projection import Prior
+from ident.diagnosis.significance import family_p_values, group_p_value
+from ident.effects.base import Variant
+from ident.effects.catalogue import CATALOGUE
+
+BLOCKS, FAMILY, WIDTH = 40, 8, 2
+
+
+def fake_groups() -> list[Group]:
+    """Groups of two columns each; which effect they belong to doesn't matter here."""
+    return [Group(CATALOGUE[g], 0, Variant(), WIDTH * g + np.arange(WIDTH)) for g in range(FAMILY)]
+
+
+def noise_scores(rng: np.random.Generator) -> np.ndarray:
+    """Block scores without any effect: correlated between columns, of very unequal size from block to block."""
+    mix = rng.standard_normal((WIDTH * FAMILY + 1, WIDTH * FAMILY + 1))
+    size = rng.lognormal(0.0, 1.0, (BLOCKS, 1))
+    return size * rng.standard_normal((BLOCKS, WIDTH * FAMILY + 1)) @ mix
+
+
+def test_false_alarms_of_the_family() -> None:
+    """Law: on pure noise the least p-value of the family is under 5 % in 5 % of all sessions (200 repeats: at most 9 %),
+    in spite of unequal blocks and correlated columns.
+    """
+    rng = np.random.default_rng(3)
+    groups = fake_groups()
+    alarms = [family_p_values(noise_scores(rng), groups, rng).min() <= 0.05 for _ in range(200)]
+    assert np.mean(alarms) <= 0.09
+
+
+def test_a_planted_group_is_found() -> None:
+    """Law: a score that leans one way by one standard deviation of its blocks is found; its neighbours are not."""
+    rng = np.random.default_rng(4)
+    scores = rng.standard_normal((BLOCKS, WIDTH * FAMILY + 1))
+    scores[:, 6] += 1.0
+    p_values = family_p_values(scores, fake_groups(), rng)
+    assert p_values[3] <= 0.005
+    assert np.delete(p_values, 3).min() > 0.05
+
+
+def test_silent_columns_are_not_significant() -> None:
+    """Law: a group without any score has the p-value 1."""
+    rng = np.random.default_rng(5)
+    scores = noise_scores(rng)
+    scores[:, :WIDTH] = 0.0
+    assert family_p_values(scores, fake_groups(), rng)[0] == 1.0
+
+
+def test_runs_as_witnesses() -> None:
+    """Law: by ten whole runs, a steady score has p = 2⁻⁹ about (all runs agree); a score of both signs has none.
+
+    Two of the 1024 patterns of signs are as extreme.
+    """
+    rng = np.random.default_rng(6)
+    grid = [Group(CATALOGUE[0], 0, Variant(), np.array([0]))]
+    steady = np.column_stack([1.0 + 0.1 * rng.standard_normal(10), np.zeros(10)])
+    assert group_p_value(steady, np.eye(2), grid, rng) <= 0.01
+    mixed = np.column_stack([np.where(np.arange(10) % 2 == 0, 1.0, -1.0), np.zeros(10)])
+    assert group_p_value(mixed, np.eye(2), grid, rng) > 0.5
+
+
+def test_useless_columns_do_not_gain_on_held_out_runs(healthy: Analysis) -> None:
+    """Law: where nothing is wrong, candidates lose log score on runs that they were not fitted to, on the average, and
+    the error of no joint falls by 2 %.
+    """
+    held_out = HeldOut(healthy.evidence, Prior.of(healthy.evidence, healthy.baseline.prior))
+    before = held_out.score()
+    gains, falls = [], []
+    for group in healthy.evidence.layout.groups[::4]:
+        after = held_out.score([group])
+        gains.append(after.gain_over(before)[0])
+        falls.append(np.max(1.0 - after.rms / before.rms))
+    assert np.mean(gains) < 0.0
+    assert max(falls) < 0.02
+
+
+@pytest.mark.parametrize("middle", [0.02, 0.05, 0.11])
+def test_profile_of_a_parabola(middle: float) -> None:
+    """Law: a profile that is a parabola in log x has its maximum and its 95 % ends exactly, wherever the grid lies."""
+    x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
+    width = 0.7
+    found = _interval_of_profile(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2)
+    reach = width * np.sqrt(2 * INTERVAL_FALL)
+    assert found.value == pytest.approx(middle, rel=1e-9)
+    assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)
+    assert found.high >= middle * np.exp(reach) * (1 - 1e-9)
+    assert np.log(found.high / found.low) == pytest.approx(2 * reach, rel=1e-6)
+
+
+def test_profile_with_its_top_at_the_edge() -> None:
+    """Law: with the best figure at the edge of its grid, the interval holds it and is never a point."""
+    x = np.log(np.array([0.01, 0.03, 0.1]))
+    found = _interval_of_profile(x, np.array([-30.0, -10.0, 0.0]))
+    assert found.low < found.value < found.high
+    assert found.value == pytest.approx(0.1)
