@@ -30,8 +30,8 @@ def noise_scores(rng: np.random.Generator) -> np.ndarray:
 
 
 def test_false_alarms_of_the_family() -> None:
-    """Law: on pure noise the least p-value of the family is under 5 % in 5 % of all sessions (200 repeats: at most 9 %),
-    in spite of unequal blocks and correlated columns.
+    """Law: on pure noise the least p-value of the family is under 5 % in 5 % of all sessions (of 200: at most 9 %), in
+    spite of unequal blocks and correlated columns.
     """
     rng = np.random.default_rng(3)
     groups = fake_groups()

@@ -1,0 +1,69 @@
+"""A checker of the diagnosis's JSON against what was promised: keys, types, ranges."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+VERDICTS = {"no_gap", "named", "partial", "none_of_catalogue", "not_testable", "refused"}
+AXES = {"speed", "direction", "load", "position", "reversal", "frequency", "time", "temperature", "pose"}
+SEVERITIES = {"note", "warning", "fatal"}
+
+
+def number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def figures(table: Mapping[str, Any], *keys: str) -> bool:
+    return all(number(table[key]) for key in keys)
+
+
+def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
+    """Passes a record that is as the contract says, after a round through strict JSON; returns that."""
+    record = json.loads(json.dumps(record, allow_nan=False))
+    assert record["schema"] == "ident.diagnosis/1"
+    assert isinstance(record["robot"], str)
+    joints = record["joints"]
+    assert joints
+    assert all(isinstance(name, str) for name in joints)
+    assert figures(record["session"], "runs", "samples", "duration_s")
+    assert record["verdict"] in VERDICTS
+    for issue in record["telemetry"]:
+        assert issue["severity"] in SEVERITIES
+        assert set(issue["joints"]) <= set(joints)
+        assert all(isinstance(issue[key], str) and issue[key] for key in ("issue", "evidence", "remedy"))
+    for joint, gap in record["gap"].items():
+        assert joint in joints
+        assert figures(gap, "rms_Nm", "noise_floor_Nm", "ceiling_rms_Nm")
+        assert figures(gap["energy_error_J"], "mean", "std")
+    for place in record["where"]:
+        assert place["joint"] in joints
+        assert place["axis"] in AXES
+        assert figures(place, "low", "high", "share_of_gap", "p_value")
+        assert 0.0 < place["p_value"] <= 1.0
+    for finding in record["findings"]:
+        _check_finding(finding, joints)
+    for silent in record["not_testable"]:
+        assert isinstance(silent["effect"], str)
+        assert set(silent["joints"]) <= set(joints)
+        assert silent["reason"]
+    if record["gap"]:
+        assert set(record["heldout"]["rms_before_Nm"]) == set(record["heldout"]["rms_after_Nm"]) == set(joints)
+        assert number(record["heldout"]["shrink"])
+    return record
+
+
+def _check_finding(finding: dict[str, Any], joints: list[str]) -> None:
+    assert finding["class"][0] == finding["effect"]
+    assert finding["joints"]
+    assert set(finding["joints"]) <= set(joints)
+    assert 0.0 <= finding["probability"] <= 1.0
+    for value in finding["parameters"].values():
+        assert figures(value, "value", "low", "high")
+        assert value["low"] <= value["value"] <= value["high"]
+    held_out = finding["heldout"]
+    assert set(held_out["rms_before_Nm"]) == set(held_out["rms_after_Nm"]) <= set(joints)
+    assert figures(held_out, "energy_error_before_J", "energy_error_after_J", "shrink")
+    assert held_out["shrink"] <= 1.0

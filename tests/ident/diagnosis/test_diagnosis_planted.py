@@ -1,0 +1,96 @@
+"""Effects put into healthy recordings by a formula: each is named, at its joint, with its size; others are not."""
+
+from __future__ import annotations
+
+import pytest
+
+from ident.arm import ArmModel
+from ident.diagnosis.diagnose import Analysis
+from ident.effects.catalogue import CATALOGUE
+from tests.ident.diagnosis.planted import (
+    Plant,
+    analyse,
+    gain_on_2,
+    load_friction_on_2,
+    named,
+    offset_on_1,
+    spring_on_3,
+    stribeck_on_1,
+)
+
+# Effect, joint, what was put in, which figure, its true value, and by how much the interval may miss it: tuned inertias
+# and friction take a few per cent of a gain with them.
+PLANTED = [
+    (spring_on_3, "spring_torque", "joint_3", "stiffness_Nm_rad", 3.0, 0.1),
+    (load_friction_on_2, "load_dependent_friction", "joint_2", "mu", 0.08, 0.002),
+    (gain_on_2, "torque_gain_error", "joint_2", "gain", 0.15, 0.01),
+    (stribeck_on_1, "stribeck_friction", "joint_1", "amplitude_Nm", 6.0, 0.5),
+]
+
+
+def test_a_healthy_arm_has_no_gap(healthy: Analysis) -> None:
+    """Law: where the baseline is the truth nothing is named, and no residual stands above the noise by 5 %."""
+    assert healthy.diagnosis.verdict == "no_gap"
+    assert not healthy.diagnosis.findings
+    for gap in healthy.diagnosis.gap.values():
+        assert gap["unexplained"] is None
+        assert gap["rms_Nm"] <= 1.05 * gap["noise_floor_Nm"]
+
+
+@pytest.mark.parametrize(("plant", "effect", "joint", "figure", "size", "tolerance"), PLANTED)
+def test_a_planted_effect_is_named(
+    short_arm: ArmModel,
+    healthy: Analysis,
+    plant: Plant,
+    effect: str,
+    joint: str,
+    figure: str,
+    size: float,
+    tolerance: float,
+) -> None:
+    """Law: the effect is named at its joint, and was not without the plant; nothing else is; its figure's interval
+    holds the true value within the stated tolerance; and at least 80 % of the reducible gap is closed.
+    """
+    analysis = analyse(short_arm, plant)
+    assert (effect, joint) not in named(healthy)
+    assert named(analysis) == {(effect, joint)}
+    assert analysis.diagnosis.verdict == "named"
+    (finding,) = analysis.diagnosis.findings
+    assert finding.estimate.rivals[0] == effect
+    interval = finding.estimate.parameters[figure]
+    assert interval.low <= interval.value <= interval.high
+    assert interval.low - tolerance <= size <= interval.high + tolerance
+    assert finding.shrink >= 0.8
+    assert finding.rms_after[joint] < finding.rms_before[joint]
+
+
+def test_twins_are_told_as_one_class(short_arm: ArmModel) -> None:
+    """Law: in steady motion an offset is nearly the same as friction that differs between the directions; whichever
+    leads, the other stands in its class, and the probability isn't that of a sure name.
+    """
+    (finding,) = analyse(short_arm, offset_on_1).diagnosis.findings
+    assert finding.joints == ("joint_1",)
+    assert {"torque_offset", "asymmetric_friction"} <= set(finding.estimate.rivals)
+    assert finding.estimate.probability < 0.9
+
+
+def test_an_effect_that_is_not_in_the_catalogue(short_arm: ArmModel) -> None:
+    """Law: without springs in the catalogue no spring is named, the verdict is that nothing there explains the gap, and
+    what is left at the joint is told as explainable by the state.
+    """
+    diagnosis = analyse(short_arm, spring_on_3, [e for e in CATALOGUE if e.id != "spring_torque"]).diagnosis
+    assert diagnosis.verdict == "none_of_catalogue"
+    assert all(finding.estimate.group.effect.id != "spring_torque" for finding in diagnosis.findings)
+    gap = diagnosis.gap["joint_3"]
+    assert gap["unexplained"] == "state"
+    assert gap["rms_Nm"] > 2.0 * gap["noise_floor_Nm"]
+
+
+def test_the_map_shows_the_joint(short_arm: ArmModel) -> None:
+    """Law: the densest significant cell of a spring's gap lies at its joint, and shares are shares."""
+    places = analyse(short_arm, spring_on_3, [e for e in CATALOGUE if e.id == "spring_torque"]).diagnosis.where
+    assert places[0].joint == "joint_3"
+    assert places[0].p_value <= 0.05
+    for place in places:
+        assert 0.0 <= place.share_of_gap <= 1.0
+        assert place.low < place.high
