@@ -326,7 +326,7 @@ def fit_residual_net(
         small = sum(weight.numel() for weight in network.parameters()) < WORTH_THREADS
         with _threads(1 if small else torch.get_num_threads()):
             training = _train(network, data, options, progress, checkpoint)
-    if options.patience:
+    if options.patience and training.best:
         network.load_state_dict(training.best)
     network.eval()
     history = TrainingHistory(tuple(training.train), tuple(training.validation), training.best_epoch)

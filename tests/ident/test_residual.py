@@ -246,3 +246,11 @@ def test_a_handful_of_samples_does_not_break_it() -> None:
     net = fit_residual_net([state], [np.ones((10, 1))], options=QUICK)
     assert np.all(np.isfinite(net.predict(*state)))
     assert net.predict(*(part[:0] for part in state)).shape == (0, 1)
+
+
+def test_a_dense_net_that_never_gets_better_ends_as_it_is() -> None:
+    """Early stop on the paper's kind of net, on noise alone: the training ends and predicts finite torques."""
+    state = _states(32, 200)
+    target = np.random.default_rng(3).standard_normal(state[0].shape)
+    net = fit_residual_net([state], [target], options=replace(DENSE, patience=2, learning_rate=0.5))
+    assert np.all(np.isfinite(net.predict(*state)))
