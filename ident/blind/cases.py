@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,15 +145,17 @@ def _single_cells(count: int, rng: np.random.Generator, effects: Sequence[str]) 
     return rounds[:count]
 
 
-def draw_case(slot: Slot, number: int, seed: int, robot: str, joints: Sequence[str], attempt: int = 0) -> Case:
+def draw_case(
+    slot: Slot, number: int, seed: int, base: SimulationOptions, joints: Sequence[str], attempt: int = 0
+) -> Case:
     """Draws what a place leaves open.
 
     Args:
         slot: The place.
         number: Its number.
         seed: Of the check.
-        robot: URDF path or name.
-        joints: Its joints.
+        base: What all cases have in common: robot, number and length of runs.
+        joints: The robot's joints.
         attempt: Goes up where the size asked for is impossible at the joint drawn.
     """
     fixed = np.random.default_rng([seed, 1, number, max(attempt - OTHER_EFFECTS_FROM + 1, 0)])
@@ -162,8 +164,8 @@ def draw_case(slot: Slot, number: int, seed: int, robot: str, joints: Sequence[s
         EffectRequest(effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size)
         for effect, size in _draw_effects(slot, attempt, fixed)
     )
-    options = SimulationOptions(
-        robot=robot,
+    options = replace(
+        base,
         effects=effects,
         seed=int(rng.integers(2**62)),
         motions=RICH if slot.rich else POOR,

@@ -14,7 +14,7 @@ from ident.blind.cases import Case, Slot, draw_case
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.plant.answer import seal
-from ident.plant.session import simulate
+from ident.plant.session import SimulationOptions, simulate
 from ident.writing import write_session
 
 MOST_ATTEMPTS = 12
@@ -28,7 +28,7 @@ class MakeTask:
     Attributes:
         slot, number: The case's place.
         seed: Of the check.
-        robot: URDF path or name.
+        base: What all cases have in common.
         session: Folder for the recordings.
         sealed: Folder for the envelope.
         stamp: Of the simulating code.
@@ -37,7 +37,7 @@ class MakeTask:
     slot: Slot
     number: int
     seed: int
-    robot: str
+    base: SimulationOptions
     session: Path
     sealed: Path
     stamp: str
@@ -51,9 +51,9 @@ def case_key(seed: int, name: str) -> bytes:
 def make(task: MakeTask) -> str:
     """Simulates a case and seals its answer; returns its name. Draws again where a size is impossible."""
     start = time.perf_counter()
-    joints = ArmModel.load(task.robot).joint_names
+    joints = ArmModel.load(task.base.robot).joint_names
     for attempt in range(MOST_ATTEMPTS):
-        case = draw_case(task.slot, task.number, task.seed, task.robot, joints, attempt)
+        case = draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)
         try:
             simulation = simulate(case.options, task.slot.name)
             break
@@ -68,6 +68,7 @@ def make(task: MakeTask) -> str:
             "sha256": digest,
             "attempt": attempt,
             "excluded": list(case.excluded),
+            "starts": [float(run.time[0]) for run in simulation.session.runs],
             "seconds": time.perf_counter() - start,
             "stamp": task.stamp,
         }
@@ -82,5 +83,5 @@ def _write(path: Path, record: dict[str, Any]) -> None:
 
 def redraw(task: MakeTask, attempt: int) -> Case:
     """The case as it was drawn in the end: for the scoring, after the seals are open."""
-    joints = ArmModel.load(task.robot).joint_names
-    return draw_case(task.slot, task.number, task.seed, task.robot, joints, attempt)
+    joints = ArmModel.load(task.base.robot).joint_names
+    return draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)

@@ -14,12 +14,14 @@ import ident
 from ident.blind.cases import FULL_MIX, plan_slots
 from ident.blind.examining import ExamineTask, examine
 from ident.blind.making import MADE_NAME, MakeTask, case_key, make, redraw
+from ident.blind.pages import write_blind_pages
 from ident.blind.scoring import Outcome, score_case
 from ident.blind.summary import BlindReport
 from ident.blind.workers import run_tasks
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.plant.answer import open_envelope
+from ident.plant.session import SimulationOptions
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # What the two kinds of process are made of: cases are made, or diagnosed, again when that code has changed.
@@ -55,6 +57,7 @@ class BlindOptions:
         mix: Shares of the kinds of case.
         robot: URDF path or name.
         semi_real: Folder of real recordings to which known effects are added, instead of simulated cases.
+        runs, duration: Number of runs of each session, and their rough duration [s].
     """
 
     cases: int = 40
@@ -65,6 +68,8 @@ class BlindOptions:
     mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))
     robot: str = "tm5-900"
     semi_real: Path | None = None
+    runs: int = 10
+    duration: float = 8.0
 
 
 def run_blind(
@@ -96,6 +101,7 @@ def run_blind(
     )
     with atomic_write(options.out / REPORT_NAME) as part:
         part.write_text(json.dumps(report.to_dict(), indent=1) + "\n", encoding="utf-8")
+    write_blind_pages(report, {name: result.get("diagnosis") for name, result in results.items()}, options.out)
     return report
 
 
@@ -129,17 +135,20 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
         "mix": dict(options.mix),
         "robot": options.robot,
         "semi_real": str(options.semi_real) if options.semi_real else None,
+        "runs": options.runs,
+        "duration": options.duration,
     }
 
 
 def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
     stamp = stamp_of(PLANT_CODE)
+    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration)
     return [
         MakeTask(
             slot=slot,
             number=number,
             seed=seed,
-            robot=options.robot,
+            base=base,
             session=(options.out / "sessions" / slot.name).resolve(),
             sealed=(options.out / "sealed" / slot.name).resolve(),
             stamp=stamp,
@@ -162,7 +171,7 @@ def _examine_all(
     asked = [
         ExamineTask(
             session=task.session,
-            robot=task.robot,
+            robot=task.base.robot,
             excluded=tuple(made[task.slot.name]["excluded"]),
             result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
             stamp=f"{stamp} {made[task.slot.name]['sha256']}",
@@ -197,7 +206,8 @@ def _open(task: MakeTask, made: Mapping[str, Any], result: Mapping[str, Any]) ->
     """Opens a case's envelope and scores it."""
     answer = open_envelope(task.sealed, case_key(task.seed, task.slot.name))
     case = redraw(task, int(made["attempt"]))
-    return score_case(task.slot.name, task.slot.kind, case.amplitude, task.slot.rich, answer, result)
+    slot = task.slot
+    return score_case(slot.name, slot.kind, case.amplitude, slot.rich, answer, result, made["starts"])
 
 
 def _read(path: Path) -> dict[str, Any]:

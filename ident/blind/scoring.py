@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
 
 REFUSING = ("none_of_catalogue", "partial")
@@ -15,6 +16,8 @@ REFUSING = ("none_of_catalogue", "partial")
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
 SHOWN_SHARE = 1.0 / 3.0
+# Effects that a diagnosis names without a joint, even where the cause has one (a push at a link).
+OF_THE_ARM = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,13 @@ class Outcome:
 
 
 def score_case(
-    name: str, kind: str, amplitude: float, rich: bool, answer: Answer, result: Mapping[str, Any]
+    name: str,
+    kind: str,
+    amplitude: float,
+    rich: bool,
+    answer: Answer,
+    result: Mapping[str, Any],
+    starts: Sequence[float] = (),
 ) -> Outcome:
     """Scores a case.
 
@@ -102,8 +111,9 @@ def score_case(
         name, kind, amplitude, rich: The case.
         answer: From its opened envelope.
         result: What the diagnosing process wrote.
+        starts: Session time at which each run starts [s].
     """
-    truth = tuple((one.effect, one.joints[0] if one.joints else "") for one in answer.effects)
+    truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
     if "error" in result:
         return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
     record = result["diagnosis"]
@@ -121,16 +131,29 @@ def score_case(
         named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
         strict=bool(first and only and first["effect"] == only.effect),
         class_aware=bool(first and only and only.effect in first["class"]),
-        joint=bool(first and only and at_right_joint(only, first, answer)),
+        joint=bool(first and only and _is_at(only, first, answer)),
         class_size=len(first["class"]) if first else None,
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
         set_f1=_f1(len(findings), sum(one is not None for one in matches), len(truth)) if truth else None,
         shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
-        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f)),
+        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
         seconds=result.get("seconds"),
     )
+
+
+def _joint_of(effect: TrueEffect) -> str:
+    return "" if effect.effect in OF_THE_ARM or not effect.joints else effect.joints[0]
+
+
+def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which a name for an effect may stand: its own, or those where it shows; either of a coupled pair."""
+    joint = _joint_of(effect)
+    if not joint:
+        return shown_joints(effect, answer)
+    other = effect.parameters.get("other_joint")
+    return [joint, str(other)] if effect.effect == "joint_coupling" and other else [joint]
 
 
 def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
@@ -142,25 +165,20 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
 
 
-def at_right_joint(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
-    """Whether a name is where the truth is; either joint of a coupled pair names the pair."""
-    wanted = list(true.joints) or shown_joints(true, answer)
-    if true.effect == finding["effect"] == "joint_coupling":
-        wanted.append(str(true.parameters.get("other_joint", "")))
-    return any(joint in finding["joints"] for joint in wanted)
-
-
 def _is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
-    return bool(true.effect == finding["effect"]) and (not true.joints or at_right_joint(true, finding, answer))
+    return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
+
+
+def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return any(joint in finding["joints"] for joint in true_joints(true, answer))
 
 
 def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
     """Whether the joint of the largest gap, or that of the first name, is a true one."""
-    wanted = list(true.joints) or shown_joints(true, answer)
     gap = {j: one["rms_Nm"] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
     told = [max(gap, key=lambda j: gap[j])] if gap else []
     told += record["findings"][0]["joints"] if record["findings"] else []
-    return any(joint in wanted for joint in told)
+    return any(joint in told for joint in true_joints(true, answer))
 
 
 def _f1(named: int, hits: int, true: int) -> float:
@@ -173,7 +191,7 @@ def _shrink_share(
     """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
     if heldout is None or len(truth) != 1:
         return None
-    alone = heldout["alone"].get(f"{truth[0][0]}:{truth[0][1]}")
+    alone = heldout["alone"].get(":".join(truth[0]))
     if alone is None:
         return None
     floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
@@ -184,11 +202,22 @@ def _shrink_share(
     return float(np.clip(found / told, 0.0, 1.0)) if told > 0.0 else None
 
 
-def _covers(true: TrueEffect, finding: Mapping[str, Any]) -> list[Coverage]:
+def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
     """Figures that both tell by the same name."""
     told = finding["parameters"]
     return [
-        Coverage(true.effect, name, float(value), float(told[name]["low"]), float(told[name]["high"]))
-        for name, value in true.parameters.items()
-        if name in told and not isinstance(value, str) and None not in (told[name]["low"], told[name]["high"])
+        Coverage(true.effect, name, value, float(told[name]["low"]), float(told[name]["high"]))
+        for name, value in comparable(true, starts).items()
+        if name in told and None not in (told[name]["low"], told[name]["high"])
     ]
+
+
+def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
+    """True figures in the conventions of the diagnosis."""
+    figures = {name: float(value) for name, value in true.parameters.items() if not isinstance(value, str)}
+    if "phase_rad" in figures:  # the plant has cos(kq + phase), the diagnosis cos(kq - phase)
+        figures["phase_rad"] *= -1.0
+    if true.effect == "external_contact":  # the plant's clock is the run's; its force acts at another point
+        start = starts[int(figures["run"]) - 1] if starts else np.nan
+        return {name: figures[name] + start for name in ("start_s", "end_s") if np.isfinite(start)}
+    return figures
