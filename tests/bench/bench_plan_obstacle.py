@@ -1,0 +1,106 @@
+"""The obstacle task in the manner of Fig. 10: every seed with its costs, every method at equal terms.
+
+    python tests/bench/bench_plan_obstacle.py MODEL [OUT]
+
+Medians over five seeds. The paper does not print where its obstacle stands; ours is in tests/plan/data/obstacle.toml.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from plan.compare import Comparison, cost_at
+from plan.planners import Budget
+from plan.planners.base import Planner
+from plan.planners.evolution import Evolution
+from plan.planners.genetic import PaperGenetic, StrongGenetic
+from plan.planners.ppo import Ppo
+from plan.planners.reference import Reference
+from plan.result import PlanResult
+from plan.session import open_task, save_comparison
+from plan.solve import find_starts, solve
+
+TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
+SEEDS = range(5)
+ROWS: dict[str, tuple[Planner, int]] = {
+    "reference": (Reference(), 5),
+    "CMA-ES": (Evolution(), 5),
+    "PPO, 2100 epochs as the paper": (Ppo(), 5),
+    "PPO, 2100 epochs, paper's reward": (Ppo(reward="paper"), 5),
+    "GA as the paper, 100 × 200": (PaperGenetic(), 5),
+    "GA as the paper, 100 × 2000": (PaperGenetic(generations=2000), 3),
+    "GA of pymoo, 100 × 200": (StrongGenetic(), 5),
+}
+
+
+def main(model: str, out: Path | None) -> None:
+    opened = open_task(TASK, None if model == "none" else Path(model), "energy", "absolute", None, None, 1)
+    starts = {seed: find_starts(opened.problem, np.random.default_rng(seed)) for seed in SEEDS}
+    results: dict[str, list[PlanResult]] = {}
+    for name, (planner, seeds) in ROWS.items():
+        solve(opened.problem, planner.name, 0, Budget(500, 60.0), gap=False, planner=planner, starts=starts[0])
+        results[name] = [
+            solve(
+                opened.problem,
+                planner.name,
+                seed,
+                Budget(10**8, 3600.0),
+                gap=False,
+                planner=planner,
+                starts=starts[seed],
+            )
+            for seed in range(seeds)
+        ]
+    print_table(results)
+    print_seeds(results)
+    if out is not None:
+        flat = tuple(run for name in ROWS for run in results[name] if "2000" not in name and "reward" not in name)
+        save_comparison(opened, Comparison("obstacle task", "energy", 2100, 1.0, flat), None, out)
+
+
+def print_table(results: dict[str, list[PlanResult]]) -> None:
+    best = min(float(np.median([r.cost for r in runs])) for runs in results.values())
+    heads = [
+        "method",
+        "solved",
+        "energy_J",
+        "worst",
+        "at_2100_evaluations",
+        "evaluations",
+        "time_s",
+        "clearance_mm",
+        "above_best_%",
+    ]
+    print("| " + " | ".join(heads) + " |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, runs in results.items():
+        costs = np.array([r.cost for r in runs])
+        at = np.median([cost_at(r, 2100, 0) for r in runs])
+        clear = min(1000 * r.certificate.clearance.proven for r in runs if r.certificate)
+        spent, count = np.median([r.seconds for r in runs]), int(np.median([r.evaluations for r in runs]))
+        solved = f"{sum(r.solved for r in runs)}/{len(runs)}"
+        middle = float(np.median(costs))
+        print(
+            f"| {name} | {solved} | {middle:.3f} | {costs.max():.3f} | {at:.3f} | {count} | {spent:.2f} | {clear:.1f} "
+            f"| {100 * (middle / best - 1):.2f} |"
+        )
+
+
+def print_seeds(results: dict[str, list[PlanResult]]) -> None:
+    """Every seed of the first run: cost reached by each method, or why there is none."""
+    methods = ["reference", "CMA-ES", "PPO, 2100 epochs as the paper"]
+    print("\n| seed | " + " | ".join(methods) + " | why not |\n|---|" + "---|" * (len(methods) + 1))
+    tables = [{record["label"]: record for record in results[name][0].starts} for name in methods]
+    for label in tables[0]:
+        cells = []
+        for table in tables:
+            cost = table[label].get("cost")
+            cells.append("–" if cost is None else f"{cost:.2f}")
+        print(f"| {label} | " + " | ".join(cells) + f" | {tables[0][label]['reason']} |")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "none", Path(sys.argv[2]) if len(sys.argv) > 2 else None)

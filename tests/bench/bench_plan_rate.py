@@ -1,0 +1,78 @@
+"""Hybrid evaluations a second against the machine's own matrix products.
+
+    python tests/bench/bench_plan_rate.py [MODEL …]
+
+One thread throughout. A trajectory of table 3's task has 30 nodes; a net's work is two operations a weight and node.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plan.network import DenseNet, JointNets
+from plan.power import METRICS, ChainTorque, energy
+from plan.session import open_task
+
+TASK = Path(__file__).parents[1] / "plan/data/table3.toml"
+BATCH = 500
+NODES = 30
+
+
+def rate(work: Callable[[], object], amount: float) -> float:
+    """Amount a second, the median of nine runs."""
+    work()
+    times = []
+    for _ in range(9):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return amount / float(np.median(times))
+
+
+def paper_net() -> DenseNet:
+    """256-512-1024-512-256, as in the paper."""
+    widths, rng = [9, 256, 512, 1024, 512, 256, 3], np.random.default_rng(0)
+    weights = tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(widths))
+    return DenseNet(weights, tuple(np.zeros(b) for b in widths[1:]))
+
+
+def main(models: list[str]) -> None:
+    torch.set_num_threads(1)
+    a, b = torch.randn(1024, 1024), torch.randn(1024, 1024)
+    peak = rate(lambda: a @ b, 2 * 1024**3) / 1e9
+    print(f"matrix products, float32, one thread: {peak:.1f} GFLOP/s\n")
+    print("| model | products a node | trajectories / s | node torques / s | net GFLOP/s | of matrix products [%] |")
+    print("|---|---|---|---|---|---|")
+    problems = {
+        model: open_task(TASK, None if model == "none" else Path(model), "energy", "absolute", None, None, 1).problem
+        for model in models
+    }
+    last = problems[models[-1]]
+    assert isinstance(last.model, ChainTorque)
+    problems["the paper's net, random weights"] = replace(last, model=replace(last.model, net=paper_net()))
+    for model, problem in problems.items():
+        x = problem.initial + np.random.default_rng(0).normal(size=(BATCH, 6)) * 0.1
+        splines = problem.decode(x)
+        hybrid = problem.model
+        assert isinstance(hybrid, ChainTorque)
+        whole = rate(partial(energy, hybrid, splines, METRICS[2]), BATCH)
+        weights = hybrid.net.products if hybrid.net is not None else 0
+        if isinstance(hybrid.net, JointNets):  # members stand side by side: zeros are multiplied too
+            weights = sum(w.size for j in range(problem.n) for w, _ in hybrid.net.side_by_side(j))
+        flops = 2.0 * weights * NODES * whole / 1e9
+        search = rate(partial(problem.evaluate, x), BATCH)
+        print(f"| {model} | {weights} | {whole:,.0f} | {whole * NODES:,.0f} | {flops:.1f} | {100 * flops / peak:.0f} |")
+        print(f"| … with limits and self-collision | | {search:,.0f} | | | |")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or ["none"])
