@@ -80,7 +80,7 @@ def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, do
 def _run_on_cluster(
     function: Callable[[T], str], tasks: Sequence[T], scheduler: str, done: Callable[[str], None]
 ) -> None:
-    from distributed import Client
+    from distributed import Client, KilledWorker
     from distributed import as_completed as as_dask_completed
 
     try:
@@ -88,7 +88,10 @@ def _run_on_cluster(
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error) or type(error).__name__
         raise InputError("--scheduler", f"{scheduler} can't be reached ({reason})", "give tcp://HOST:PORT") from None
-    with client:
+    with client, client.as_current():
         futures = client.map(function, list(tasks), pure=False)
-        for _, name in as_dask_completed(futures, with_results=True):
-            done(name)
+        try:
+            for _, name in as_dask_completed(futures, with_results=True):
+                done(name)
+        except KilledWorker as error:
+            raise LostWorker(f"{error.task} lost its worker too often: is there memory enough?") from None
