@@ -22,6 +22,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 console = make_console()
+STOPPED = 130  # exit status after Ctrl-C
 
 Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
 Robot = Annotated[
@@ -106,7 +107,7 @@ def fit(
     console.print(results.loss.summary(), markup=False, soft_wrap=True)
     console.print(f"condition number of the motions: {results.inertia.condition_number:.0f}")
     console.print(f"model written to {out}")
-    write_json(json_file, {"schema": "ident.fit/1", **results.model.record()})
+    write_json(json_file, {**results.model.record(), "schema": "ident.fit/1"})
 
 
 def _remove_checkpoint(folder: Path) -> None:
@@ -285,13 +286,15 @@ def main() -> None:
         sys.exit(2)
     except typer.Abort:
         print("ident: stopped", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(STOPPED)
     except Exception as error:
         if type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
-            print(f"ident: {error.format_message()}; see ident --help", file=sys.stderr)
+            print(f"ident: {error.format_message().rstrip('.')}; see ident --help", file=sys.stderr)
             sys.exit(2)
         raise
     except KeyboardInterrupt:
         print("ident: stopped", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(STOPPED)
+    if status == STOPPED:  # typer turns Ctrl-C into this status
+        print("ident: stopped", file=sys.stderr)
     sys.exit(status if isinstance(status, int) else 0)
