@@ -9,12 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.arm import ArmModel
-from ident.blind.cases import Case, Slot, draw_case
+from ident.blind.cases import Slot, draw_case
+from ident.blind.semi_real import RealArm, add_effect
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
-from ident.plant.answer import seal
+from ident.plant.answer import Answer, seal
+from ident.plant.request import EffectRequest
 from ident.plant.session import SimulationOptions, simulate
+from ident.recording import Session
 from ident.writing import write_session
 
 MOST_ATTEMPTS = 12
@@ -32,6 +37,7 @@ class MakeTask:
         session: Folder for the recordings.
         sealed: Folder for the envelope.
         stamp: Of the simulating code.
+        sources: Folders of real recordings to which the effect is added; empty to simulate.
     """
 
     slot: Slot
@@ -41,6 +47,7 @@ class MakeTask:
     session: Path
     sealed: Path
     stamp: str
+    sources: tuple[Path, ...] = ()
 
 
 def case_key(seed: int, name: str) -> bytes:
@@ -48,27 +55,37 @@ def case_key(seed: int, name: str) -> bytes:
     return hashlib.sha256(f"{seed} {name} ident.blind/1".encode()).digest()
 
 
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A case as it came out: what is recorded, what is true, and what the diagnosis may know."""
+
+    session: Session
+    answer: Answer
+    robot: str
+    source: int = -1
+
+
 def make(task: MakeTask) -> str:
-    """Simulates a case and seals its answer; returns its name. Draws again where a size is impossible."""
+    """Makes a case and seals its answer; returns its name. Draws again where a size is impossible."""
     start = time.perf_counter()
-    joints = ArmModel.load(task.base.robot).joint_names
     for attempt in range(MOST_ATTEMPTS):
-        case = draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)
         try:
-            simulation = simulate(case.options, task.slot.name)
+            made, excluded = _add_to_real(task, attempt) if task.sources else _simulate(task, attempt)
             break
         except InputError:
             if attempt == MOST_ATTEMPTS - 1:
                 raise
     with atomic_folder(task.session) as folder:
-        write_session(simulation.session, folder)
+        write_session(made.session, folder)
     with atomic_folder(task.sealed) as folder:
-        digest = seal(simulation.answer, folder, case_key(task.seed, task.slot.name))
+        digest = seal(made.answer, folder, case_key(task.seed, task.slot.name))
         record = {
             "sha256": digest,
             "attempt": attempt,
-            "excluded": list(case.excluded),
-            "starts": [float(run.time[0]) for run in simulation.session.runs],
+            "excluded": list(excluded),
+            "robot": made.robot,
+            "source": made.source,
+            "starts": [float(run.time[0]) for run in made.session.runs],
             "seconds": time.perf_counter() - start,
             "stamp": task.stamp,
         }
@@ -76,12 +93,24 @@ def make(task: MakeTask) -> str:
     return task.slot.name
 
 
+def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+    joints = ArmModel.load(task.base.robot).joint_names
+    case = draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)
+    simulation = simulate(case.options, task.slot.name)
+    return Made(simulation.session, simulation.answer, task.base.robot), case.excluded
+
+
+def _add_to_real(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+    rng = np.random.default_rng([task.seed, 3, task.number, attempt])
+    source = int(rng.integers(len(task.sources)))
+    real = RealArm.load(task.sources[source])
+    joint = int(rng.integers(real.arm.n))
+    request = EffectRequest(task.slot.effect, real.arm.joint_names[joint], amplitude=task.slot.amplitude)
+    session, answer = add_effect(real, request, joint, int(rng.integers(2**62)))
+    session = session.replace(name=task.slot.name, robot=real.robot)
+    return Made(session, answer, real.robot, source), ()
+
+
 def _write(path: Path, record: dict[str, Any]) -> None:
     with atomic_write(path) as part:
         part.write_text(json.dumps(record) + "\n", encoding="utf-8")
-
-
-def redraw(task: MakeTask, attempt: int) -> Case:
-    """The case as it was drawn in the end: for the scoring, after the seals are open."""
-    joints = ArmModel.load(task.base.robot).joint_names
-    return draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)

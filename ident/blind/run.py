@@ -6,16 +6,17 @@ import hashlib
 import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import ident
-from ident.blind.cases import FULL_MIX, plan_slots
+from ident.blind.cases import FULL_MIX, Slot, plan_slots
 from ident.blind.examining import ExamineTask, examine
-from ident.blind.making import MADE_NAME, MakeTask, case_key, make, redraw
+from ident.blind.making import MADE_NAME, MakeTask, case_key, make
 from ident.blind.pages import write_blind_pages
 from ident.blind.scoring import Outcome, score_case
+from ident.blind.semi_real import EFFECTS, find_sources
 from ident.blind.summary import BlindReport
 from ident.blind.workers import run_tasks
 from ident.errors import InputError
@@ -25,7 +26,15 @@ from ident.plant.session import SimulationOptions
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # What the two kinds of process are made of: cases are made, or diagnosed, again when that code has changed.
-PLANT_CODE = ("plant", "arm.py", "blind/cases.py", "blind/making.py", "writing.py")
+PLANT_CODE = (
+    "plant",
+    "arm.py",
+    "blind/cases.py",
+    "blind/law_torque.py",
+    "blind/making.py",
+    "blind/semi_real.py",
+    "writing.py",
+)
 MODEL_CODE = (
     "diagnosis",
     "effects",
@@ -96,7 +105,7 @@ def run_blind(
         robot=options.robot,
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
-        outcomes=tuple(_open(task, made[task.slot.name], results[task.slot.name]) for task in tasks),
+        outcomes=tuple(_open(task, made[task.slot.name], results) for task in tasks),
         run={**_settings(options), "plant": tasks[0].stamp, "diagnosis": stamp_of(MODEL_CODE)},
     )
     with atomic_write(options.out / REPORT_NAME) as part:
@@ -143,6 +152,7 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
 def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
     stamp = stamp_of(PLANT_CODE)
     base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration)
+    sources = find_sources(options.semi_real) if options.semi_real else ()
     return [
         MakeTask(
             slot=slot,
@@ -152,9 +162,17 @@ def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
             session=(options.out / "sessions" / slot.name).resolve(),
             sealed=(options.out / "sealed" / slot.name).resolve(),
             stamp=stamp,
+            sources=tuple(source.resolve() for source in sources),
         )
-        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
+        for number, slot in enumerate(_slots(options, seed))
     ]
+
+
+def _slots(options: BlindOptions, seed: int) -> tuple[Slot, ...]:
+    if options.semi_real is None:
+        return plan_slots(options.cases, options.mix, seed)
+    slots = plan_slots(options.cases, {"single": 1.0}, seed, EFFECTS)
+    return tuple(replace(slot, kind="semi_real", rich=True) for slot in slots)
 
 
 def _make_all(tasks: Sequence[MakeTask], options: BlindOptions, progress: Progress) -> None:
@@ -171,17 +189,35 @@ def _examine_all(
     asked = [
         ExamineTask(
             session=task.session,
-            robot=task.base.robot,
+            robot=made[task.slot.name]["robot"],
             excluded=tuple(made[task.slot.name]["excluded"]),
             result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
             stamp=f"{stamp} {made[task.slot.name]['sha256']}",
         )
         for task in tasks
     ]
+    asked += _untouched(tasks, made, options, stamp)
     waiting = [task for task in asked if not _is_done(task.result, task.stamp)]
     done = _counter("diagnosing", len(asked) - len(waiting), len(asked), progress)
     run_tasks(examine, waiting, options.workers, options.scheduler, done)
-    return {task.session.name: _read(task.result) for task in asked}
+    return {task.result.stem: _read(task.result) for task in asked}
+
+
+def _untouched(
+    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, stamp: str
+) -> list[ExamineTask]:
+    """The real recordings as they are: what is named there already was not found, but there."""
+    used = {one["source"]: one["robot"] for one in made.values() if one["source"] >= 0}
+    return [
+        ExamineTask(
+            session=tasks[0].sources[source],
+            robot=robot,
+            excluded=(),
+            result=(options.out / "results" / f"untouched_{source}.json").resolve(),
+            stamp=stamp,
+        )
+        for source, robot in sorted(used.items())
+    ]
 
 
 def _counter(step: str, already: int, total: int, progress: Progress) -> Callable[[str], None]:
@@ -202,12 +238,12 @@ def _is_done(path: Path, stamp: str) -> bool:
     return record.get("stamp") == stamp and "error" not in record
 
 
-def _open(task: MakeTask, made: Mapping[str, Any], result: Mapping[str, Any]) -> Outcome:
+def _open(task: MakeTask, made: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Outcome:
     """Opens a case's envelope and scores it."""
-    answer = open_envelope(task.sealed, case_key(task.seed, task.slot.name))
-    case = redraw(task, int(made["attempt"]))
     slot = task.slot
-    return score_case(slot.name, slot.kind, case.amplitude, slot.rich, answer, result, made["starts"])
+    answer = open_envelope(task.sealed, case_key(task.seed, slot.name))
+    there = results.get(f"untouched_{made['source']}", {}).get("diagnosis")
+    return score_case(slot, answer, results[slot.name], made["starts"], there)
 
 
 def _read(path: Path) -> dict[str, Any]:

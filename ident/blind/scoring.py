@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.blind.cases import Slot
 from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
 
@@ -97,22 +98,23 @@ class Outcome:
 
 
 def score_case(
-    name: str,
-    kind: str,
-    amplitude: float,
-    rich: bool,
+    slot: Slot,
     answer: Answer,
     result: Mapping[str, Any],
     starts: Sequence[float] = (),
+    untouched: Mapping[str, Any] | None = None,
 ) -> Outcome:
     """Scores a case.
 
     Args:
-        name, kind, amplitude, rich: The case.
+        slot: Its place in the check.
         answer: From its opened envelope.
         result: What the diagnosing process wrote.
         starts: Session time at which each run starts [s].
+        untouched: Diagnosis of the recordings to which the effect was added (semi-real cases).
     """
+    name, kind, rich = slot.name, slot.kind, slot.rich
+    amplitude = _amplitude(slot, answer)
     truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
     if "error" in result:
         return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
@@ -120,6 +122,9 @@ def score_case(
     findings = record["findings"]
     matches = [next((one for one in answer.effects if _is_true(one, f, answer)), None) for f in findings]
     first = findings[0] if findings else None
+    if kind == "semi_real":  # a real arm has gaps of its own: its names may come first
+        first = _nearest(findings, answer)
+        kind = "already_there" if _is_there(untouched, answer) else kind
     only = answer.effects[0] if len(answer.effects) == 1 else None
     return Outcome(
         name=name,
@@ -141,6 +146,30 @@ def score_case(
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
         seconds=result.get("seconds"),
     )
+
+
+def _amplitude(slot: Slot, answer: Answer) -> float:
+    """Largest visible amplitude [noise floors]: of single effects as it was asked for, of others as measured."""
+    if slot.kind in ("single", "semi_real"):
+        return slot.amplitude
+    return max((_seen(one, answer) for one in answer.effects), default=0.0)
+
+
+def _seen(effect: TrueEffect, answer: Answer) -> float:
+    shares = [value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()]
+    return float(f"{max(shares, default=0.0):.2g}")
+
+
+def _nearest(findings: Sequence[Mapping[str, Any]], answer: Answer) -> Mapping[str, Any] | None:
+    """The name nearest to the truth: itself, else one that has it in its class, else the first."""
+    only = answer.effects[0]
+    near = [f for f in findings if _is_true(only, f, answer)]
+    near += [f for f in findings if only.effect in f["class"] and _is_at(only, f, answer)]
+    return next(iter([*near, *findings]), None)
+
+
+def _is_there(untouched: Mapping[str, Any] | None, answer: Answer) -> bool:
+    return untouched is not None and any(_is_true(answer.effects[0], f, answer) for f in untouched["findings"])
 
 
 def _joint_of(effect: TrueEffect) -> str:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from made_up_cases import answer, finding, result, truth
 
+from ident.blind.cases import Slot
 from ident.blind.scoring import score_case
 
 
 def score(truth_, result_, kind="single", starts=()):  # type: ignore[no-untyped-def]
-    return score_case("case_000", kind, 3.0, True, truth_, result_, starts)
+    return score_case(Slot("case_000", kind), truth_, result_, starts)
 
 
 def test_the_right_name_at_the_right_joint() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_up_cases import answer, finding, result, truth
 
+from ident.blind.cases import Slot
 from ident.blind.pages import write_blind_pages
 from ident.blind.scoring import Outcome, score_case
 from ident.blind.statistics import calibration_curve, calibration_error, mean, share
@@ -43,13 +44,13 @@ def outcomes() -> tuple[Outcome, ...]:
     right = finding("stribeck_friction", "joint_2", amplitude_Nm=(0.9, 1.1))
     pair = answer(truth(), truth("payload", ""))
     return (
-        score_case("case_0", "single", 3.0, True, stribeck, result(right)),
-        score_case("case_1", "single", 1.0, True, stribeck, result(verdict="no_gap")),
-        score_case("case_2", "single", 0.3, True, stribeck, result(right)),
-        score_case("case_3", "healthy", 0.0, True, answer(), result(verdict="no_gap")),
-        score_case("case_4", "healthy", 0.0, True, answer(), result(right)),
-        score_case("case_5", "outside", 3.0, True, answer(truth("cable_drag")), result(verdict="partial")),
-        score_case("case_6", "pair", 3.0, True, pair, result(right, finding("payload", "joint_3"))),
+        score_case(Slot("case_0", "single", amplitude=3.0), stribeck, result(right)),
+        score_case(Slot("case_1", "single", amplitude=1.0), stribeck, result(verdict="no_gap")),
+        score_case(Slot("case_2", "single", amplitude=0.3), stribeck, result(right)),
+        score_case(Slot("case_3", "healthy", amplitude=0.0), answer(), result(verdict="no_gap")),
+        score_case(Slot("case_4", "healthy", amplitude=0.0), answer(), result(right)),
+        score_case(Slot("case_5", "outside", amplitude=3.0), answer(truth("cable_drag")), result(verdict="partial")),
+        score_case(Slot("case_6", "pair", amplitude=3.0), pair, result(right, finding("payload", "joint_3"))),
     )
 
 
