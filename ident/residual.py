@@ -40,8 +40,6 @@ DIRECTION_SCALES = (0.02, 0.15)
 LOAD_ROUNDING = 0.5
 # A short recording still gets this many steps an epoch, as long as a step sees enough samples.
 LEAST_STEPS, LEAST_BATCH = 32, 16
-# Weights from which on a net trains faster on several threads.
-WORTH_THREADS = 100_000
 # Length of the stretches that are held back as a whole [samples].
 STRETCH = 200
 
@@ -322,9 +320,9 @@ def fit_residual_net(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
         network = _build(x.shape[-1], y.shape[1], options)
-        # The products of a small net are too small to share: more threads only wait for each other.
-        small = sum(weight.numel() for weight in network.parameters()) < WORTH_THREADS
-        with _threads(1 if small else torch.get_num_threads()):
+        # One thread: a net's sums, and so its weights, depend on how many there are, and Pinocchio changes their
+        # number. On a busy machine more only wait for each other.
+        with _threads(1):
             training = _train(network, data, options, progress, checkpoint)
     if options.patience and training.best:
         network.load_state_dict(training.best)
