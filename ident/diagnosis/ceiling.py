@@ -40,6 +40,13 @@ class Ceiling:
     kind: str | None
     sure: bool
 
+    @classmethod
+    def untried(cls, series: Sequence[RunResidual], joint: int) -> Ceiling:
+        """What is left itself, where it is no more than noise."""
+        left = np.concatenate([item.after[item.counts[:, joint], joint] for item in series])
+        rms = float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+        return cls(rms, rms, None, False)
+
 
 def features(item: RunResidual, joint: int) -> Float[Array, "t f"]:
     """Inputs for one joint, ordered by kind: 5 of state, 3 of memory, 1 of time, 2 n − 2 of coupling."""

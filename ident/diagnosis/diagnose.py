@@ -30,6 +30,10 @@ SCHEMA = "ident.diagnosis/1"
 PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
 # A joint has a gap where the explainable part of its mean square is at least this share.
 LEAST_GAP_SHARE = 0.06
+# The noise is what all candidates together leave of runs that they were fitted on; no model does as well on others.
+NOISE_MARGIN = 1.08
+# More than this many times the noise's mean square is a gap, whether trees can explain it or not.
+MUCH_LEFT = 2.5
 PLACES_TOLD = 12
 
 
@@ -159,14 +163,17 @@ def diagnose(
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
     series = compute_residuals(session, baseline, evidence, before, after, groups)
-    ceilings = tuple(measure_ceiling(series, j) for j in range(arm.n))
+    ceilings = tuple(
+        measure_ceiling(series, j) if _stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
+        for j in range(arm.n)
+    )
     floors = _floors(evidence, ceilings, found.ladder[-1])
     estimates = estimate_effects(search, session, groups)
     findings = _findings(found, estimates, arm.joint_names, floors, series)
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
-        verdict=_verdict(found, ceilings, floors),
+        verdict=_verdict(found, ceilings, floors, evidence.whitening.level),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, found, floors, ceilings, series),
@@ -189,8 +196,8 @@ def diagnose(
 
 def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
     """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
-    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 1.0 for c in ceilings])
-    return np.minimum(np.maximum(evidence.whitening.level, ratio * last.rms), last.rms)
+    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
+    return np.minimum(np.maximum(NOISE_MARGIN * evidence.whitening.level, ratio * last.rms), last.rms)
 
 
 def _explained(found: SearchResults, floors: Float[Array, " n"]) -> tuple[float, float]:
@@ -201,9 +208,17 @@ def _explained(found: SearchResults, floors: Float[Array, " n"]) -> tuple[float,
     return reducible, float(np.sum(np.maximum(start - end, 0.0) / unit))
 
 
-def _verdict(found: SearchResults, ceilings: Sequence[Ceiling], floors: Float[Array, " n"]) -> str:
+def _stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
+    """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
+    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.whitening.level[joint] ** 2)
+
+
+def _verdict(
+    found: SearchResults, ceilings: Sequence[Ceiling], floors: Float[Array, " n"], noise: Float[Array, " n"]
+) -> str:
     reducible, closed = _explained(found, floors)
     left = any(c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings)
+    left = left or bool(np.any(found.ladder[-1].rms ** 2 > MUCH_LEFT * noise**2))
     if not found.named:
         return "none_of_catalogue" if left else "no_gap"
     share = closed / max(reducible, 1e-12)

@@ -23,7 +23,7 @@ from ident.effects.levels import (
     travel,
 )
 
-STRIBECK_VELOCITIES = (0.015, 0.03, 0.06, 0.15)  # [rad/s]
+STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
 STRIBECK_EXPONENTS = (1.0, 2.0)
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
 POSITION_ORDERS = (1.0, 2.0)
