@@ -249,6 +249,40 @@ def simulate(
 
 
 @app.command()
+def blind(
+    cases: Annotated[int, typer.Option(help="Number of cases.")] = 40,
+    seed: Annotated[int | None, typer.Option(help="Of the check; the system's entropy if not given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the check; one that was stopped there goes on.")] = Path(
+        "out/blind"
+    ),
+    workers: Annotated[int, typer.Option(help="Processes on this machine.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
+    robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
+    semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
+    from ident.blind.run import BlindOptions, run_blind
+
+    options = BlindOptions(
+        cases=cases, seed=seed, out=out, workers=workers, scheduler=scheduler, robot=robot, semi_real=semi_real
+    )
+    with progress_bar(console, "blind check", "") as progress:
+        report = run_blind(
+            options,
+            lambda line: console.print(line, soft_wrap=True, highlight=False),
+            lambda step, done, total: progress(done, total, 0.0),
+        )
+    record = report.to_dict()
+    for name, value in record["scores"].items():
+        low, high = record["intervals"].get(name, (None, None))
+        interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
+        console.print(f"  {name}: {value if value is None else round(value, 3)}{interval}", highlight=False)
+    console.print(f"written to {out}")
+    write_json(json_file, record)
+
+
+@app.command()
 def view(
     sessions: Sessions,
     model: Annotated[Path | None, typer.Option(help="Folder of a fitted model.")] = None,
