@@ -37,8 +37,9 @@ class Reference(Planner):
         widths: Rounding of sign [rad/s] and power [W], solve by solve.
         rounds: Most times that the planes and limits are set anew.
         screening: Evaluations of the CMA-ES run that chooses the starts, for each of them; a lone initial
-            trajectory that keeps clear is taken as it is.
-        finalists: Starts that are solved, of those from the screening and of the initial trajectories each.
+            trajectory without obstacles is taken as it is. Time has many local optima: there
+            CMA-ES runs until it has converged.
+        finalists: Initial trajectories that are solved from as they are, beside the screening's best.
         reach: Farthest that a via angle goes in the first solve where there is something to hit [rad]; durations
             change by as large a share.
         tolerance: Relative gain under which the planes are left as they are.
@@ -46,7 +47,7 @@ class Reference(Planner):
     """
 
     widths: tuple[tuple[float, float], ...] = ((0.5, 5.0), (0.05, 0.5), (0.005, 0.05))
-    rounds: int = 10
+    rounds: int = 6
     screening: int = 3000
     finalists: int = 2
     reach: float = 0.4
@@ -61,17 +62,19 @@ class Reference(Planner):
             MethodError: The model can't be written as symbols.
         """
         first = problems[0]
-        if len(problems) == 1 and first.objective == "energy" and first.initial_evaluation.feasible[0]:
+        alone = len(problems) == 1 and not first.scene.obstacles
+        if alone and first.objective == "energy" and first.initial_evaluation.feasible[0]:
             _Run(first, self, ledger, first.initial).solve(self.rounds)
             return
         raw = [(p, p.initial) for p in problems if p.initial_evaluation.violation[0] < WORTH_TRYING]
         if first.objective == "time":
             raw = []  # they are energy optima, far from the limits: the screening has left them behind
         raw.sort(key=lambda start: float(start[0].initial_evaluation.cost[0]))
-        Evolution(most=self.screening * len(problems)).search(problems, ledger, rng)
+        most = self.screening * len(problems) if first.objective == "energy" else 0
+        Evolution(most=most).search(problems, ledger, rng)
         best = sorted(ledger.best_of.values(), key=lambda found: (not found.feasible, found.violation, found.cost))
         screened = [(found.problem, found.x) for found in best]
-        for problem, x in [*screened[: self.finalists], *raw[: self.finalists]]:
+        for problem, x in [*screened[:1], *raw[: self.finalists]]:
             _Run(problem, self, ledger, x).solve(self.rounds)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from toppra.algorithm import TOPPRA
 from toppra.constraint import DiscretizationType, JointVelocityConstraint, SecondOrderConstraint
 
@@ -23,6 +24,8 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 GRID = 200
 # Knots of the spline that carries the found motion.
 KNOTS = 60
+# The path is read at so many instants, and carried by so many knots over its length.
+SAMPLES, PATH_KNOTS = 4000, 60
 
 
 @dataclass(frozen=True)
@@ -82,17 +85,25 @@ class Toppra(Planner):
 
 
 class _Path:
-    """The initial spline as toppra's path: its time is the path's parameter."""
+    """The initial trajectory as a path over its length in joint space.
+
+    Its own time is no good parameter: it starts and ends at rest, and where the path's derivative vanishes toppra can't
+    tell what pushes the arm.
+    """
 
     def __init__(self, problem: PlanningProblem) -> None:
-        self.splines = problem.decode(problem.initial)
-        self.dof, self.end = problem.n, float(self.splines.total[0])
+        splines = problem.decode(problem.initial)
+        q = splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0]
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+        even = np.linspace(0.0, length[-1], PATH_KNOTS)
+        places = np.stack([np.interp(even, length, column) for column in q.T], axis=1)
+        self._spline = CubicSpline(even, places)
+        self.dof, self.end = problem.n, float(length[-1])
         self.path_interval = np.array([0.0, self.end])
         self.duration = self.end
 
     def __call__(self, s: Any, order: int = 0) -> Array:
-        found = self.splines.at(np.atleast_1d(s))[order]
-        return found[0] if np.ndim(s) == 0 else found
+        return np.asarray(self._spline(s, order))
 
     def eval(self, s: Any) -> Array:
         return self(s)
@@ -143,9 +154,11 @@ def _sample(path: _Path, grid: Float[Array, " G"], speed: Float[Array, " G"]) ->
     steps = 2.0 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9)
     clock = np.concatenate([[0.0], np.cumsum(steps)])
     times = np.linspace(0.0, clock[-1], KNOTS)
-    # Between grid points the squared speed is linear in s; a parabola in time through the clock is close enough,
-    # since the spline through the samples is checked anyway.
-    return times, path(np.interp(times, clock, grid))
+    cell = np.clip(np.searchsorted(clock, times, side="right") - 1, 0, len(steps) - 1)
+    # Between grid points the squared speed is linear in s, so the path's acceleration is constant.
+    push = np.diff(speed**2) / (2.0 * np.diff(grid))
+    since = times - clock[cell]
+    return times, path(np.clip(grid[cell] + speed[cell] * since + 0.5 * push[cell] * since**2, 0.0, path.end))
 
 
 def _stretch(problem: PlanningProblem, times: Array, points: Array, ledger: Ledger) -> None:

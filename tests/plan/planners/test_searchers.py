@@ -158,16 +158,17 @@ def test_genes_cover_the_box() -> None:
     assert np.all(np.abs(ga._decode(task, ga._encode(task, task.initial)[None])[0] - task.initial) <= step)
 
 
-@pytest.mark.parametrize("mode", ["factor", "sections"])
+@pytest.mark.parametrize("mode", ["factor", "pass", "sections"])
 def test_compression_stops_at_a_limit(mode: str) -> None:
-    """Compression keeps the via points and ends with some limit met to 1 %, none broken."""
+    """Compression keeps the via points and breaks nothing; all but the literal one meet some limit to 1 %."""
     task = problem(duration=4.0, objective="time", free="times")
     book = Compression(mode=mode).run([task], ledger(), np.random.default_rng(0))  # type: ignore[arg-type]
     assert book.best is not None
     found = certify(task, book.best.splines)
     assert book.best.splines.points[0, 1:-1] == pytest.approx(task.vias)
     assert not found.broken
-    assert max(found.torque_share.max(), found.speed_share.max()) > 0.98
+    if mode != "pass":  # which stops where the spline between unequal sections leaves its way, or at their least
+        assert max(found.torque_share.max(), found.speed_share.max()) > 0.98
     if mode == "factor":
         assert np.ptp(book.best.splines.durations) == pytest.approx(0.0, abs=1e-9)
 
