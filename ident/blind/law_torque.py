@@ -25,7 +25,7 @@ from ident.plant.transmission import hose_torque, ripple_torque
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Track:
     """A recorded run at the plant's ticks.
 
     Attributes:
@@ -46,7 +46,7 @@ class Path:
         return np.arange(len(self.q)) * TICK_S
 
 
-def law_torque(hardware: Hardware, paths: Sequence[Path]) -> list[Float[Array, "K n"]]:
+def law_torque(hardware: Hardware, paths: Sequence[Track]) -> list[Float[Array, "K n"]]:
     """Motor torque that the arm's laws ask for along each path, in order [N m]: friction, teeth, dress pack, bodies."""
     laws = records(hardware.friction), records(hardware.drive), records(hardware.heat), records(hardware.outside)
     state, total, clock = fresh_state(hardware.n), [], None
@@ -95,7 +95,7 @@ def _follow(
             torque[k, j] -= outside_torque(outside[j], j, q[k], dq[k], k * dt)
 
 
-def rigid_change(hardware: Hardware, path: Path) -> Float[Array, "K n"]:
+def rigid_change(hardware: Hardware, path: Track) -> Float[Array, "K n"]:
     """Torque of added bodies and of a turned gravity, above that of the nominal arm [N m]."""
     arm, bodies = hardware.arm, hardware.bodies
     if not bodies.added and np.allclose(bodies.gravity, arm.model.gravity.linear):

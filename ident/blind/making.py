@@ -6,14 +6,15 @@ import hashlib
 import json
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arm import ArmModel
-from ident.blind.cases import Slot, draw_case
-from ident.blind.semi_real import RealArm, add_effect
+from ident.blind.cases import OTHER_EFFECTS_FROM, Slot, draw_case
+from ident.blind.semi_real import EFFECTS, RealArm, add_effect
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.plant.answer import Answer, seal
@@ -100,12 +101,19 @@ def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
     return Made(simulation.session, simulation.answer, task.base.robot), case.excluded
 
 
+@lru_cache(maxsize=2)
+def _load_real(folder: Path) -> RealArm:
+    """Reading and smoothing takes longer than the rest: a process keeps what it reads."""
+    return RealArm.load(folder)
+
+
 def _add_to_real(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
     rng = np.random.default_rng([task.seed, 3, task.number, attempt])
     source = int(rng.integers(len(task.sources)))
-    real = RealArm.load(task.sources[source])
+    real = _load_real(task.sources[source])
     joint = int(rng.integers(real.arm.n))
-    request = EffectRequest(task.slot.effect, real.arm.joint_names[joint], amplitude=task.slot.amplitude)
+    effect = task.slot.effect if attempt < OTHER_EFFECTS_FROM else str(rng.choice(EFFECTS))
+    request = EffectRequest(effect, real.arm.joint_names[joint], amplitude=task.slot.amplitude)
     session, answer = add_effect(real, request, joint, int(rng.integers(2**62)))
     session = session.replace(name=task.slot.name, robot=real.robot)
     return Made(session, answer, real.robot, source), ()

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ident.blind.cases import Slot
+from ident.blind.cases import FULL_MIX, Slot
 from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
 
 REFUSING = ("none_of_catalogue", "partial")
+# Kinds of case whose whole truth is known.
+SIMULATED = tuple(FULL_MIX)
 # A name at this probability or above is confident.
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
@@ -87,9 +89,10 @@ class Outcome:
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether a name that is not true was given with confidence, the verdict being that it has a name."""
+        """Whether a name that is not true was given with confidence; nobody knows all that is true of a real arm."""
         wrong = [p for (_, _, p), right in zip(self.named, self.right, strict=True) if not right]
-        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+        told = self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+        return told and self.kind in SIMULATED
 
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
@@ -140,7 +143,7 @@ def score_case(
         class_size=len(first["class"]) if first else None,
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
         set_f1=_f1(len(findings), sum(one is not None for one in matches), len(truth)) if truth else None,
-        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
+        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
         coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
@@ -215,10 +218,17 @@ def _f1(named: int, hits: int, true: int) -> float:
 
 
 def _shrink_share(
-    truth: Sequence[tuple[str, str]], heldout: Mapping[str, Any] | None, joints: Sequence[str], answer: Answer
+    truth: Sequence[tuple[str, str]],
+    heldout: Mapping[str, Any] | None,
+    joints: Sequence[str],
+    answer: Answer,
+    simulated: bool = True,
 ) -> float | None:
-    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
-    if heldout is None or len(truth) != 1:
+    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1.
+
+    A real arm's own gap would count as closed too: there is no such share for it.
+    """
+    if heldout is None or len(truth) != 1 or not simulated:
         return None
     alone = heldout["alone"].get(":".join(truth[0]))
     if alone is None:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
-from ident.blind.law_torque import Path, law_torque
+from ident.blind.law_torque import Track, law_torque
 from ident.diagnosis.baseline import fit_baseline
 from ident.errors import InputError
 from ident.loss import LossParameters
@@ -41,7 +41,7 @@ EFFECTS = tuple(effect for effect in CATALOGUE if effect not in NOT_OFFERED)
 TRIES, TOLERANCE = 12, 0.1
 
 
-def find_sources(folder: FilePath) -> tuple[FilePath, ...]:
+def find_sources(folder: Path) -> tuple[Path, ...]:
     """Folders of recordings below a folder: those with a session.toml that names the robot.
 
     Raises:
@@ -53,7 +53,7 @@ def find_sources(folder: FilePath) -> tuple[FilePath, ...]:
     return tuple(found)
 
 
-def _names_robot(path: FilePath) -> bool:
+def _names_robot(path: Path) -> bool:
     return any(line.split("=")[0].strip() == "robot" for line in path.read_text(encoding="utf-8").splitlines())
 
 
@@ -76,7 +76,7 @@ class RealArm:
     loss: LossParameters
 
     @classmethod
-    def load(cls, folder: FilePath) -> RealArm:
+    def load(cls, folder: Path) -> RealArm:
         """Reads, mends and smooths the recordings of a folder."""
         session = load_session(folder)
         assert session.robot is not None
@@ -101,14 +101,14 @@ class RealArm:
         )
 
     @cached_property
-    def paths(self) -> tuple[Path, ...]:
+    def paths(self) -> tuple[Track, ...]:
         """The motions at the plant's ticks."""
         return tuple(self._path(motion) for motion in self.motions)
 
-    def _path(self, motion: Motion) -> Path:
+    def _path(self, motion: Motion) -> Track:
         ticks = np.arange(0.0, motion.time[-1] - motion.time[0], TICK_S)
         q, dq, ddq = (_at(ticks, motion.time - motion.time[0], x) for x in (motion.q, motion.dq, motion.ddq))
-        return Path(float(motion.time[0]), q, dq, ddq, self.arm.inverse_dynamics(q, dq, ddq))
+        return Track(float(motion.time[0]), q, dq, ddq, self.arm.inverse_dynamics(q, dq, ddq))
 
     @property
     def planned(self) -> tuple[PlannedMotion, ...]:
@@ -159,7 +159,7 @@ def change_session(real: RealArm, before: Hardware, after: Hardware) -> Session:
     return real.session.replace(runs=runs)
 
 
-def _read(sensing: Sensing, path: Path, torque: Float[Array, "K n"], times: Float[Array, " T"]) -> Float[Array, "T n"]:
+def _read(sensing: Sensing, path: Track, torque: Float[Array, "K n"], times: Float[Array, " T"]) -> Float[Array, "T n"]:
     return read_torque(sensing, path.ticks, torque, path.dq, times, path.start, np.random.default_rng(0))
 
 

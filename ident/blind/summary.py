@@ -14,7 +14,7 @@ SCHEMA = "ident.blind/1"
 SETS = ("pair", "triple")
 REFUSABLE = ("excluded", "outside")
 # Where a name may be right; elsewhere every name is wrong by construction, which says nothing of its probability.
-NAMEABLE = ("single", "healthy", "decoy", "pair", "triple", "semi_real")
+NAMEABLE = ("single", "healthy", "decoy", "pair", "triple")
 SINGLES = ("single", "semi_real")
 
 
@@ -108,7 +108,7 @@ class BlindReport:
     def _baseline(self, method: str) -> dict[str, Score]:
         visible = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude >= 1.0)
         names = {one.name: one.rivals.get(method, ()) for one in self.outcomes}
-        first = [(one.truth[0], next(iter(names[one.name]), ("", ""))) for one in visible]
+        first = [(one.truth[0], _first(one, names[one.name])) for one in visible]
         return {
             "strict": share([told[0] == true[0] for true, told in first]),
             "joint": share([not true[1] or told[1] == true[1] for true, told in first]),
@@ -165,6 +165,13 @@ def _said(one: Outcome) -> list[tuple[float, bool]]:
 
 def _unzip(pairs: Sequence[tuple[float, bool]]) -> tuple[list[float], list[bool]]:
     return [p for p, _ in pairs], [right for _, right in pairs]
+
+
+def _first(one: Outcome, named: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """The first name; of a real arm the true one if it is there, as for the diagnosis."""
+    if one.kind == "semi_real" and one.truth[0] in named:
+        return one.truth[0]
+    return next(iter(named), ("", ""))
 
 
 def _f1_of(named: Sequence[tuple[str, str]], truth: Sequence[tuple[str, str]]) -> float:

@@ -19,6 +19,8 @@ from ident.errors import InputError
 T = TypeVar("T")
 # How often a task may lose its worker before it is given up.
 MOST_LOSSES = 4
+# How long the scheduler may take to answer [s].
+PATIENCE_S = 10.0
 
 
 class LostWorker(RuntimeError):
@@ -84,7 +86,7 @@ def _run_on_cluster(
     from distributed import as_completed as as_dask_completed
 
     try:
-        client: Any = Client(scheduler, timeout="10s", set_as_default=False)
+        client: Any = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = str(error) or type(error).__name__
         raise InputError("--scheduler", f"{scheduler} can't be reached ({reason})", "give tcp://HOST:PORT") from None
