@@ -6,7 +6,6 @@ dies is given to another.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +18,8 @@ from ident.errors import InputError
 T = TypeVar("T")
 # How often a task may lose its worker before it is given up.
 MOST_LOSSES = 4
+# Processes do the work side by side; threads of many small parallel loops would only wait for each other.
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 # How long the scheduler may take to answer [s].
 PATIENCE_S = 10.0
 
@@ -60,9 +61,7 @@ def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, do
     waiting = dict(enumerate(tasks))
     for _ in range(MOST_LOSSES):
         workers = min(workers, len(waiting))
-        threads = str(max(1, (os.cpu_count() or 1) // workers))
-        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-        executor = ProcessPoolExecutor(workers, env=dict.fromkeys(names, threads))
+        executor = ProcessPoolExecutor(workers, env=dict.fromkeys(THREAD_COUNTS, "1"))
         try:
             futures = {executor.submit(function, task): i for i, task in waiting.items()}
             for future in as_completed(futures):
