@@ -26,6 +26,8 @@ from plan.task import Trial
 DEFAULT_METHOD = "reference"
 # Evaluations for each start of the energy search from whose result time is shortened.
 ENERGY_FIRST = 600
+# Longest run of the reference that is only there to tell the gap [s].
+GAP_SECONDS = 60.0
 # Times that a plan whose dense check fails is searched anew with tightened limits.
 MENDS = 3
 
@@ -250,7 +252,7 @@ def _gap(result: PlanResult, method: str, starts: Starts, rng: np.random.Generat
         return 0.0
     if not isinstance(starts.problems[0].model, ChainTorque):
         return None
-    ledger = Ledger(default_budget("reference"))
+    ledger = Ledger(Budget(200_000, GAP_SECONDS))
     Reference().run(starts.problems, ledger, rng)
     if ledger.best is None or not ledger.best.feasible:
         return None

@@ -35,7 +35,7 @@ class Reference(Planner):
 
     Attributes:
         widths: Rounding of sign [rad/s] and power [W], solve by solve.
-        rounds: Most times that the planes and limits are set anew.
+        rounds, rough: Most times that the planes and limits are set anew, from the screening's best and from others.
         screening: Evaluations of the CMA-ES run that chooses the starts, for each of them; a lone initial
             trajectory without obstacles is taken as it is. Time has many local optima: there
             CMA-ES runs until it has converged.
@@ -48,6 +48,7 @@ class Reference(Planner):
 
     widths: tuple[tuple[float, float], ...] = ((0.5, 5.0), (0.05, 0.5), (0.005, 0.05))
     rounds: int = 6
+    rough: int = 3
     screening: int = 3000
     finalists: int = 2
     reach: float = 0.4
@@ -74,8 +75,8 @@ class Reference(Planner):
         Evolution(most=most).search(problems, ledger, rng)
         best = sorted(ledger.best_of.values(), key=lambda found: (not found.feasible, found.violation, found.cost))
         screened = [(found.problem, found.x) for found in best]
-        for problem, x in [*screened[:1], *raw[: self.finalists]]:
-            _Run(problem, self, ledger, x).solve(self.rounds)
+        for number, (problem, x) in enumerate([*screened[:1], *raw[: self.finalists]]):
+            _Run(problem, self, ledger, x).solve(self.rounds if number == 0 else self.rough)
 
 
 class _Run:
