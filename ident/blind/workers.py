@@ -71,8 +71,10 @@ def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, do
                     continue  # its task stays in the waiting list
                 del waiting[futures[future]]
                 done(name)
-        finally:
-            executor.shutdown(wait=True, kill_workers=True)
+        except BaseException:  # Ctrl-C too: nobody waits for the tasks under way
+            executor.shutdown(wait=False, kill_workers=True)
+            raise
+        executor.shutdown(wait=True)
         if not waiting:
             return
     raise LostWorker(f"{len(waiting)} tasks lost their worker {MOST_LOSSES} times: is there memory enough?")
