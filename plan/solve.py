@@ -169,7 +169,9 @@ def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:
     boxes = [(box.name, box.centre.tolist(), box.half.tolist()) for box in problem.scene.obstacles]
     ends = problem.start.tolist(), problem.goal.tolist(), problem.durations.tolist()
     model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3))).tolist()
-    return repr((method, seed, ends, boxes, problem.objective, problem.metric, problem.free, problem.radius, model))
+    limits = [part.tolist() for part in (problem.limits.lower, problem.limits.upper, problem.limits.torque)]
+    search = (problem.objective, problem.metric, problem.free, problem.radius, problem.margin)
+    return repr((method, seed, ends, boxes, limits, search, model))
 
 
 def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:

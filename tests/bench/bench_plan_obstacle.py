@@ -63,17 +63,8 @@ def main(model: str, out: Path | None) -> None:
 
 def print_table(results: dict[str, list[PlanResult]]) -> None:
     best = min(float(np.median([r.cost for r in runs])) for runs in results.values())
-    heads = [
-        "method",
-        "solved",
-        "energy_J",
-        "worst",
-        "at_2100_evaluations",
-        "evaluations",
-        "time_s",
-        "clearance_mm",
-        "above_best_%",
-    ]
+    heads = ["method", "solved", "energy [J]", "worst", "at 2100 evaluations", "evaluations", "time [s]"]
+    heads += ["clearance [mm]", "above the best [%]"]
     print("| " + " | ".join(heads) + " |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name, runs in results.items():
