@@ -16,6 +16,7 @@ from ident.diagnosis.evidence import Evidence, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
 from ident.diagnosis.inference import Estimate, estimate_effects
 from ident.diagnosis.layout import build_layout
+from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.residuals import RunResidual, compute_residuals
 from ident.diagnosis.search import Named, Search, SearchResults
@@ -117,6 +118,7 @@ class Diagnosis:
             "findings": [finding.to_dict() for finding in self.findings],
             "heldout": self.heldout,
             "not_testable": list(self.not_testable),
+            "next_experiment": next_experiment([one.to_dict() for one in self.findings], self.not_testable),
             **self.extra,
         }
 

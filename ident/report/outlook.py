@@ -30,6 +30,7 @@ class OutlookSection(Section):
             "motion": following.get("motion", ""),
             "minutes": f"{following['minutes']:g}" if "minutes" in following else "",
             "separates": join_words([effect_name(effect) for effect in following.get("separates", [])]),
+            "tied": any(len(finding["class"]) > 1 for finding in record.get("findings", [])),
             "not_testable": [
                 {
                     "effect": effect_name(one["effect"]),

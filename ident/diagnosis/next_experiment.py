@@ -1,0 +1,74 @@
+"""What to record next: a rule of thumb from what was found; `plan excite` works the motion itself out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ident.effects.shown_by import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+
+# Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
+NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "too noisy")
+# After a change of set-up any motion over wide poses will do [min].
+SETUP_MINUTES = 4.0
+
+
+def next_experiment(
+    findings: Sequence[Mapping[str, Any]], not_testable: Sequence[Mapping[str, Any]]
+) -> dict[str, Any] | None:
+    """The motion that parts the first tied class; else the one that shows most of what could not be tested.
+
+    Args:
+        findings: Findings of `ident.diagnosis/1`, in their order.
+        not_testable: Its effects that could not be tested.
+
+    Returns:
+        `separates`, `motion` and `minutes`; None if nothing is open that a motion could tell.
+    """
+    for finding in findings:
+        if len(finding["class"]) > 1:
+            return _for_tied(list(finding["class"]), finding["joints"][0])
+    return _for_unseen([one for one in not_testable if _is_of_motion(one)])
+
+
+def _for_tied(effects: list[str], joint: str) -> dict[str, Any]:
+    advice = setup_for(effects)
+    if advice is not None:
+        motion = f"Motion alone hardly tells these apart. {advice[0].upper()}{advice[1:]}"
+        return {"separates": effects, "motion": motion, "minutes": SETUP_MINUTES}
+    family = family_for(effects)
+    return {
+        "separates": effects,
+        "motion": f"{_sentence(family, joint)}; {_command(effects, joint)}",
+        "minutes": SHOWINGS[family].minutes,
+    }
+
+
+def _for_unseen(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The kind of motion that shows the most effects, and the joint that lacks it most."""
+    families = {one["effect"]: SHOWN_BY[one["effect"]] for one in entries if one["effect"] in SHOWN_BY}
+    if not families:
+        return None
+    family = Counter(families.values()).most_common(1)[0][0]
+    effects = [effect for effect, own in families.items() if own == family]
+    joints = Counter(joint for one in entries if one["effect"] in effects for joint in one["joints"])
+    joint = joints.most_common(1)[0][0]
+    return {
+        "separates": effects,
+        "motion": f"{_sentence(family, joint)}; {_command(effects, joint)}",
+        "minutes": SHOWINGS[family].minutes,
+    }
+
+
+def _sentence(family: str, joint: str) -> str:
+    words = describe_motion(family, joint)
+    return words if words.startswith(joint) else words[0].upper() + words[1:]
+
+
+def _command(effects: Sequence[str], joint: str) -> str:
+    return f"`plan excite --separate {','.join(effects)} --joint {joint}` works it out and writes it"
+
+
+def _is_of_motion(entry: Mapping[str, Any]) -> bool:
+    return bool(entry["joints"]) and not any(words in entry["reason"] for words in NOT_OF_MOTION)

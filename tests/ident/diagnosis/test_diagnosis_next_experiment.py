@@ -1,0 +1,86 @@
+"""What the diagnosis proposes to record next."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+
+from ident.diagnosis.next_experiment import next_experiment
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.shown_by import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+
+
+def finding(*effects: str, joint: str = "joint_2") -> dict[str, object]:
+    return {"effect": effects[0], "class": list(effects), "joints": [joint]}
+
+
+def unseen(effect: str, *joints: str, reason: str = "it stands still") -> dict[str, object]:
+    return {"effect": effect, "joints": list(joints), "reason": reason}
+
+
+def test_nothing_open_needs_no_experiment() -> None:
+    """A single name, and effects that no motion could show, leave nothing to propose."""
+    assert next_experiment([], []) is None
+    assert next_experiment([finding("torque_delay")], []) is None
+    assert (
+        next_experiment([], [unseen("torque_ripple", "joint_1", reason="gear ratio of joint_1 is not known")]) is None
+    )
+
+
+def test_first_tied_class_is_parted() -> None:
+    """The motion is for the joint and the effects of the first class of two or more, not for later ones."""
+    found = next_experiment(
+        [
+            finding("payload"),
+            finding("joint_elasticity", "torque_delay", joint="joint_3"),
+            finding("stribeck_friction", "presliding_hysteresis"),
+        ],
+        [unseen("thermal_friction", "joint_1")],
+    )
+    assert found is not None
+    assert found["separates"] == ["joint_elasticity", "torque_delay"]
+    assert "10 Hz" in found["motion"]
+    assert "--separate joint_elasticity,torque_delay --joint joint_3" in found["motion"]
+    assert found["minutes"] > 0
+
+
+def test_exact_twins_get_another_set_up() -> None:
+    """Payload and last link are one torque in every motion: the proposal is to take the payload off."""
+    found = next_experiment([finding("payload", "link_inertial_error", joint="joint_6")], [])
+    assert found is not None
+    assert "Take everything off the flange" in found["motion"]
+    assert "plan excite" not in found["motion"]
+
+
+def test_unseen_effects_get_the_motion_that_shows_most_of_them() -> None:
+    """Three effects want a ladder of speeds and one a chirp: the ladder is proposed, for the joint that lacks most."""
+    entries = [
+        unseen("stribeck_friction", "joint_5"),
+        unseen("nonlinear_viscous_friction", "joint_5"),
+        unseen("asymmetric_friction", "joint_4"),
+        unseen("torque_delay", "joint_1"),
+    ]
+    found = next_experiment([], entries)
+    assert found is not None
+    assert found["separates"] == ["stribeck_friction", "nonlinear_viscous_friction", "asymmetric_friction"]
+    assert found["motion"].startswith("joint_5 there and back at steady speeds")
+
+
+@pytest.mark.parametrize("effect", [effect.id for effect in CATALOGUE])
+def test_every_effect_of_the_catalogue_has_its_motion(effect: str) -> None:
+    """Whatever is named, there are words for the motion that shows it."""
+    assert "{" not in describe_motion(SHOWN_BY[effect], "joint_1")
+
+
+def test_every_pair_has_a_motion_or_a_set_up() -> None:
+    """No tied class leaves the user without advice."""
+    for pair in combinations([effect.id for effect in CATALOGUE], 2):
+        assert setup_for(pair) or family_for(pair) in SHOWINGS
+    assert setup_for(("payload", "link_inertial_error"))
+    assert setup_for(("spring_torque", "gravity_misalignment")) is None
+
+
+def test_unknown_effects_get_general_motion() -> None:
+    """An effect of the user's own has no row in the tables: wide motion of all joints."""
+    assert family_for(["magnet"]) == "wide"
