@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
@@ -74,10 +75,19 @@ def _since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array, Arr
     return time - time[last], q - q[last], lag
 
 
-def measure_ceiling(series: Sequence[RunResidual], joint: int, nested: bool = True) -> Ceiling:
-    """Trees on what is left at a joint, judged on other runs (other stretches where runs are few)."""
+def measure_ceiling(
+    series: Sequence[RunResidual], joint: int, nested: bool = True, left: Literal["before", "after"] = "after"
+) -> Ceiling:
+    """Trees on what is left at a joint, judged on other runs (other stretches where runs are few).
+
+    Args:
+        series: Residuals of all runs.
+        joint: The joint.
+        nested: Whether to ask for the first set of inputs that helps.
+        left: Before or after the named effects.
+    """
     x = np.concatenate([features(item, joint)[item.counts[:, joint]] for item in series])
-    y = np.concatenate([item.after[item.counts[:, joint], joint] for item in series])
+    y = np.concatenate([getattr(item, left)[item.counts[:, joint], joint] for item in series])
     piece = np.concatenate([np.full(int(item.counts[:, joint].sum()), item.index) for item in series])
     if len(np.unique(piece)) < FOLDS:
         piece = np.arange(len(y)) * 3 * FOLDS // max(len(y), 1)

@@ -14,6 +14,7 @@ from ident.diagnosis.baseline import Baseline, build_session, fit_baseline
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.evidence import Evidence, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
+from ident.diagnosis.how_far import Reach, measure_reach, run_energy
 from ident.diagnosis.inference import Estimate, estimate_effects
 from ident.diagnosis.layout import build_layout
 from ident.diagnosis.next_experiment import next_experiment
@@ -50,6 +51,7 @@ class Finding:
     energy_before: float
     energy_after: float
     shrink: float
+    share: float
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -64,6 +66,7 @@ class Finding:
                 "energy_error_before_J": self.energy_before,
                 "energy_error_after_J": self.energy_after,
                 "shrink": self.shrink,
+                "share": self.share,
             },
             "evidence": {
                 "p_value": self.named.gates.p_value,
@@ -164,26 +167,28 @@ def diagnose(
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
-    series = compute_residuals(session, baseline, evidence, before, after, groups)
+    fixed = project(gram, evidence, search.fixed.prior)
+    series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     ceilings = tuple(
         measure_ceiling(series, j) if _stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
     floors = _floors(evidence, ceilings, found.ladder[-1])
     estimates = estimate_effects(search, session, groups)
-    findings = _findings(found, estimates, arm.joint_names, floors, series)
+    reach = measure_reach(search, found, series, baseline, floors)
+    findings = _findings(found, estimates, arm.joint_names, floors, reach)
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
         verdict=_verdict(found, ceilings, floors, evidence.whitening.level),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
-        gap=_gap(arm.joint_names, found, floors, ceilings, series),
+        gap=_gap(arm.joint_names, search, found, floors, ceilings, series),
         where=tuple(map_gap(series, arm.joint_names, evidence.whitening.level, np.random.default_rng(seed)))[
             :PLACES_TOLD
         ],
         findings=findings,
-        heldout=_together(found, arm.joint_names, floors),
+        heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(
             {
                 "effect": item.effect.id,
@@ -192,6 +197,8 @@ def diagnose(
             }
             for item in layout.silent
         ),
+        extra={
+        },
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
@@ -239,16 +246,18 @@ def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
 
 def _gap(
     joints: Sequence[str],
+    search: Search,
     found: SearchResults,
     floors: Float[Array, " n"],
     ceilings: Sequence[Ceiling],
     series: Sequence[RunResidual],
 ) -> dict[str, dict[str, Any]]:
-    start = found.ladder[0].rms
-    energy = np.array([_energy(item, item.before) for item in series])
+    start, fixed = found.ladder[0].rms, search.fixed.score().rms
+    energy = np.array([run_energy(item, item.unseen_before) for item in series])
     return {
         name: {
             "rms_Nm": float(start[j]),
+            "fixed_rms_Nm": float(fixed[j]),
             "noise_floor_Nm": float(floors[j]),
             "ceiling_rms_Nm": float(max(floors[j], ceilings[j].rms)),
             "unexplained": ceilings[j].kind,
@@ -258,24 +267,15 @@ def _gap(
     }
 
 
-def _energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
-    """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
-    motion = item.run.motion
-    step = motion.interval * motion.lowpass.factor
-    return -np.trapezoid(left * item.counts * motion.dq[motion.coarse], dx=step, axis=0)
-
-
 def _findings(
     found: SearchResults,
     estimates: Sequence[Estimate],
     joints: Sequence[str],
     floors: Float[Array, " n"],
-    series: Sequence[RunResidual],
+    reach: Reach,
 ) -> tuple[Finding, ...]:
-    before_J = np.mean([_energy(item, item.before) for item in series], axis=0)
-    after_J = np.mean([_energy(item, item.after) for item in series], axis=0)
     findings = []
-    for item, estimate in zip(found.named, estimates, strict=True):
+    for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
         old, new = item.before.rms, item.after.rms
         own = [item.group.joint] if item.group.effect.scope == "joint" else _shown(old, new)
         acts = own if item.group.effect.rows == "own" else _shown(old, new)
@@ -287,9 +287,10 @@ def _findings(
                 joints=names,
                 rms_before={joints[j]: float(old[j]) for j in acts},
                 rms_after={joints[j]: float(new[j]) for j in acts},
-                energy_before=float(before_J[acts].sum()),
-                energy_after=float(after_J[acts].sum()),
+                energy_before=float(reach.energy_before[acts].sum()),
+                energy_after=float(reach.energy_after[acts].sum()),
                 shrink=_shrink(old[acts], new[acts], floors[acts]),
+                share=float(share),
             )
         )
     return tuple(sorted(findings, key=lambda finding: -_closed(finding)))

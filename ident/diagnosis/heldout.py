@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int
 from ident.diagnosis.evidence import Evidence
 from ident.diagnosis.layout import Group
 from ident.diagnosis.projection import Prior
@@ -40,6 +40,26 @@ class HeldOutScore:
 
 
 @dataclass(frozen=True, eq=False)
+class FoldWeights:
+    """A model solved once for each fold, without it.
+
+    Attributes:
+        columns: The model's columns and, last, the torque.
+        values: Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their product.
+    """
+
+    columns: Int[Array, " z"]
+    values: Float[Array, "F z"]
+
+
+def _spots(local: Int[Array, " p"], used: Int[Array, " z"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
+    """Where the used columns stand in a joint's rows, and where those stand among the used."""
+    order = np.argsort(used)
+    places = np.flatnonzero(np.isin(local, used))
+    return places, order[np.searchsorted(used, local[places], sorter=order)]
+
+
+@dataclass(frozen=True, eq=False)
 class HeldOut:
     """Scores models on folds."""
 
@@ -59,26 +79,33 @@ class HeldOut:
             for sums in self.evidence.white
         )
 
+    def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
+        """Residual weights of the baseline and some groups, solved without each fold in turn."""
+        layout = self.evidence.layout
+        used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
+            int
+        )
+        whole = self._whole[np.ix_(used, used)]
+        spots = [_spots(local, used) for local in layout.local]
+        solved = []
+        for fold in range(len(self._folds[0])):
+            gram = whole.copy()
+            for sums, (places, into) in zip(self._folds, spots, strict=True):
+                gram[np.ix_(into, into)] -= sums[fold][np.ix_(places, places)]
+            solved.append(self._solve(gram))
+        return FoldWeights(used, np.array(solved))
+
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
         """Scores the baseline and some groups."""
         layout = self.evidence.layout
-        inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
-        used = np.concatenate([inside, [layout.size]])
-        whole = self._whole[np.ix_(used, used)]
-        places = [np.flatnonzero(np.isin(local, used)) for local in layout.local]
-        order = {int(column): k for k, column in enumerate(used)}
-        into = [np.array([order[int(c)] for c in local[p]]) for local, p in zip(layout.local, places, strict=True)]
-        count = len(self._folds[0])
-        misfit, squares = np.zeros((count, layout.n)), np.zeros((count, layout.n))
-        for fold in range(count):
-            gram = whole.copy()
-            for j in range(layout.n):
-                gram[np.ix_(into[j], into[j])] -= self._folds[j][fold][np.ix_(places[j], places[j])]
-            weights = self._solve(gram)
-            for j in range(layout.n):
-                w = weights[into[j]]
-                misfit[fold, j] = w @ self._folds[j][fold][np.ix_(places[j], places[j])] @ w
-                squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places[j], places[j])] @ w
+        found = self.weights(groups)
+        misfit, squares = np.zeros((2, len(found.values), layout.n))
+        for j, local in enumerate(layout.local):
+            places, into = _spots(local, found.columns)
+            for fold, weights in enumerate(found.values):
+                w = weights[into]
+                misfit[fold, j] = w @ self._folds[j][fold][np.ix_(places, places)] @ w
+                squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"]) -> Float[Array, " z"]:

@@ -1,4 +1,4 @@
-"""What a model leaves, as time series in N m: for maps, pictures and the ceiling."""
+"""What a model leaves, as time series in N m: for maps, pictures, the ceiling and the replay of the motion."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.baseline import Baseline
-from ident.diagnosis.evidence import Evidence, baseline_tables
-from ident.diagnosis.layout import LOSS_FIGURES, Group
+from ident.diagnosis.evidence import Evidence, baseline_tables, build_partition
+from ident.diagnosis.heldout import HeldOut
+from ident.diagnosis.layout import Group, Layout
 from ident.diagnosis.projection import Projection
 from ident.effects.base import RunContext, SessionContext
+from ident.signals import Motion
 
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """One run; t filtered samples of n joints.
+    """One run; t filtered samples of n joints. All residuals are measured less modelled torque.
 
     Attributes:
         run: The run.
         index: Its place in the session.
         before: What the tuned baseline leaves [N m].
         after: What is left with the named effects [N m].
+        fixed: What is left with the URDF's inertias held fast, friction and rotors tuned [N m].
+        unseen_before, unseen_after: `before` and `after` of models that were solved without this stretch's fold [N m].
         counts: Where each joint moves steadily.
     """
 
@@ -31,6 +35,9 @@ class RunResidual:
     index: int
     before: Float[Array, "t n"]
     after: Float[Array, "t n"]
+    fixed: Float[Array, "t n"]
+    unseen_before: Float[Array, "t n"]
+    unseen_after: Float[Array, "t n"]
     counts: Bool[Array, "t n"]
 
     @property
@@ -38,46 +45,90 @@ class RunResidual:
         """Times of the filtered samples, session clock [s]."""
         return self.run.motion.time[self.run.motion.coarse]
 
+    @property
+    def step(self) -> float:
+        """Time from one filtered sample to the next [s]."""
+        return self.run.motion.interval * self.run.motion.lowpass.factor
+
+    @property
+    def speed(self) -> Float[Array, "t n"]:
+        """Joint velocity at the filtered samples [rad/s]."""
+        return self.run.motion.dq[self.run.motion.coarse]
+
 
 def compute_residuals(
     session: SessionContext,
     baseline: Baseline,
     evidence: Evidence,
-    before: Projection,
-    after: Projection,
+    models: tuple[Projection, Projection, Projection],
     groups: Sequence[Group],
+    held_out: HeldOut,
 ) -> list[RunResidual]:
-    """Residuals of the baseline solved alone (`before`) and with its groups (`after`)."""
+    """Residuals of every run.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        evidence: Block sums of the runs.
+        models: The baseline, the baseline with its groups, and the baseline with the URDF held fast.
+        groups: The named effects.
+        held_out: Solves the first two without each fold.
+    """
     layout = evidence.layout
+    whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
+    parts = [held_out.weights(), held_out.weights(groups)]
+    by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
     extra = [group.effect.columns(session, group.joint, group.variant) for group in groups]
     series = []
-    for i, run in enumerate(session.runs):
+    for i, (run, folds) in enumerate(zip(session.runs, _folds_of_samples(session, evidence), strict=True)):
         tables = baseline_tables(baseline, layout, run.motion)
-        left_before, left_after = (
-            _baseline_residual(tables, layout.rank, evidence, model) for model in (before, after)
-        )
         for group, columns in zip(groups, extra, strict=True):
-            at = np.flatnonzero(np.isin(after.inside, group.columns))
-            beta = after.estimate[at] / evidence.scale[group.columns]
-            torque = run.motion.filtered(columns[i]) @ beta
-            if group.effect.rows == "own":
-                left_after[:, group.joint] -= torque
-            else:
-                left_after -= torque
-        series.append(RunResidual(run, i, left_before, left_after, run.motion.settled))
+            _fill_in(tables, layout, group, run.motion.filtered(columns[i]))
+        scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
+        before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
+        unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)
+        series.append(RunResidual(run, i, before, after, fixed, unseen, nearer, run.motion.settled))
     return series
 
 
-def _baseline_residual(
-    tables: Sequence[Array], rank: int, evidence: Evidence, projection: Projection
+def _spread(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
+    """Weights of some columns, laid out over all."""
+    row = np.zeros(layout.size + 1)
+    row[columns] = weights
+    return row
+
+
+def _fill_in(tables: Sequence[Array], layout: Layout, group: Group, columns: Float[Array, "t ..."]) -> None:
+    """Writes an effect's filtered columns into the tables of the joints that it acts on."""
+    own = group.effect.rows == "own"
+    for j in [group.joint] if own else range(layout.n):
+        tables[j][:, np.isin(layout.local[j], group.columns)] = columns if own else columns[:, j]
+
+
+def _left(
+    tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
 ) -> Float[Array, "t n"]:
-    tuned = projection.estimate[: evidence.layout.tuned] / evidence.scale[: evidence.layout.tuned]
-    left = np.zeros((len(tables[0]), len(tables)))
-    for j, table in enumerate(tables):
-        own = slice(rank + LOSS_FIGURES * j, rank + LOSS_FIGURES * (j + 1))
-        explained = table[:, :rank] @ tuned[:rank] + table[:, rank : rank + LOSS_FIGURES] @ tuned[own]
-        left[:, j] = table[:, -1] - explained
+    """What models leave of each joint's rows: one model for all samples, or each sample's own fold's."""
+    left = np.empty((len(tables[0]), layout.n))
+    for j, (table, local) in enumerate(zip(tables, layout.local, strict=True)):
+        used = np.any(weights[:, local] != 0.0, axis=0)
+        each = table[:, used] @ weights[:, local[used]].T
+        left[:, j] = each[:, 0] if folds is None else np.take_along_axis(each, folds[:, None], axis=1)[:, 0]
     return left
+
+
+def _folds_of_samples(session: SessionContext, evidence: Evidence) -> list[Int[Array, " t"]]:
+    """Fold of every filtered sample, run by run."""
+    partition = build_partition(session)
+    folds = []
+    for run, starts, first in zip(session.runs, partition.starts, partition.first_block, strict=True):
+        inside = np.searchsorted(starts, np.arange(_filtered_length(run.motion)), side="right") - 1
+        folds.append(evidence.fold_of_block[first + inside])
+    return folds
+
+
+def _filtered_length(motion: Motion) -> int:
+    return len(motion.time[motion.coarse])
 
 
 def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:
