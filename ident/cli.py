@@ -199,6 +199,9 @@ def simulate(
     robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
     seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.")] = 0,
     motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
+    commands: Annotated[
+        Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
+    ] = None,
     runs: Annotated[int, typer.Option(help="Number of runs.")] = 10,
     duration: Annotated[float, typer.Option(help="Rough duration of a run [s].")] = 8.0,
     rate: Annotated[float, typer.Option(help="Log rate [Hz].")] = 250.0,
@@ -212,16 +215,20 @@ def simulate(
     json_file: JsonFile = None,
 ) -> None:
     """A session of the simulated arm, its effects chosen."""
+    from ident.arm import ArmModel
+    from ident.plant.commands import read_commands
     from ident.plant.output import simulate_to
     from ident.plant.recipes import run_recipe
     from ident.plant.request import parse_payload
     from ident.plant.session import RICH, SimulationOptions
 
+    given = None if commands is None else read_commands(commands, ArmModel.load(robot))
+    total = runs if given is None else len(given)
     with progress_bar(console, "simulation", "") as progress:
         finished = count()
 
         def tell() -> None:
-            progress(next(finished) + 1, runs, 0.0)
+            progress(next(finished) + 1, total, 0.0)
 
         if recipe is not None:
             written = run_recipe(recipe, out)
@@ -239,7 +246,7 @@ def simulate(
                 payload=parse_payload(payload) if payload else None,
                 decoys=tuple(decoy or ()),
             )
-            written = [simulate_to(out, options, answer, sealed, tell)]
+            written = [simulate_to(out, options, answer, sealed, tell, given)]
     for one in written:
         console.print(f"{one.folder}: {one.runs} runs, {one.samples} samples, {one.duration_s:.0f} s")
         if one.sha256:

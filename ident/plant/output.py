@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from ident.files import atomic_folder
 from ident.plant.answer import ANSWER_NAME, ENVELOPE_NAME, seal, write_answer
 from ident.plant.record import Progress, no_progress
 from ident.plant.session import Simulation, SimulationOptions, simulate
+from ident.plant.shapes import Motion
 from ident.writing import write_session
 
 # What a folder of an earlier session may hold; any other folder is not replaced.
@@ -77,6 +79,7 @@ def simulate_to(
     answer: bool = False,
     sealed: bool = False,
     progress: Progress = no_progress,
+    motions: Sequence[Motion] | None = None,
 ) -> Written:
     """Simulates a session and writes it: what `ident simulate` does.
 
@@ -85,6 +88,7 @@ def simulate_to(
         options: What is wanted; `options.runs` is the number of calls of `progress`.
         answer, sealed: Form of the answer; neither by default.
         progress: Called after each run.
+        motions: Motions to be run instead of those that the options ask for.
 
     Raises:
         InputError: As `simulate` and `write_simulation`.
@@ -92,7 +96,7 @@ def simulate_to(
     if answer and sealed:
         raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
     require_replaceable(Path(folder))
-    simulation = simulate(options, name=Path(folder).name, progress=progress)
+    simulation = simulate(options, name=Path(folder).name, progress=progress, motions=motions)
     return write_simulation(simulation, folder, answer, sealed)
 
 
