@@ -21,7 +21,8 @@ from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.residuals import RunResidual, compute_residuals
 from ident.diagnosis.search import Named, Search, SearchResults
-from ident.diagnosis.where import Place, map_gap
+from ident.diagnosis.tuned import tuned_record
+from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
@@ -177,6 +178,8 @@ def diagnose(
     estimates = estimate_effects(search, session, groups)
     reach = measure_reach(search, found, series, baseline, floors)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
+    rng = np.random.default_rng(seed)
+    places = map_gap(series, arm.joint_names, evidence.whitening, rng)
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
@@ -184,9 +187,7 @@ def diagnose(
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, floors, ceilings, series),
-        where=tuple(map_gap(series, arm.joint_names, evidence.whitening.level, np.random.default_rng(seed)))[
-            :PLACES_TOLD
-        ],
+        where=told(places, PLACES_TOLD),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(
@@ -198,6 +199,11 @@ def diagnose(
             for item in layout.silent
         ),
         extra={
+            "maps": maps_record(places),
+            "maps_fixed": maps_record(map_gap(series, arm.joint_names, evidence.whitening, rng, "fixed")),
+            "baseline": tuned_record(baseline, evidence, after),
+            "baseline_alone": tuned_record(baseline, evidence, before),
+            "baseline_urdf": tuned_record(baseline, evidence, fixed),
         },
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
