@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
+from threadpoolctl import threadpool_limits
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.residuals import RunResidual
@@ -130,8 +131,10 @@ def _held_out(x: Array, y: Array, fold: Array) -> tuple[float, bool]:
             l2_regularization=1.0,
             random_state=0,
         )
-        trees.fit(x[~held], y[~held])
-        left[held] = y[held] - trees.predict(x[held])
+        # So few samples are no work for several threads: they would wait for each other, and for busy cores.
+        with threadpool_limits(limits=1, user_api="openmp"):
+            trees.fit(x[~held], y[~held])
+            left[held] = y[held] - trees.predict(x[held])
         falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
     sure = float(np.mean(falls)) > LEAST_FALL and sum(fall > 0 for fall in falls) >= FOLDS - 1
     return float(np.mean(left**2)), bool(sure and np.mean(falls) > np.std(falls, ddof=1) / np.sqrt(FOLDS))
