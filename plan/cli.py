@@ -98,6 +98,42 @@ def compare(
     save_comparison(opened, table, json_file, out)
 
 
+@app.command()
+def excite(
+    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
+    separate: Annotated[str | None, typer.Option(help="Effects to tell apart, or one to show: ID,ID.")] = None,
+    diagnosis: Annotated[
+        Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
+    ] = None,
+    joint: Annotated[str | None, typer.Option(help="The joint in question: its name or number.")] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
+    ] = None,
+    evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The next motion to record: what tells two effects apart, in the fewest minutes."""
+    from ident.arm import ArmModel
+    from plan.excitation.console import print_excitation
+    from plan.excitation.excite import excite as find_motion
+    from plan.excitation.question import ask
+    from plan.excitation.result import require_replaceable, save_record
+
+    if out is not None:
+        require_replaceable(out)
+    arm = ArmModel.load(robot)
+    question = ask(arm, separate, joint, diagnosis)
+    with progress_bar(console, "excite") as progress:
+        found = find_motion(arm, question, minutes, evaluations, seed, progress)
+    print_excitation(console, found)
+    if out is not None:
+        found.write(out)
+        console.print(f"motion written to {out}")
+    save_record(found, json_file)
+
+
 def main() -> None:
     """Runs the command; the user's mistakes end in one line and exit status 2."""
     try:

@@ -32,7 +32,7 @@ SHOWINGS: dict[str, Showing] = {
     for one in (
         Showing("ladder", "{joint} there and back at steady speeds from 0.02 rad/s to its fastest", 4),
         Showing("reversals", "{joint} slowly to and fro between ever nearer turning points", 3),
-        Showing("chirp", "{joint} and its neighbours swept up to 10 Hz about poses under load", 3),
+        Showing("chirp", "{joint} and its neighbours swept in frequency, to 10 Hz or so, about poses under load", 3),
         Showing("holds", "standstill in many poses, each approached from both sides, and {joint} both ways between", 4),
         Showing("poses", "the same path of {joint} both ways, repeated in other poses of the other joints", 4),
         Showing("wide", "all joints fast over wide poses", 4),
@@ -86,6 +86,10 @@ _PARTED_BY: dict[frozenset[str], str] = {
     )
 }
 
+_KNOWN_MASS = (
+    "hang a known mass on the flange, give it as [payload] in session.toml, and record the same motion again: its "
+    "torque is known, so the gain is; a wrong mass of the links changes nothing about it"
+)
 # Two effects that are the same torque, or nearly so, in every motion: what parts them is another set-up.
 _SETUPS: dict[frozenset[str], str] = {
     frozenset(pair): advice
@@ -96,12 +100,8 @@ _SETUPS: dict[frozenset[str], str] = {
             "take everything off the flange, note it in session.toml, and record the same motion again: what stays "
             "belongs to the last link; or hang a known mass on and give it as [payload]",
         ),
-        (
-            "torque_gain_error",
-            "link_inertial_error",
-            "hang a known mass on the flange, give it as [payload] in session.toml, and record the same motion again: "
-            "its torque is known, so the gain is; a wrong mass of the links changes nothing about it",
-        ),
+        ("torque_gain_error", "link_inertial_error", _KNOWN_MASS),
+        ("torque_gain_error", "all_masses", _KNOWN_MASS),
         (
             "torque_gain_error",
             "payload",

@@ -40,7 +40,7 @@ def test_first_tied_class_is_parted() -> None:
     )
     assert found is not None
     assert found["separates"] == ["joint_elasticity", "torque_delay"]
-    assert "10 Hz" in found["motion"]
+    assert "swept in frequency" in found["motion"]
     assert "--separate joint_elasticity,torque_delay --joint joint_3" in found["motion"]
     assert found["minutes"] > 0
 

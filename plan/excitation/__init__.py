@@ -1,0 +1,1 @@
+"""The next motion to record: what tells two models apart, or a model's parameters from the rest, in the least time."""

@@ -1,0 +1,136 @@
+"""From a question to the motion that answers it: search, length, proof, and random motion to compare with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.effects.shown_by import setup_for
+from ident.errors import RobotError
+from ident.plant.motions import plan_motions
+from ident.plant.shapes import Motion
+from plan.excitation.distance import View, look
+from plan.excitation.eye import Eye
+from plan.excitation.feasible import Feasibility
+from plan.excitation.programme import WIDE_FIGURES, Programme, duration_of
+from plan.excitation.question import Question
+from plan.excitation.result import Excitation, minutes_to_odds
+from plan.excitation.search import Search, Tell
+from plan.excitation.twins import LONGEST_MINUTES
+
+# The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
+FEWEST_RUNS, MOST_RUNS = 6, 60
+# Where the question has no odds [min].
+USUAL_MINUTES = 3.0
+# What is expected is only expected: so much more is recorded than it needs.
+RESERVE = 1.5
+RANDOM_TRIES = 3
+PROOF_TRIES = 5
+
+
+def excite(
+    arm: ArmModel,
+    question: Question,
+    minutes: float | None = None,
+    evaluations: int = 120,
+    seed: int = 0,
+    tell: Tell | None = None,
+) -> Excitation:
+    """The motion that answers a question best.
+
+    Args:
+        arm: The arm.
+        question: What is to be told.
+        minutes: Length of the motion [min]; as long as odds of 20 : 1 take, with some reserve, if None.
+        evaluations: Most programmes that the search judges.
+        seed: Of everything.
+        tell: Called after each evaluation with evaluations, allowed, best score.
+
+    Raises:
+        RobotError: No motion of this arm keeps its limits and its distance from itself.
+    """
+    began = time.perf_counter()
+    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm)
+    twins = _are_twins(eye, feasible, question, seed)
+    search = Search(eye, feasible, question, evaluations, seed)
+    programme = _general(feasible, question, seed) if twins else search.best(tell).programme
+    runs = _of_length(programme, eye, feasible, question, minutes)
+    view = look(eye, runs, question.effects, question.told)
+    chance = [_random_view(eye, question, runs, [seed, k]) for k in range(RANDOM_TRIES)]
+    by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
+    return Excitation(
+        robot=arm.name,
+        status="needs_set_up" if twins else "ready",
+        aim=question.aim,
+        effects=question.ids,
+        joint=arm.joint_names[question.joint],
+        programme=programme,
+        runs=tuple(runs),
+        distances=question.distances(view),
+        random=question.distances(by_chance),
+        information=(view.information(), by_chance.information()),
+        noise=dict(zip(arm.joint_names, map(float, eye.noise), strict=True)),
+        sources={"noise": "a share of the rated torque" if question.noise is None else "diagnosis", **_sizes(view)},
+        clearance=min(map(feasible.clearance, runs)) if feasible.checks_collisions else None,
+        set_up=setup_for(question.ids),
+        evaluations=0 if twins else evaluations,
+        seconds=time.perf_counter() - began,
+        seed=seed,
+    )
+
+
+def _are_twins(eye: Eye, feasible: Feasibility, question: Question, seed: int) -> bool:
+    """Whether effects that another set-up would part are too near for wide motion of all joints."""
+    if question.aim != "separate" or setup_for(question.ids) is None:
+        return False
+    runs = _general(feasible, question, seed).runs(4, feasible)
+    found = question.distances(look(eye, runs, question.effects, question.told))
+    needed = minutes_to_odds(min(found.values()), duration_of(runs)) if runs else None
+    return needed is None or needed > LONGEST_MINUTES
+
+
+def _general(feasible: Feasibility, question: Question, seed: int) -> Programme:
+    """Wide motion of all joints about the middle pose."""
+    return Programme("wide", WIDE_FIGURES, np.array(feasible.limits.centre), question.joint, seed)
+
+
+def _of_length(
+    programme: Programme, eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
+) -> list[Motion]:
+    """As many runs as the question takes, each proven to keep its distance."""
+    trial = _proven(programme, FEWEST_RUNS, feasible)
+    wanted = minutes
+    if wanted is None:
+        found = question.distances(look(eye, trial, question.effects, question.told))
+        needed = minutes_to_odds(min(found.values()), duration_of(trial)) if found else USUAL_MINUTES
+        wanted = RESERVE * (needed or USUAL_MINUTES)
+    count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
+    low = 1 if minutes is not None else FEWEST_RUNS
+    return _proven(programme, int(np.clip(count, low, MOST_RUNS)), feasible)
+
+
+def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Motion]:
+    """Runs of a programme, those left out that don't fit or can't be proven."""
+    found: list[Motion] = []
+    for number in range(PROOF_TRIES * count):
+        run = programme.run(number, feasible)
+        if run is not None and feasible.clearance(run) > 0.0:
+            found.append(run)
+        if len(found) == count:
+            return found
+    raise RobotError(feasible.limits.arm.name, "no motion found that fits", "check its limits and collision geometry")
+
+
+def _random_view(eye: Eye, question: Question, runs: Sequence[Motion], seed: Sequence[int]) -> View:
+    """What random motion through via points of the same length would tell."""
+    count = len(runs)
+    duration = max(duration_of(list(runs)) / count, 1.0)
+    rng = np.random.default_rng([*seed, 1])
+    return look(eye, plan_motions(eye.arm, ("spline",), count, duration, rng), question.effects, question.told)
+
+
+def _sizes(view: View) -> dict[str, str]:
+    return {one.effect.id: one.sized.source if one.sized else f"not seen: {one.silent}" for one in view.candidates}
