@@ -202,6 +202,18 @@ class ArmModel:
         model.gravity.linear = np.asarray(gravity, dtype=float)
         return self._with_model(model)
 
+    def with_rotors(self, inertia: Float[Array, " n"]) -> ArmModel:
+        """The same arm with rotors on its joints [kg m²]: inverse and forward dynamics feel them, the regressor not."""
+        model = pin.Model(self.model)
+        model.armature = np.array(inertia, dtype=float)
+        return self._with_model(model)
+
+    def forward_dynamics(
+        self, q: Float[Array, " n"], dq: Float[Array, " n"], tau: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """Joint accelerations of one state under joint torques [rad/s²]."""
+        return np.asarray(pin.aba(self.model, self._data, q, dq, tau))
+
     def locked(self, joints: Sequence[str], positions: Sequence[float] | None = None) -> ArmModel:
         """The arm with some joints fixed, at the given positions or at neutral: the exact reduction.
 
@@ -248,6 +260,10 @@ class ArmModel:
             raise RobotError(
                 where, f"collision geometry can't be read ({reason})", "give boxes or the mesh files"
             ) from None
+
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self.model.createData()
 
     @cached_property
     def _pool(self) -> pin.ModelPool:

@@ -193,6 +193,29 @@ def diagnose(
 
 
 @app.command()
+def patch(
+    diagnosis: Annotated[Path, typer.Argument(help="The JSON of ident diagnose.", show_default=False)],
+    robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name.")],
+    out: Annotated[Path, typer.Option(help="Folder of the patch.")],
+    on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure it on.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
+    from ident.arm import ArmModel
+    from ident.patch.change import Diagnosed
+    from ident.patch.command import open_heldout, write_patch
+    from ident.patch.printing import print_patch
+
+    diagnosed = Diagnosed.load(diagnosis)
+    motions = open_heldout(on, robot, diagnosed, topic, session_file) if on else ()
+    record = write_patch(diagnosed, ArmModel.load(robot), out, motions)
+    print_patch(console, record, out)
+    write_json(json_file, record)
+
+
+@app.command()
 def simulate(
     out: Annotated[Path, typer.Option(help="Folder of the simulated session.")],
     effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.")] = None,

@@ -1,0 +1,1 @@
+"""Named effects written where simulators can use them, and measured there."""

@@ -1,0 +1,195 @@
+"""A patched file as its simulator reads it back: predicted torque log, and motion under a logged torque.
+
+Both readers answer the same two questions, so that a file is judged by what is in it and not by what was meant.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array, Float
+from ident.patch.mjcf_joint import SPRING_SUFFIX
+from ident.patch.standalone.log import shifted
+from ident.recording import Payload
+
+# Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
+ROLLOUT_STEP = 2.5e-4
+# The deflection of an elastic joint is integrated with steps no longer than this [s].
+SPRING_STEP = 1e-3
+
+
+class LoadedModel(ABC):
+    """A patched file in its simulator."""
+
+    @abstractmethod
+    def joint_torque(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
+    ) -> Float[Array, "T n"]:
+        """Torque that the motors deliver along a motion [N m]."""
+
+    @abstractmethod
+    def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+        """What the log reads of a joint torque, as far as the file says [N m]."""
+
+    @abstractmethod
+    def roll_out(
+        self,
+        state: tuple[Float[Array, " n"], Float[Array, " n"]],
+        drive: Float[Array, "T n"],
+        extra: Float[Array, "T n"],
+        interval: float,
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """State after a stretch of time under what a log says of the torque.
+
+        Args:
+            state: Position and velocity at its start.
+            drive: Logged torque, already earlier by the log's delay [N m].
+            extra: Joint torque added to it [N m].
+            interval: Sampling interval of both [s].
+        """
+
+    @property
+    def delay(self) -> float:
+        """Lateness of the log, as far as the file says [s]."""
+        return 0.0
+
+
+class LoadedUrdf(LoadedModel):
+    """A URDF in Pinocchio. Rotor inertia, for which it has no place, comes from the parameter file."""
+
+    def __init__(
+        self,
+        path: Path,
+        locked: tuple[str, ...],
+        rotors: Float[Array, " n"],
+        transition: Array,
+        payload: Payload | None,
+    ) -> None:
+        arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
+        arm = arm.locked([name for name in locked if name in arm.joint_names])
+        self.viscous, self.coulomb = np.array(arm.model.damping), np.array(arm.model.friction)
+        self.arm = arm.with_payload(payload).with_rotors(rotors)
+        self.transition = transition
+
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq)
+
+    def _friction(self, dq: Array) -> Array:
+        return np.asarray(self.viscous * dq + self.coulomb * np.tanh(dq / self.transition))
+
+    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        return torque
+
+    def roll_out(
+        self, state: tuple[Array, Array], drive: Array, extra: Array, interval: float
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Semi-implicit Euler's method."""
+        q, dq = (np.array(part) for part in state)
+        for torque in _at_steps(drive + extra, interval, ROLLOUT_STEP):
+            dq = dq + ROLLOUT_STEP * self.arm.forward_dynamics(q, dq, torque - self._friction(dq))
+            q = q + ROLLOUT_STEP * dq
+        return q, dq
+
+
+class LoadedMjcf(LoadedModel):
+    """An MJCF in MuJoCo, without its joint limits, which a log may touch."""
+
+    def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
+        spec = mujoco.MjSpec.from_file(str(path))
+        if payload is not None and payload.mass_kg > 0.0:
+            _carry(spec, joints[-1], payload)
+        self.model = spec.compile()
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+        self.data = mujoco.MjData(self.model)
+        named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
+        self.main = np.array([self.model.jnt_dofadr[named[name]] for name in joints])
+        springs = [named[name + SPRING_SUFFIX] for name in joints if name + SPRING_SUFFIX in named]
+        self.springs = self.model.jnt_dofadr[springs]
+        motors = [self.model.actuator(name).id for name in joints]
+        self.motors = np.array(motors)
+        self.gear, self.bias = self.model.actuator_gear[motors, 0], self.model.actuator_biasprm[motors, 0]
+        sensors = [self.model.sensor(f"{name}_log").id for name in joints]
+        self.cutoff = np.where(self.model.sensor_cutoff[sensors] > 0.0, self.model.sensor_cutoff[sensors], np.inf)
+        self._delay = float(self.model.sensor_delay[sensors[0]])
+
+    @property
+    def delay(self) -> float:
+        return self._delay
+
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        out = np.empty_like(q)
+        twist = np.zeros((2, len(self.springs)))
+        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
+            if len(self.springs):
+                twist = self._deflect(state, twist, interval if k else 0.0)
+            self._place(*state, *twist)
+            mujoco.mj_inverse(self.model, self.data)
+            out[k] = self.data.qfrc_inverse[self.main]
+        return out
+
+    def _place(self, q: Array, dq: Array, ddq: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
+        for target, values, behind in (
+            (self.data.qpos, q, twist),
+            (self.data.qvel, dq, rate),
+            (self.data.qacc, ddq, change),
+        ):
+            target[self.main] = values
+            target[self.springs] = behind
+
+    def _deflect(self, state: tuple[Array, Array, Array], twist: Array, interval: float) -> Float[Array, "2 s"]:
+        """Deflections and rates one sample on; from rest under the load where there is no time between."""
+        if interval == 0.0:
+            self._place(state[0], np.zeros_like(state[1]), np.zeros_like(state[2]), *np.zeros_like(twist))
+            mujoco.mj_inverse(self.model, self.data)
+            stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
+            return np.stack([-self.data.qfrc_inverse[self.springs] / stiffness, np.zeros(len(self.springs))])
+        steps = max(1, int(np.ceil(interval / SPRING_STEP)))
+        x, v = twist
+        for _ in range(steps):
+            left = []
+            for change in (0.0, 1.0):
+                self._place(*state, x, v, change)
+                mujoco.mj_inverse(self.model, self.data)
+                left.append(np.array(self.data.qfrc_inverse[self.springs]))
+            v = v - interval / steps * left[0] / (left[1] - left[0])
+            x = x + interval / steps * v
+        return np.stack([x, v])
+
+    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        log = shifted(torque / self.gear - self.bias, self.delay, interval)
+        return np.clip(log, -self.cutoff, self.cutoff)
+
+    def roll_out(
+        self, state: tuple[Array, Array], drive: Array, extra: Array, interval: float
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """MuJoCo's own steps, the log as `ctrl`."""
+        mujoco.mj_resetData(self.model, self.data)
+        rest = np.zeros_like(state[1])
+        twist = self._deflect((state[0], rest, rest), np.zeros((2, len(self.springs))), 0.0)
+        self._place(*state, rest, *twist)
+        step = float(self.model.opt.timestep)
+        torques = zip(_at_steps(drive, interval, step), _at_steps(extra, interval, step), strict=True)
+        for logged, added in torques:
+            self.data.ctrl[self.motors] = logged
+            self.data.qfrc_applied[self.main] = added
+            mujoco.mj_step(self.model, self.data)
+        return np.array(self.data.qpos[self.main]), np.array(self.data.qvel[self.main])
+
+
+def _carry(spec: mujoco.MjSpec, last: str, payload: Payload) -> None:
+    """Fixes a session's known payload to the body of the last joint."""
+    body = spec.joint(last).parent.add_body(name="known_payload", pos=payload.com_m)
+    body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
+    body.explicitinertial = True
+
+
+def _at_steps(values: Float[Array, "T n"], interval: float, step: float) -> Float[Array, "S n"]:
+    """Values in the middle of a simulator's steps, between samples on straight lines."""
+    time = np.arange(len(values)) * interval
+    at = np.arange(0.0, time[-1] - 0.5 * step, step) + 0.5 * step
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)

@@ -1,0 +1,192 @@
+"""Written files: loaded back, they differ from the tuned arm by what the effects say, and by nothing else."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from ident.arm import ArmModel
+from ident.errors import InputError
+from ident.patch.bodies import is_body, largest_share
+from ident.patch.change import Diagnosed
+from ident.patch.command import FILES, write_patch
+from ident.patch.loaded import LoadedMjcf
+from ident.patch.mjcf_joint import fit_polynomial
+from ident.patch.verify import load_module
+from tests.ident.patch.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, write_diagnosis
+
+
+def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **changes: Any) -> dict[str, Any]:
+    """A patch of effects with the figures of `FIGURES`."""
+    path = write_diagnosis(folder / "diagnosis.json", arm, *effects, joint=joint, **changes)
+    return write_patch(Diagnosed.load(path), arm, folder / "patch")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, arm: ArmModel) -> Path:
+    """A patch of an effect that neither file has words for."""
+    folder = tmp_path_factory.mktemp("plain")
+    make_patch(folder, arm, "stribeck_friction")
+    return folder / "patch"
+
+
+@pytest.mark.parametrize("effect", sorted(FIGURES))
+def test_every_file_says_its_effect_or_that_it_does_not(
+    tmp_path: Path, arm: ArmModel, plain: Path, effect: str
+) -> None:
+    """Loaded back, each file is its tuned arm plus the effects that it claims; what it can't say has a reason."""
+    record = make_patch(tmp_path, arm, effect)
+    assert {path.name for path in (tmp_path / "patch").iterdir()} == set(FILES)
+    formats = record["effects"][0]["formats"]
+    assert formats["parameters"]["expressed"] == "yes"
+    for form, name in (("urdf", "robot.urdf"), ("mjcf", "robot.xml")):
+        assert formats[form]["how"]
+        differs = (tmp_path / "patch" / name).read_text() != (plain / name).read_text()
+        assert differs == (formats[form]["expressed"] != "no")
+        left = record["structure"][form]["torque_difference_Nm"]
+        # A payload's extent of a centimetre is not the law's point.
+        assert (
+            left < (0.01 if effect == "payload" else 1e-6)
+            if effect != "joint_elasticity" or form == "urdf"
+            else left is None
+        )
+
+
+def test_all_effects_at_once(tmp_path: Path, arm: ArmModel) -> None:
+    """One patch of everything loads, and its module gives finite torque along a run."""
+    make_patch(tmp_path, arm, *(effect for effect in FIGURES if effect != "external_contact"))
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    time = np.arange(200)[:, None] / 200.0
+    q, dq, ddq = 0.5 * np.sin(6 * time + np.arange(6)), 3 * np.cos(6 * time + np.arange(6)), -18 * np.sin(6 * time)
+    extra = module.extra_torque(q, dq, ddq + 0 * q, 1 / 200.0)
+    assert extra.shape == q.shape
+    assert np.all(np.isfinite(extra))
+    assert np.abs(extra).max() > 1.0
+
+
+def test_the_module_needs_numpy_alone(tmp_path: Path, arm: ArmModel) -> None:
+    """It imports the standard library and NumPy, nothing else, and takes single states."""
+    make_patch(tmp_path, arm, "stribeck_friction")
+    path = tmp_path / "patch" / "extra_torque.py"
+    tree = ast.parse(path.read_text())
+    named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    named |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert named == {"__future__", "collections.abc", "dataclasses", "functools", "math", "typing", "numpy"}
+    module = load_module(path)
+    zero, speed = np.zeros(6), np.array([0.0, 0.25, 0.0, 0.0, 0.0, 0.0])
+    extra = module.extra_torque(zero, speed, zero)
+    np.testing.assert_allclose(extra, [0, 4.0 * np.exp(-0.25), 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(module.missing_torque("mjcf", zero, speed, zero), extra, atol=1e-9)
+
+
+def test_what_a_file_expresses_is_not_missing(tmp_path: Path, arm: ArmModel) -> None:
+    """A spring is in the MJCF and not in the URDF: only there the module has to add it."""
+    make_patch(tmp_path, arm, "spring_torque")
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    q, zero = np.full(6, 0.8), np.zeros(6)
+    np.testing.assert_allclose(module.missing_torque("mjcf", q, zero, zero), 0.0, atol=1e-12)
+    np.testing.assert_allclose(module.missing_torque("urdf", q, zero, zero)[1], 6.0 * 0.5, atol=1e-9)
+
+
+def test_losses_and_intervals_stand_in_the_parameter_file(tmp_path: Path, arm: ArmModel) -> None:
+    """Every figure with its unit in its name and its interval."""
+    make_patch(tmp_path, arm, "payload")
+    record = tomllib.loads((tmp_path / "patch" / "parameters.toml").read_text())
+    assert record["losses"]["joint_2"] == {
+        "motor_inertia_kgm2": ROTOR[1],
+        "viscous_Nms_rad": VISCOUS[1],
+        "coulomb_Nm": COULOMB[1],
+        "transition_rad_s": 0.01,
+    }
+    assert record["effect"][0]["mass_kg"] == {"value": 1.5, "low": 1.35, "high": 1.65}
+
+
+def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> None:
+    """A pulse of torque acts at once and is read after the delay."""
+    make_patch(tmp_path, arm, "torque_delay")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "patch" / "robot.xml"))
+    data = mujoco.MjData(model)
+    read, acted = [], []
+    for k in range(40):
+        data.ctrl[1] = 5.0 if k == 10 else 0.0
+        mujoco.mj_step(model, data)
+        read.append(float(data.sensordata[1]))
+        acted.append(float(data.qfrc_actuator[1]))
+    assert int(np.argmax(acted)) == 10
+    assert int(np.argmax(read)) == 10 + round(FIGURES["torque_delay"]["delay_s"] / model.opt.timestep)
+
+
+def test_a_payload_lifted_by_the_motors_weighs_what_it_weighs(tmp_path: Path, arm: ArmModel) -> None:
+    """The files' static torque is that of the arm with the payload, in MuJoCo and in Pinocchio."""
+    make_patch(tmp_path, arm, "payload")
+    payload = FIGURES["payload"]
+    rng = np.random.default_rng(4)
+    q, zero = rng.uniform(-1.5, 1.5, (10, 6)), np.zeros((10, 6))
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    loaded = ArmModel.load(tmp_path / "patch" / "robot.urdf")
+    np.testing.assert_allclose(loaded.gravity(q) - arm.gravity(q), module.extra_torque(q, zero, zero), atol=1e-9)
+    model = LoadedMjcf(tmp_path / "patch" / "robot.xml", arm.joint_names)
+    np.testing.assert_allclose(model.joint_torque(q, zero, zero, 0.0), loaded.gravity(q), atol=1e-6)
+    gained = loaded.model.inertias[6].mass - arm.model.inertias[6].mass
+    np.testing.assert_allclose(gained, payload["mass_kg"])
+
+
+def test_a_change_that_leaves_no_body_is_written_as_far_as_it_does() -> None:
+    """Half a kilogram can't be taken from a link of 0.3 kg; a share of it can."""
+    link = np.array([0.3, 0.0, 0.0, 0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3])
+    change = np.zeros(10)
+    change[0] = -0.5
+    share = largest_share(link, change)
+    assert 0.0 < share < 0.6
+    assert is_body(link + share * change)
+    assert not is_body(link + (share + 0.1) * change)
+
+
+def test_curved_friction_is_fitted_by_a_polynomial() -> None:
+    """Exact for the square, within some per cent of the top for a root."""
+    dry, damping = fit_polynomial(2.0, 2.0, 3.0)
+    np.testing.assert_allclose([dry, *damping], [0.0, 0.0, 2.0, 0.0], atol=1e-6)
+    dry, damping = fit_polynomial(2.0, 0.5, 3.0)
+    v = np.linspace(0.1, 3.0, 50)
+    curve = dry + damping[0] * v + damping[1] * v**2 + damping[2] * v**3
+    np.testing.assert_allclose(curve, 2.0 * np.sqrt(v), atol=0.05 * 2.0 * np.sqrt(3.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", "not JSON"),
+        ("[]", "its schema is None"),
+        ('{"schema": "ident.diagnosis/1", "joints": [], "findings": [], "verdict": "no_gap"}', "no effect is named"),
+        ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [{}]}', "it is damaged"),
+    ],
+)
+def test_what_is_no_diagnosis_is_refused(tmp_path: Path, content: str, said: str) -> None:
+    """One line says what is wrong with the file."""
+    path = tmp_path / "diagnosis.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said):
+        Diagnosed.load(path)
+
+
+def test_another_robot_and_another_folder_are_refused(tmp_path: Path, arm: ArmModel) -> None:
+    """A patch is for the robot that was diagnosed, and replaces nothing but a patch."""
+    diagnosed = Diagnosed.load(write_diagnosis(tmp_path / "diagnosis.json", arm, "payload"))
+    with pytest.raises(InputError, match="its joint 'joint_1' is none of panda"):
+        write_patch(diagnosed, ArmModel.load("panda"), tmp_path / "patch")
+    with pytest.raises(InputError, match=r"is no patch: it holds diagnosis\.json"):
+        write_patch(diagnosed, arm, tmp_path)
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur10", "z1"])
+def test_other_robots_are_patched_too(tmp_path: Path, robot: str) -> None:
+    """Arms with fingers, meshes and fixed links: both files load and agree with the laws."""
+    found = make_patch(tmp_path, ArmModel.load(robot), "payload", "encoder_offset")["structure"]
+    assert found["urdf"]["torque_difference_Nm"] < 0.01
+    assert found["mjcf"]["torque_difference_Nm"] < 0.01
