@@ -164,7 +164,7 @@ def diagnose(
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
     from ident.diagnosis.command import diagnose_reports
-    from ident.diagnosis_output import gap_marks, print_diagnosis
+    from ident.diagnosis_output import gap_curves, gap_marks, print_diagnosis
     from ident.effects.catalogue import load_catalogue
     from ident.evaluation import evaluate as score
     from ident.hybrid import HybridModel
@@ -176,7 +176,7 @@ def diagnose(
     arm, reports = inspect_paths(sessions, robot, topic, session_file)
     if loaded is not None and model is not None:
         loaded.require_robot(arm, model)
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, load_catalogue(catalogue), cutoff, seed)
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, load_catalogue(catalogue), cutoff, seed, loaded)
     print_diagnosis(console, diagnosis)
     record = diagnosis.to_dict()
     if html is not None:
@@ -187,7 +187,8 @@ def diagnose(
         write_diagnosis_report(html, record, evaluation)
         console.print(f"page written to {html}")
     if rrd is not None and analysis is not None:
-        write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, gap_marks(analysis))
+        marks, curves = gap_marks(analysis), gap_curves(analysis)
+        write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, marks, curves)
         console.print(f"timeline written to {rrd}")
     write_json(json_file, record)
 

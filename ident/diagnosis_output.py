@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
 import numpy as np
 from rich.console import Console
 
+from ident.diagnosis.axes import Axis, session_axes
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
-from ident.timeline import Mark
+from ident.diagnosis.where import SIGNIFICANT
+from ident.report.words import axis_name, interval_words
+from ident.timeline import Curve, Mark
 
 VERDICTS = {
     "no_gap": "no gap: the tuned model explains these recordings down to their noise",
@@ -20,6 +24,9 @@ VERDICTS = {
 }
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
+# Mean square of a stretch that is marked, in units of the noise's.
+MARK_FROM = 4.0
+TUNED_COLOUR, NAMED_COLOUR = "#d55e00", "#009e73"
 
 
 def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
@@ -57,18 +64,44 @@ def describe(finding: Finding) -> str:
 
 
 def gap_marks(analysis: Analysis) -> list[Mark]:
-    """The half seconds in which a joint's residual stands highest above its noise."""
-    found: list[tuple[float, Mark]] = []
+    """The half seconds in which a joint's residual stands highest above its noise, and the cells that they lie in."""
+    found: list[tuple[float, int, int, slice]] = []
     level = np.maximum(analysis.evidence.whitening.level, 1e-9)
-    for item in analysis.series:
-        step = item.run.motion.interval * item.run.motion.lowpass.factor
-        width = max(1, round(MARK_LENGTH / step))
-        for j, name in enumerate(analysis.diagnosis.joints):
-            power = np.where(item.counts[:, j], (item.before[:, j] / level[j]) ** 2, 0.0)
-            for start in range(0, len(power) - width + 1, width):
-                height = float(power[start : start + width].mean())
-                if height > 4.0:
-                    text = f"gap {np.sqrt(height):.1f} times the noise"
-                    found.append((height, Mark(item.index, start * step, (start + width) * step, name, text)))
-    found.sort(key=lambda pair: -pair[0])
-    return [mark for _, mark in found[:MOST_MARKS]]
+    for k, item in enumerate(analysis.series):
+        width = max(1, round(MARK_LENGTH / item.step))
+        power = np.where(item.counts, (item.before / level) ** 2, 0.0)
+        for start in range(0, len(power) - width + 1, width):
+            rows = slice(start, start + width)
+            heights = power[rows].mean(axis=0)
+            found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
+    found.sort(key=lambda one: -one[0])
+    axes = session_axes(analysis.series)
+    return [_mark(analysis, axes, *one) for one in found[:MOST_MARKS]]
+
+
+def _mark(analysis: Analysis, axes: Mapping[str, Axis], height: float, k: int, j: int, rows: slice) -> Mark:
+    """One stretch in words: how high, and which of the joint's significant cells it lies in."""
+    item, name = analysis.series[k], analysis.diagnosis.joints[j]
+    cells = []
+    for place in analysis.diagnosis.where:
+        if place.joint == name and place.axis in axes and place.p_value <= SIGNIFICANT:
+            middle = float(np.median(axes[place.axis](item, j)[rows]))
+            if place.low <= middle <= place.high:
+                cells.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
+    text = ", ".join([f"gap {np.sqrt(height):.1f} times the noise", *cells])
+    return Mark(item.index, rows.start * item.step, rows.stop * item.step, name, text)
+
+
+def gap_curves(analysis: Analysis) -> list[list[Curve]]:
+    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked."""
+    rungs = [("tuned", "after tuning", TUNED_COLOUR)]
+    if analysis.diagnosis.findings:
+        rungs.insert(0, ("named", "with the named effects", NAMED_COLOUR))
+    return [
+        [
+            Curve(joint, ("residual", rung), words, colour, (item.after if rung == "named" else item.before)[:, j])
+            for j, joint in enumerate(analysis.diagnosis.joints)
+            for rung, words, colour in rungs
+        ]
+        for item in analysis.series
+    ]

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ident.arm import ArmModel
+from ident.diagnosis.decimation import prepare_slower
 from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
+from ident.diagnosis.own_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
+from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
-from ident.signals import CRITICAL_OVERSAMPLING, Motion, prepare
+from ident.signals import Motion
 from ident.telemetry import TelemetryReport
 
 # Effects live up to here; beyond it drives and structure answer [Hz].
@@ -25,6 +28,7 @@ def diagnose_reports(
     catalogue: Sequence[Effect],
     cutoff: float | None = None,
     seed: int = 0,
+    model: HybridModel | None = None,
 ) -> tuple[Diagnosis, Analysis | None, tuple[Motion, ...]]:
     """Diagnoses inspected sessions of one set-up.
 
@@ -34,6 +38,7 @@ def diagnose_reports(
         catalogue: The effects to be asked for.
         cutoff: Corner of the common filter [Hz].
         seed: Of the sign flips.
+        model: The user's own model, whose gap is told beside that of the tuned one.
 
     Returns:
         The diagnosis; all that was computed on the way, if anything was; the motions.
@@ -54,13 +59,11 @@ def diagnose_reports(
             raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
     missing = [name for name in arm.joint_names if name not in joints]
     arm = arm.locked(missing) if missing else arm
-    motions = tuple(
-        motion
-        for report in reports
-        for motion in prepare(report.session, cutoff or CUTOFF, oversampling=CRITICAL_OVERSAMPLING)
-    )
+    motions = tuple(motion for report in reports for motion in prepare_slower(report.session, cutoff or CUTOFF))
     clock = len(reports) == 1 and reports[0].session.common_clock
     analysis = diagnose(motions, arm, catalogue, clock, issues, seed)
+    if model is not None:
+        analysis = with_own_model(analysis, model)
     return analysis.diagnosis, analysis, motions
 
 

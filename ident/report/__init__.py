@@ -3,13 +3,12 @@
 from ident.report.diagnosis_pages import write_diagnosis_report
 from ident.report.page import Section, write_report
 from ident.report.pages import evaluation_sections, write_evaluation_report
-from ident.report.source import DiagnosisInput, ReportInput, WhereMap
+from ident.report.source import DiagnosisInput, ReportInput
 
 __all__ = [
     "DiagnosisInput",
     "ReportInput",
     "Section",
-    "WhereMap",
     "evaluation_sections",
     "write_diagnosis_report",
     "write_evaluation_report",

@@ -44,7 +44,7 @@ def write_diagnosis_report(
 
     Args:
         path: The file to be written.
-        diagnosis: The record of `ident.diagnosis/1`, alone or with maps, confusion and provenance.
+        diagnosis: The record of `ident.diagnosis/1`, alone or with confusion and provenance.
         evaluation: A model's evaluation, shown below the diagnosis if given.
 
     Raises:

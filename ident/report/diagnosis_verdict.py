@@ -28,9 +28,11 @@ class DiagnosisVerdictSection(Section):
             "headline": diagnosis_headline(record),
             "lead": glue(describe_findings(record)),
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
+            "motion": glue(describe_motion(record)),
             "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
             f"{fixed(session.get('duration_s', 0.0), 0)} s",
             "gaps": gap_rows(record),
+            "as_it_is": as_it_is(record),
         }
 
 
@@ -63,11 +65,36 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
 
 
+def describe_motion(record: Mapping[str, Any]) -> str:
+    """By how much the replayed motion comes nearer, of the joints that the names are about."""
+    forward = (record.get("heldout") or {}).get("forward")
+    if not record.get("findings") or not forward:
+        return ""
+    before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
+    parts = [
+        f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
+        for joint in before
+        if joint in _named_joints(record)
+    ]
+    if not parts:
+        return ""
+    window = f"{1e3 * forward['window_s']:.0f} ms"
+    return f"Replayed under the recorded torques, the motion is off after {window} by [mrad]: {', '.join(parts)}."
+
+
+def as_it_is(record: Mapping[str, Any]) -> str:
+    """What the model untuned is: the user's own where one was given."""
+    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
+    return "the model that was given" if own else "inertias of the URDF, friction tuned"
+
+
 def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Residual, ceiling and noise of every joint, with bars on one scale."""
     gaps = record.get("gap", {})
-    after = (record.get("heldout") or {}).get("rms_after_Nm", {})
-    top = max((gap["rms_Nm"] for gap in gaps.values()), default=0.0)
+    heldout = record.get("heldout") or {}
+    after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    joules = heldout.get("energy_error_after_J", {})
+    top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
     scale = 100.0 / top if top > 0 else 0.0
     rows = []
     for joint, gap in gaps.items():
@@ -75,11 +102,14 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         rows.append(
             {
                 "joint": joint,
+                "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
                 "rms": gap["rms_Nm"],
                 "after": after.get(joint) if record.get("findings") else None,
-                "ceiling": gap.get("ceiling_rms_Nm"),
+                "trees": trees.get(joint),
                 "noise": gap["noise_floor_Nm"],
                 "energy": f"{fixed(energy.get('mean'))} ± {fixed(energy.get('std'))}",
+                "energy_after": joules.get(joint) if record.get("findings") else None,
+                "trees_bar": round(scale * trees[joint], 1) if joint in trees else None,
                 "rms_bar": round(scale * gap["rms_Nm"], 1),
                 "noise_bar": round(scale * gap["noise_floor_Nm"], 1),
                 "after_bar": round(scale * after[joint], 1) if joint in after and record.get("findings") else None,

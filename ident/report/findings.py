@@ -41,6 +41,7 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
         "probability": percent(finding.get("probability")),
         "twins": join_words(twins),
         "shrink": percent(heldout["shrink"]),
+        "share": percent(heldout.get("share")) if "share" in heldout else "",
         "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
         "torque": [
             f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))} N m"

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ident.arrays import Array, Float, freeze
 from ident.evaluation import Evaluation, SessionScore
 from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
@@ -60,42 +59,15 @@ def pool_name(score: SessionScore, longest: int = 70) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class WhereMap:
-    """How the gap of each joint is shared out along one axis.
-
-    Attributes:
-        axis: `speed`, `direction`, `load`, `position`, `reversal`, `frequency`, `time`, `temperature` or `pose`.
-        unit: Of the axis.
-        joints: The n joints.
-        edges: Bin edges along the axis.
-        share: Share of the joint's gap in each bin, shape (n, b).
-    """
-
-    axis: str
-    unit: str
-    joints: tuple[str, ...]
-    edges: Float[Array, " b+1"]
-    share: Float[Array, "n b"]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "edges", freeze(self.edges))
-        object.__setattr__(self, "share", freeze(self.share))
-        if self.share.shape != (len(self.joints), len(self.edges) - 1):
-            raise ValueError(f"{self.axis}: shares of shape {self.share.shape} for {len(self.joints)} joints")
-
-
-@dataclass(frozen=True, eq=False)
 class DiagnosisInput:
-    """A diagnosis as the contract writes it, and pictures beside it.
+    """A diagnosis as the contract writes it, and what stands beside it.
 
     Attributes:
         record: `ident.diagnosis/1`.
-        maps: Where the gap lies in full, if there is more than the record's `where`.
         confusion: How often the check on withheld effects took one effect (row) for another, as in `ident.blind/1`.
         provenance: Versions, options and data hashes.
     """
 
     record: Mapping[str, Any]
-    maps: tuple[WhereMap, ...] = ()
     confusion: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -1,24 +1,25 @@
-"""Where the gap lies: a map of joints against speed, load, position and the rest, and its densest cells in words."""
+"""Where the gap lies: a strip of shaded cells a joint and axis, and the cells that matter in words."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ident.report.numbers import percent, significant
+from ident.report.numbers import fixed, percent, significant
 from ident.report.page import Section
-from ident.report.source import DiagnosisInput, WhereMap
-from ident.report.words import axis_name, interval_words
+from ident.report.source import DiagnosisInput
+from ident.report.words import axis_name, axis_unit, interval_words
 
 SIGNIFICANT = 0.05
 MOST_SENTENCES = 5
+# A cell this many times as dense as the mean has the darkest shade.
+DENSEST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class WhereSection(Section):
-    """The densest cell of every joint and axis; then full maps, if there are any."""
+    """The cells that matter in words, then the map: against the tuned model, and against it as it is."""
 
     source: DiagnosisInput
     anchor: ClassVar[str] = "where"
@@ -27,18 +28,15 @@ class WhereSection(Section):
 
     @property
     def is_present(self) -> bool:
-        return bool(self.source.record.get("where") or self.source.maps)
+        return bool(self.source.record.get("where") or self.source.record.get("maps"))
 
     def context(self) -> dict[str, Any]:
-        places = self.source.record.get("where", [])
-        axes = list(dict.fromkeys(place["axis"] for place in places))
-        told = {place["joint"] for place in places}
-        joints = [joint for joint in self.source.record["joints"] if joint in told]
+        record = self.source.record
+        places = record.get("where", [])
         return {
-            "axes": [axis_name(axis) for axis in axes],
-            "rows": [{"joint": joint, "cells": [_densest(places, joint, axis) for axis in axes]} for joint in joints],
             "sentences": [describe_place(p) for p in places if p["p_value"] <= SIGNIFICANT][:MOST_SENTENCES],
-            "maps": [full_map(one) for one in self.source.maps],
+            "map": map_table(record.get("maps", []), record["joints"]),
+            "fixed": map_table(record.get("maps_fixed", []), record["joints"]),
         }
 
 
@@ -52,32 +50,40 @@ def describe_place(place: Mapping[str, Any]) -> str:
     return f"{text} (p = {significant(place['p_value'], 1)})."
 
 
-def _densest(places: Sequence[Mapping[str, Any]], joint: str, axis: str) -> dict[str, Any] | None:
-    """The cell of one joint and axis that holds the largest share of the gap, significant ones first."""
-    own = [place for place in places if place["joint"] == joint and place["axis"] == axis]
-    if not own:
-        return None
-    best = min(own, key=lambda place: (place["p_value"] > SIGNIFICANT, -place["share_of_gap"]))
-    return {
-        "where": interval_words(axis, best["low"], best["high"]),
-        "share": percent(best["share_of_gap"]),
-        "sure": best["p_value"] <= SIGNIFICANT,
-        "colour": shade(best["share_of_gap"] if best["p_value"] <= SIGNIFICANT else 0.0),
-    }
+def map_table(strips: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Any]:
+    """Rows of strips: a row a joint, a column an axis."""
+    axes = list(dict.fromkeys(strip["axis"] for strip in strips))
+    table = {(strip["joint"], strip["axis"]): strip for strip in strips}
+    told = [joint for joint in joints if any(joint == own for own, _ in table)]
+    rows = [{"joint": j, "strips": [_strip(table[j, a]) if (j, a) in table else None for a in axes]} for j in told]
+    heads = [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes]
+    return {"axes": heads, "rows": rows}
 
 
-def full_map(one: WhereMap) -> dict[str, Any]:
-    """All cells of one axis."""
-    edges = one.edges
-    return {
-        "axis": axis_name(one.axis),
-        "unit": one.unit,
-        "bins": [f"{significant(low)} to {significant(high)}" for low, high in itertools.pairwise(edges)],
-        "rows": [
-            {"joint": joint, "cells": [{"share": percent(s), "colour": shade(float(s))} for s in shares]}
-            for joint, shares in zip(one.joints, one.share, strict=True)
-        ],
-    }
+def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
+    """Cells of one axis, with what a pointer over them tells."""
+    edges = strip["edges"]
+    columns = ("share_of_gap", "share_of_time", "energy_J", "p_value")
+    cells = []
+    for k, (gap, time, energy, p_value) in enumerate(zip(*(strip[name] for name in columns), strict=True)):
+        words = [f"{interval_words(strip['axis'], edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
+        words += [f"in {percent(time)} of the {'noise' if energy is None else 'time'}"]
+        words += [] if energy is None else [f"{fixed(energy)} J"]
+        cells.append(
+            {
+                "colour": shade(_depth(gap, time)),
+                "sure": p_value <= SIGNIFICANT and gap > time,
+                "share": percent(gap),
+                "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
+            }
+        )
+    ends = ("−", "+") if strip["axis"] == "direction" else (significant(edges[0]), significant(edges[-1]))
+    return {"cells": cells, "low": ends[0], "high": ends[1]}
+
+
+def _depth(gap: float, time: float) -> float:
+    """Shade of a cell by its density: none up to the mean, full at several times the mean."""
+    return (gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)
 
 
 def shade(share: float) -> str:

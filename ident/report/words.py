@@ -31,7 +31,7 @@ AXES = {
     "frequency": ("frequency", "Hz"),
     "time": ("session time", "s"),
     "temperature": ("temperature", "°C"),
-    "pose": ("pose", ""),
+    "pose": ("reach", "m"),
 }
 
 
@@ -58,11 +58,16 @@ def axis_name(axis: str) -> str:
     return AXES.get(axis, (axis, ""))[0]
 
 
+def axis_unit(axis: str) -> str:
+    """Its unit."""
+    return AXES.get(axis, ("", ""))[1]
+
+
 def interval_words(axis: str, low: float, high: float) -> str:
     """Where on an axis."""
     if axis == "direction":
         return "both ways" if low < 0 < high else "forwards" if low + high > 0 else "backwards"
-    unit = AXES.get(axis, ("", ""))[1]
+    unit = axis_unit(axis)
     return f"{significant(low)} to {significant(high)} {unit}".strip()
 
 

@@ -40,6 +40,7 @@ def write_timeline(
     model: HybridModel | None = None,
     issues: Sequence[TelemetryIssue] = (),
     marks: Sequence[Mark] = (),
+    further: Sequence[Sequence[Curve]] = (),
 ) -> Path:
     """Writes the timeline to a `.rrd` file, whole or not at all.
 
@@ -50,6 +51,7 @@ def write_timeline(
         model: Model whose rungs are compared; measured curves only if None.
         issues: What the telemetry check found.
         marks: Moments to point at.
+        further: Curves of each run beside its own, such as what a diagnosis leaves.
 
     Raises:
         InputError: The folder can't be written to.
@@ -58,9 +60,9 @@ def write_timeline(
     with atomic_write(target) as part:
         recording = rr.RecordingStream("armgap", recording_id=_recording_id(motions))
         joints = motions[0].joints
-        layout = make_blueprint(joints, model is not None, arm_reach(arm) if link_boxes(arm) else 0.0)
+        layout = make_blueprint(joints, model is not None or bool(further), arm_reach(arm) if link_boxes(arm) else 0.0)
         recording.save(part, default_blueprint=layout)
-        _log(recording, arm, motions, model, issues, marks)
+        _log(recording, arm, motions, model, issues, marks, further)
         recording.flush()
         recording.disconnect()
     return target
@@ -104,12 +106,13 @@ def _log(
     model: HybridModel | None,
     issues: Sequence[TelemetryIssue],
     marks: Sequence[Mark],
+    further: Sequence[Sequence[Curve]],
 ) -> None:
     starts = run_starts(motions)
     rows: Rows = defaultdict(list)
     for k, (motion, start) in enumerate(zip(motions, starts, strict=True)):
         time = motion.time[motion.coarse] - motion.time[0]
-        curves = list(run_curves(motion, model))
+        curves = [*run_curves(motion, model), *(further[k] if further else ())]
         curves += _marked_curves(curves, time, [mark for mark in marks if mark.run == k])
         for curve in curves:
             rows[curve.joint, curve.path].append((time + start, curve))

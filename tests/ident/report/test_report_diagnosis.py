@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ident.report import DiagnosisInput, ReportInput, WhereMap, write_diagnosis_report
+from ident.report import DiagnosisInput, ReportInput, write_diagnosis_report
 from ident.report.diagnosis_verdict import diagnosis_headline
 from ident.report.where import describe_place, shade
 from ident.report.words import parameter_name
@@ -108,24 +108,55 @@ def test_headline_names_no_more_than_three(tmp_path: Path) -> None:
     assert diagnosis_headline(record).endswith("and 2 more.")
 
 
-def test_maps_confusion_and_evaluation_are_added(source: ReportInput, tmp_path: Path) -> None:
+def test_confusion_and_evaluation_are_added(source: ReportInput, tmp_path: Path) -> None:
     """Optional pictures appear, the evaluation's sections follow, and no section stands twice."""
-    maps = (WhereMap("speed", "rad/s", ("joint_2",), [0.0, 0.1, 1.0], [[0.8, 0.2]]),)
     confusion = {"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}}
     page = write_diagnosis_report(
-        tmp_path / "d.html", DiagnosisInput(RECORD, maps, confusion, {"versions": {"armgap": "0.1"}}), source
+        tmp_path / "d.html", DiagnosisInput(RECORD, confusion, {"versions": {"armgap": "0.1"}}), source
     ).read_text(encoding="utf-8")
     reader = read(page)
     assert "11 of 12 cases were named rightly" in reader.text
-    assert "Share of the joint's gap over speed [rad/s]" in reader.text
     assert "versions: armgap" in reader.text
     assert len(reader.ids) == len(set(reader.ids))
     assert {"findings", "confusion", "ladder", "fits"} <= set(reader.ids)
 
 
-def test_shares_of_a_map_must_fit_its_joints() -> None:
-    with pytest.raises(ValueError, match="speed"):
-        WhereMap("speed", "rad/s", ("joint_1",), [0.0, 1.0], [[0.5, 0.5]])
+STRIP = {
+    "joint": "joint_2", "axis": "speed", "edges": [0.0, 0.1, 1.0], "share_of_gap": [0.8, 0.2],
+    "share_of_time": [0.5, 0.5], "energy_J": [-3.0, 0.25], "p_value": [0.002, 1.0],
+}  # fmt: skip
+
+
+def test_map_has_a_strip_a_joint_and_axis(tmp_path: Path) -> None:
+    """Every cell tells its figures to a pointer; only a sure and dense one is outlined and shows its share."""
+    record = {**RECORD, "maps": [STRIP], "maps_fixed": [STRIP]}
+    page = write_diagnosis_report(tmp_path / "d.html", record).read_text(encoding="utf-8")
+    assert page.count('class="strip"') == 2
+    assert 'title="0 to 0.10 rad/s: 80 % of the gap, in 50 % of the time, −3.00 J, p = 0.002">80 %<' in page
+    assert 'title="0.10 to 1.0 rad/s: 20 % of the gap, in 50 % of the time, 0.25 J, p = 1"><' in page
+    assert "held fast" in read(page).text
+
+
+def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
+    """The replay is told in mrad for the named joint; trees, the model as it is and energies stand in the table."""
+    forward = {"window_s": 0.25, "position_rms_rad": {"before": {"joint_2": 5.86e-3}, "after": {"joint_2": 1.12e-3}}}
+    further = {
+        "forward": forward,
+        "without_names_rms_Nm": {"joint_2": 0.61},
+        "energy_error_after_J": {"joint_2": -0.17},
+    }
+    gap = {**RECORD["gap"], "joint_2": {**RECORD["gap"]["joint_2"], "fixed_rms_Nm": 1.33}}
+    text = written(tmp_path, {**RECORD, "gap": gap, "heldout": {**RECORD["heldout"], **further}})
+    assert "is off after 250 ms by [mrad]: joint_2 5.9 → 1.1." in text.replace("\u00a0", " ")
+    for told in ("0.61", "1.33", "−0.17", "inertias of the URDF, friction tuned"):
+        assert told in text
+
+
+def test_order_free_shares_are_told_of_several_names(tmp_path: Path) -> None:
+    """The share is told beside what each closes on its own, where there is more than one name."""
+    finding = {**RECORD["findings"][0], "heldout": {**RECORD["findings"][0]["heldout"], "share": 0.31}}
+    assert "31 %" not in written(tmp_path, {**RECORD, "findings": [finding]})
+    assert "whatever the order of the names: 31 %" in written(tmp_path, {**RECORD, "findings": [finding, finding]})
 
 
 def test_places_in_words() -> None:

@@ -20,7 +20,7 @@ from ident.hybrid import HybridModel
 from ident.loss import LossParameters
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
-from ident.timeline import Mark, show_timeline, write_timeline
+from ident.timeline import Curve, Mark, show_timeline, write_timeline
 from ident.timeline.boxes import arm_reach, link_boxes
 from ident.timeline.writing import PAUSE, run_starts
 from tests.ident.made_up import made_motions
@@ -187,6 +187,22 @@ def test_without_a_model_only_measured_curves(arm: ArmModel, motions: list[Motio
     assert groups == {"torque", "power", "energy", "motion"}
     assert names == {"measured", "position", "velocity", "mark"}
     assert "/joints/joint_2/torque/mark" in saved.columns
+
+
+def test_further_curves_stand_beside_the_measured(arm: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
+    """What a diagnosis leaves is a residual of its run; the last such curve is the one that a mark falls on."""
+    lengths = [len(motion.time[motion.coarse]) for motion in motions]
+    further = [
+        [
+            Curve("joint_2", ("residual", name), name, "#d55e00", np.full(length, height))
+            for name, height in (("named", 1.0), ("tuned", 2.0))
+        ]
+        for length in lengths
+    ]
+    saved = Saved(write_timeline(tmp_path / "t.rrd", arm, motions, marks=[MARK], further=further))
+    assert set(saved.curve("/joints/joint_2/residual/named")[1]) == {1.0}
+    assert set(saved.curve("/joints/joint_2/residual/mark")[1]) == {2.0}
+    assert len(saved.curve("/joints/joint_2/residual/tuned")[1]) == sum(lengths)
 
 
 def test_model_of_fewer_joints(arm: ArmModel, motions: list[Motion], tmp_path: Path) -> None:
