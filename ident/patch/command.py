@@ -28,6 +28,8 @@ from ident.patch.verify import Written, check_structure, compare
 from ident.signals import Motion
 
 SCHEMA = "ident.patch/1"
+# Less of the tuned torque than this is not worth a word.
+LEAST_MISSED = 0.005
 FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
 
 
@@ -153,10 +155,11 @@ def _describe(change: Change) -> dict[str, Any]:
 def _told(arm: ArmModel, diagnosed: Diagnosed, links: Links) -> list[str]:
     """What a user of the files should know beside the effects."""
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
-    for j, name in enumerate(arm.links):
-        for kind, share in zip(("tuning", "named error"), links.shares[j], strict=True):
-            if share < 1.0:
-                lines.append(f"{name}: {share:.0%} of its inertia's {kind} is written: more would leave no body")
+    if links.missed > LEAST_MISSED:
+        lines.append(f"{links.missed:.1%} of the tuned inertias' torque is left out: no real bodies have it")
+    for name, share in zip(arm.links, links.shares, strict=True):
+        if share < 1.0:
+            lines.append(f"{name}: {share:.0%} of its named error is written: more would leave no body")
     for name, position in arm.locked_joints.items():
         lines.append(f"robot.xml: {name} is fixed at {position:g}, as it was not in the recordings or is a finger")
     for form in ("urdf", "mjcf"):

@@ -33,7 +33,7 @@ EFFECTS = (
     "payload:arm:0.6",
     "gravity_misalignment:arm:0.02",
     "link_inertial_error:joint_3:0.3",
-    "encoder_offset:joint_3:0.02",
+    "encoder_offset:joint_3:0.05",
     "spring_torque:joint_3:10",
     "joint_elasticity:joint_2:8000",
     "torque_gain_error:joint_2:0.08",

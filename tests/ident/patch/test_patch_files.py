@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 
 from ident.arm import ArmModel
+from ident.effects.rigid_body import point_mass
 from ident.errors import InputError
-from ident.patch.bodies import is_body, largest_share
+from ident.inertia import base_parameters, lift_base, parameter_scale
+from ident.patch.bodies import is_body, largest_share, nearest_bodies
 from ident.patch.change import Diagnosed
 from ident.patch.command import FILES, write_patch
 from ident.patch.loaded import LoadedMjcf
 from ident.patch.mjcf_joint import fit_polynomial
 from ident.patch.verify import load_module
+from tests.ident.made_up import random_states
 from tests.ident.patch.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, write_diagnosis
 
 
@@ -146,6 +149,23 @@ def test_a_change_that_leaves_no_body_is_written_as_far_as_it_does() -> None:
     assert 0.0 < share < 0.6
     assert is_body(link + share * change)
     assert not is_body(link + (share + 0.1) * change)
+
+
+def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
+    """Base parameters leave the links open: among links of one torque those that are bodies are taken."""
+    rng = np.random.default_rng(1)
+    base, scale = base_parameters(arm), parameter_scale(arm)
+    real = [0.3 * link[0] * point_mass(rng.uniform(-0.2, 0.2, 3)) for link in arm.inertial_parameters.reshape(6, 10)]
+    wanted = lift_base(base, scale) @ (base.mapping @ np.concatenate(real))
+    nominal = arm.inertial_parameters.reshape(6, 10)
+    assert not all(is_body(link) for link in nominal + wanted.reshape(6, 10))
+    change, missed = nearest_bodies(arm, wanted.reshape(6, 10))
+    assert all(is_body(link) for link in nominal + change)
+    states = random_states(rng, 50, 6)
+    torque = arm.regressor(*states) @ np.stack([wanted, change.ravel()], axis=1)
+    left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))
+    assert left < 0.01
+    assert missed < 0.01
 
 
 def test_curved_friction_is_fitted_by_a_polynomial() -> None:
