@@ -36,6 +36,7 @@ SHOWINGS: dict[str, Showing] = {
         Showing("holds", "standstill in many poses, each approached from both sides, and {joint} both ways between", 4),
         Showing("poses", "the same path of {joint} both ways, repeated in other poses of the other joints", 4),
         Showing("wide", "all joints fast over wide poses", 4),
+        Showing("vias", "all joints by clamped splines through chosen via points", 4),
         Showing("jointwise", "one joint after the other, the rest at standstill", 4),
         Showing("slow", "{joint} at two slow steady speeds, 0.02 and 0.04 rad/s", 4),
         Showing("repeat", "one motion of {joint} cold, after ten minutes of fast work, and after a rest", 25),

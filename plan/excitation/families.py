@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.plant.limits import Limits
-from ident.plant.shapes import TICK_S, Motion, chirp, fourier, ramps, sampled, ticks
+from ident.plant.shapes import TICK_S, Motion, chirp, fourier, ramps, sampled, ticks, via_spline
 
 RUN_S = 10.0
 """Rough duration of a run [s]."""
@@ -190,6 +190,18 @@ def _wide(stage: Stage, figures: Mapping[str, float]) -> Float[Array, "K n"]:
     return fourier("", stage.pose, swing * np.sin(phase), swing * np.cos(phase), figures["base_hz"], stage.duration).q
 
 
+def _vias(stage: Stage, figures: Mapping[str, float]) -> Float[Array, "K n"]:
+    """All joints by a clamped spline through via points of chance, at equal times; which points is a figure too."""
+    limits = stage.limits
+    rng = np.random.default_rng([int(figures["draw"]), int(stage.rng.integers(2**31))])
+    room = np.minimum(limits.upper - stage.pose, stage.pose - limits.lower)
+    swing = stage.size * figures["swing"] * np.minimum(room, limits.span)
+    count = max(2, round(stage.duration / figures["leg_s"]) - 1)
+    points = stage.pose + swing * rng.uniform(-1.0, 1.0, (count, len(stage.pose)))
+    points = np.concatenate([stage.pose[None], np.clip(points, limits.lower, limits.upper), stage.pose[None]])
+    return via_spline("", points, stage.duration).q
+
+
 FAMILIES: dict[str, Family] = {
     family.name: family
     for family in (
@@ -197,6 +209,16 @@ FAMILIES: dict[str, Family] = {
             "ladder",
             (Figure("slowest_rad_s", 0.015, 0.2, log=True), Figure("fastest_share", 0.1, 0.9), SPREAD),
             _ladder,
+        ),
+        Family(
+            "vias",
+            (
+                Figure("swing", 0.4, 1.0),
+                Figure("leg_s", 0.8, 3.0, log=True),
+                Figure("draw", 0.0, 1000.0),
+                Figure("pose_spread", 0.0, 0.3),
+            ),
+            _vias,
         ),
         Family("slow", (Figure("slowest_rad_s", 0.015, 0.06, log=True), Figure("ratio", 1.3, 3.0), SPREAD), _slow),
         Family("poses", (Figure("speed_share", 0.05, 0.6, log=True), Figure("reach", 0.2, 1.0), SPREAD), _poses),

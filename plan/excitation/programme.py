@@ -14,8 +14,9 @@ from plan.excitation.feasible import Feasibility
 
 # Sizes that are tried until a run fits.
 SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-# Every so many runs all joints move: that keeps the inertias known, and rivals elsewhere at bay.
+# Every so many runs all joints move, if they don't in all: that keeps the inertias known, and rivals elsewhere at bay.
 WIDE_EVERY = 3
+WIDE_FAMILIES = ("wide", "vias")
 WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, "pose_spread": 0.0}
 # Homes lie within this share of the usual span about the middle.
 HOME_SHARE = 0.8
@@ -54,7 +55,7 @@ class Programme:
 
     def run(self, number: int, feasible: Feasibility) -> Motion | None:
         """One run, the largest that fits; None if none does."""
-        wide = self.family != "wide" and number % WIDE_EVERY == WIDE_EVERY - 1
+        wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
         family = FAMILIES["wide" if wide else self.family]
         figures = WIDE_FIGURES if wide else self.figures
         for size in SIZES:

@@ -58,6 +58,19 @@ def test_distance_falls_with_the_noise(eye: Eye, random_runs: list[Motion]) -> N
     assert near == pytest.approx(far / 4.0, rel=0.05)
 
 
+def test_sizes_follow_the_diagnosis(eye: Eye, random_runs: list[Motion]) -> None:
+    """An effect found twice as large is four times as far from its rival; a stiffer joint is nearer."""
+
+    def distance(effect: str, figure: str, value: float) -> float:
+        view = look(eye, random_runs, [(find_effect(effect), 1), (VISCOUS, 1)], {effect: {figure: value}})
+        return view.distance(0, 1)
+
+    small, large = (distance("stribeck_friction", "amplitude_Nm", value) for value in (2.0, 4.0))
+    assert large == pytest.approx(4.0 * small, rel=1e-6)
+    soft, stiff = (distance("joint_elasticity", "stiffness_Nm_rad", value) for value in (6e3, 12e3))
+    assert stiff == pytest.approx(soft / 4.0, rel=1e-6)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_exact_twins_stay_together_in_every_motion(eye: Eye, feasible: Feasibility, family: str) -> None:
     """Gains and masses that are all too large by one share are the same log, whatever the arm does."""
