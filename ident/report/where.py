@@ -46,7 +46,8 @@ def describe_place(place: Mapping[str, Any]) -> str:
     where = f"in moving {where}" if place["axis"] == "direction" else f"at {axis_name(place['axis'])} {where}"
     text = f"{place['joint']}: {percent(place['share_of_gap'])} of its gap lies {where}"
     if place.get("share_of_time") is not None:
-        text += f", in {percent(place['share_of_time'])} of the time"
+        whole = "noise" if place["axis"] == "frequency" else "time"
+        text += f", in {percent(place['share_of_time'])} of the {whole}"
     return f"{text} (p = {significant(place['p_value'], 1)})."
 
 
@@ -77,7 +78,8 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
                 "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
             }
         )
-    ends = ("−", "+") if strip["axis"] == "direction" else (significant(edges[0]), significant(edges[-1]))
+    low = 0.0 if abs(edges[0]) < 1e-3 * abs(edges[-1]) else edges[0]
+    ends = ("−", "+") if strip["axis"] == "direction" else (significant(low), significant(edges[-1]))
     return {"cells": cells, "low": ends[0], "high": ends[1]}
 
 

@@ -164,6 +164,7 @@ def test_places_in_words() -> None:
     place = {"joint": "j", "axis": "direction", "low": -1.5, "high": 0.0, "share_of_gap": 0.8, "p_value": 0.01}
     assert describe_place(place) == "j: 80 % of its gap lies in moving backwards (p = 0.01)."
     assert "in 20 % of the time" in describe_place({**place, "share_of_time": 0.2})
+    assert "in 20 % of the noise" in describe_place({**place, "axis": "frequency", "share_of_time": 0.2})
 
 
 @pytest.mark.parametrize(
