@@ -26,11 +26,10 @@ FILTER_ORDER = 4
 # Samples kept a period of the corner. Whitened statistics want fewer: where the filter's stop band is sampled too, a
 # whitening filter blows up the little that is left in it.
 OVERSAMPLING, CRITICAL_OVERSAMPLING = 4.0, 2.5
-# Time around a reversal that friction's memory and the filter need to settle: a fixed part [s], and periods of the
-# filter's corner.
-# A joint slower than this creeps on its bristles as often as it slides [rad/s].
-SLIDING_SPEED = 0.015
-AFTER_REVERSAL, BEFORE_REVERSAL, REVERSAL_PERIODS = 0.06, 0.02, 1.5
+# Time around a reversal or standstill that the filter smears, in periods of its corner.
+REVERSAL_PERIODS = 1.0
+# A run starts from rest with gears stressed nobody knows how; that is forgotten after this travel [rad].
+FORGETTING_TRAVEL = 0.04
 # A run shorter than this says nothing that its filter's ends do not blur [s].
 LEAST_DURATION = 1.0
 
@@ -129,24 +128,21 @@ class Motion:
 
     @cached_property
     def settled(self) -> Bool[Array, "t n"]:
-        """Where each joint moves and neither reverses, stops nor starts nearby, on the filtered grid.
+        """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
 
-        Around a reversal dry friction follows the displacement of its bristles, not the speed, and every filter rounds
-        the jump; what is seen there depends more on the filter than on the arm.
+        At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood. Before
+        a joint has travelled some way its friction depends on what was before the run.
         """
-        step = self.interval * self.lowpass.factor
-        after = round((AFTER_REVERSAL + REVERSAL_PERIODS / self.lowpass.cutoff) / step)
-        before = round((BEFORE_REVERSAL + REVERSAL_PERIODS / self.lowpass.cutoff) / step)
-        speed = self.dq[self.coarse]
-        sliding = np.abs(speed) > np.maximum(self.rest_speed, SLIDING_SPEED)
-        heading = np.where(sliding, np.sign(speed), 0.0)
+        reach = max(1, round(REVERSAL_PERIODS / self.lowpass.cutoff / (self.interval * self.lowpass.factor)))
+        heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
         settled = heading != 0.0
-        for shift in range(1, after + 1):
+        for shift in range(1, reach + 1):
             settled[shift:] &= heading[shift:] == heading[:-shift]
-            settled[:shift] = False  # what was before the run is unknown: it starts from rest
-        for shift in range(1, before + 1):
             settled[:-shift] &= heading[:-shift] == heading[shift:]
-        return settled
+            settled[:shift] = False
+        q = self.q[self.coarse]
+        travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q) > FORGETTING_TRAVEL
+        return np.asarray(settled & travelled)
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:

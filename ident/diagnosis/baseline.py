@@ -15,7 +15,8 @@ from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.effects.base import RunContext, SessionContext
 from ident.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
-from ident.loss import LossModel, LossParameters, direction
+from ident.loss import LossModel, LossParameters
+from ident.presliding import Sliding, fit_sliding
 from ident.signals import Motion
 
 # Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
@@ -32,7 +33,8 @@ class Baseline:
         arm: The arm after tuning.
         base: Its base parameters.
         prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
-        loss: Tuned loss figures, transition widths among them.
+        loss: Tuned loss figures.
+        sliding: How each joint's dry friction turns round.
     """
 
     nominal: ArmModel
@@ -40,15 +42,17 @@ class Baseline:
     base: BaseParameters
     prior: Float[Array, "r r"]
     loss: LossParameters
+    sliding: Sliding
 
 
 def fit_baseline(motions: Sequence[Motion], arm: ArmModel) -> Baseline:
     """Tunes the arm on all runs."""
     model = LossModel()
     results = fit_inertia(motions, arm, "base", model, INERTIA_SHARE)
-    loss = model.fit(motions, [rigid_torque(results.arm, motion) for motion in motions])
+    rigid = [rigid_torque(results.arm, motion) for motion in motions]
+    loss = model.fit(motions, rigid)
     prior = base_prior(results.base, INERTIA_SHARE * parameter_scale(arm))
-    return Baseline(arm, results.arm, results.base, prior, loss.params)
+    return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid))
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
@@ -69,7 +73,7 @@ def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: b
 
 def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
     loss, rigid = baseline.loss, rigid_torque(baseline.arm, motion)
-    slip: Array = direction(motion.dq, loss.transition_speed)
+    slip = baseline.sliding.direction(motion)
     return RunContext(
         motion=motion,
         arm=baseline.arm.with_payload(motion.payload),
@@ -81,3 +85,11 @@ def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
         temperature=motion.temperature,
         position_command=motion.position_command,
     )
+
+
+def leftover_torque(baseline: Baseline, session: SessionContext) -> list[Float[Array, "t n"]]:
+    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m]."""
+    return [
+        np.where(run.motion.settled, run.motion.tau_filtered - run.motion.filtered(run.total), 0.0)
+        for run in session.runs
+    ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
-from ident.diagnosis.baseline import Baseline, build_session, fit_baseline
+from ident.diagnosis.baseline import Baseline, build_session, fit_baseline, leftover_torque
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.evidence import Evidence, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
@@ -160,7 +160,8 @@ def diagnose(
     """
     baseline = fit_baseline(motions, arm)
     session = build_session(baseline, motions, common_clock)
-    layout = build_layout(session, baseline.base.rank, catalogue)
+    leftover = leftover_torque(baseline, session)
+    layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
     search = Search(evidence, prior, HeldOut(evidence, prior), seed)

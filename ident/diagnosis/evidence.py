@@ -6,6 +6,11 @@ Cross-validation, tests, grid search and nested models are then sums of small ma
 grow with the recording. Two kinds are kept: `white`, where columns and torque went through the same autoregressive
 whitening filter and count in units of the noise, for inference; and `plain`, in N m, for sizes that people ask for.
 
+Friction differs a little from run to run, whatever the model. The whitened rows of a run know that: what a change of
+its Coulomb and viscous level by `RUN_SPREAD` would do is shrunk by the square root of (I + F Λ Fᵀ)⁻¹, with F the run's
+two friction columns and Λ their prior variance. Without it, friction that seems to depend on place or temperature is
+found wherever runs cover different places at different times.
+
 Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3 (whitening by AR).
 """
 
@@ -22,15 +27,16 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.baseline import Baseline, rigid_torque
 from ident.diagnosis.layout import LOSS_FIGURES, Layout
 from ident.effects.base import SessionContext
-from ident.loss import direction
 from ident.signals import Motion
 
 AR_ORDER = 4
 # Samples (after decimation) that are in memory at once.
 CHUNK_SAMPLES = 30_000
 # Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
-MOST_BLOCKS = 64
-SHORTEST_BLOCK = 1.5  # [s]
+MOST_BLOCKS = 128
+SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
+# Relative standard deviation of a joint's friction from run to run.
+RUN_SPREAD = 0.015
 # Ridge of the noise regression, as a share of each column's power.
 NOISE_RIDGE = 1e-4
 
@@ -52,9 +58,13 @@ class Whitening:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts."""
+    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
+
+    The first `rank` columns are the base parameters', then come the joint's loss figures.
+    """
 
     run: int
+    rank: int
     tables: tuple[Float[Array, "t p"], ...]
     counts: Bool[Array, "t n"]
     blocks: Int[Array, " t"]
@@ -148,7 +158,7 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
         for i, run, table in zip(chunk, part.runs, tables, strict=True):
             count = len(run.motion.time[run.motion.coarse])
             inside = np.searchsorted(partition.starts[i], np.arange(count), side="right") - 1
-            yield Rows(i, tuple(table), run.motion.settled, partition.first_block[i] + inside)
+            yield Rows(i, layout.rank, tuple(table), run.motion.settled, partition.first_block[i] + inside)
 
 
 def _chunks(session: SessionContext) -> Iterator[list[int]]:
@@ -170,7 +180,7 @@ def baseline_tables(baseline: Baseline, layout: Layout, motion: Motion) -> list[
     arm = baseline.nominal
     regressor = arm.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(baseline.base.columns)]
     rows = motion.filtered(regressor)
-    slip = direction(motion.dq, baseline.loss.transition_speed)
+    slip = baseline.sliding.direction(motion)
     losses = motion.filtered(np.stack([motion.ddq, motion.dq, slip], axis=-1))
     target = motion.tau_filtered - motion.filtered(rigid_torque(arm, motion))
     tables = []
@@ -210,8 +220,9 @@ def gather(session: SessionContext, baseline: Baseline, layout: Layout) -> Evide
             assert scale is not None
             _rescale(layout, rows, scale)
             batch = [rows]
+        spread = _run_spread(layout, baseline, scale)
         for part in batch:
-            _add(part, whitening, partition, white, plain, samples, weights)
+            _add(part, whitening, partition, spread, white, plain, samples, weights)
     assert whitening is not None
     assert scale is not None
     return Evidence(layout, scale, tuple(white), tuple(plain), partition.folds, samples, weights, whitening)
@@ -221,18 +232,22 @@ def _add(
     rows: Rows,
     whitening: Whitening,
     partition: Partition,
+    spread: Float[Array, "n 2"],
     white: Sequence[Array],
     plain: Sequence[Array],
     samples: Array,
     weights: Array,
 ) -> None:
     order = whitening.coefficients.shape[1] - 1
+    friction = slice(rows.rank + 1, rows.rank + LOSS_FIGURES)
     for j, table in enumerate(rows.tables):
         counts = rows.counts[:, j]
         filtered = lfilter(whitening.coefficients[j], 1.0, table, axis=0) / whitening.innovation[j]
         # A whitened row mixes itself with its past: it counts where all of these count.
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
+        filtered[~whole] = 0.0
+        filtered -= _of_the_run(filtered[:, friction] * spread[j], filtered)
         for block in np.unique(rows.blocks):
             inside = rows.blocks == block
             x = filtered[inside & whole]
@@ -241,6 +256,24 @@ def _add(
             x = table[inside & counts]
             plain[j][partition.folds[block]] += x.T @ x
             weights[partition.folds[block], j] += len(x)
+
+
+def _run_spread(layout: Layout, baseline: Baseline, scale: Float[Array, " P"]) -> Float[Array, "n 2"]:
+    """Standard deviation from run to run of each joint's scaled viscous and Coulomb coefficient."""
+    level = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
+    first = layout.rank + LOSS_FIGURES * np.arange(layout.n)
+    return np.asarray(RUN_SPREAD * level * scale[first[:, None] + [1, 2]])
+
+
+def _of_the_run(friction: Float[Array, "t 2"], table: Float[Array, "t p"]) -> Float[Array, "t p"]:
+    """What shrinking the run's own friction takes away: (I − (I + F Fᵀ)^−½) X, with F in prior standard deviations."""
+    values, vectors = np.linalg.eigh(friction.T @ friction)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    if values[-1] <= 0.0:
+        return np.zeros_like(table)
+    basis = friction @ vectors[:, kept] / np.sqrt(values[kept])
+    share = 1.0 - 1.0 / np.sqrt(1.0 + values[kept])
+    return np.asarray((basis * share) @ (basis.T @ table))
 
 
 def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:

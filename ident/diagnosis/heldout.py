@@ -93,7 +93,11 @@ class HeldOut:
             for sums, (places, into) in zip(self._folds, spots, strict=True):
                 gram[np.ix_(into, into)] -= sums[fold][np.ix_(places, places)]
             solved.append(self._solve(gram))
-        return FoldWeights(used, np.array(solved))
+        values = np.array(solved)
+        once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
+        if once.any():  # what happened once can't be learnt from other runs
+            values[:, once] = self._solve(whole)[once]
+        return FoldWeights(used, values)
 
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
         """Scores the baseline and some groups."""

@@ -16,8 +16,8 @@ from ident.effects.base import Interval, SessionContext
 
 # Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
 INTERVAL_FALL = 1.92
-# Names whose log evidence is nearer than this to the best can't be told apart.
-CLASS_NATS = 3.0
+# Names that are less than this many times less probable than the holder can't be told from it.
+CLASS_ODDS = 10.0
 # Names of which the evidence is weaker than the holder's by more than this are not asked for [nats].
 RIVAL_NATS = 60.0
 # Exponent that turns log evidence into calibrated probabilities: recordings hold more misfit than the noise model.
@@ -147,7 +147,11 @@ def weigh_rivals(
     weights = np.exp(logs - logs.max())
     probability = float(weights[ids.index(group.effect.id)] / weights.sum())
     near = sorted(
-        (name for name, score in best_of_effect.items() if name != group.effect.id and own - score < CLASS_NATS),
+        (
+            name
+            for name, score in best_of_effect.items()
+            if name != group.effect.id and TEMPER * (own - score) < np.log(CLASS_ODDS)
+        ),
         key=lambda name: -best_of_effect[name],
     )
     return probability, (group.effect.id, *near)

@@ -32,6 +32,8 @@ MOST_EFFECTS = 3
 # An effect of which tuned inertias leave less than this share is absorbed; it needs this much evidence [nats].
 ABSORBED_BELOW, ABSORBED_NATS = 0.25, 12.0
 FIXED_FACTOR = 20.0
+# What happens once can't be held out: it needs this much evidence [nats], and to be half of its joint's gap.
+EVENT_NATS, EVENT_GAP_FALL = 20.0, 0.5
 # Effects that act on whole runs: blocks of one run are no independent witnesses to them.
 SLOW_EFFECTS = frozenset({"thermal_friction"})
 # Candidates that are tried on held-out runs at each step: names beyond these have no chance.
@@ -51,6 +53,7 @@ class Gates:
         gap_fall: The same as a share of the mean square above the noise.
         evidence: Log evidence, for an absorbed effect the only gate [nats].
         absorbed: Whether it is one.
+        event: Whether it happened once.
     """
 
     p_value: float
@@ -59,9 +62,12 @@ class Gates:
     gap_fall: float
     evidence: float
     absorbed: bool
+    event: bool = False
 
     @property
     def passed(self) -> bool:
+        if self.event:
+            return self.evidence >= EVENT_NATS and self.gap_fall >= EVENT_GAP_FALL
         if self.absorbed:
             return self.evidence >= ABSORBED_NATS
         gain, error = self.log_score
@@ -133,14 +139,14 @@ class Search:
     def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
         """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
         p_values = self._p_values(projection, groups)
-        hidden = {g.key for g in groups if g.effect.inertia_like and _least_seen(projection, g)}
+        hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and _least_seen(projection, g))}
         return hidden | {key for key, value in p_values.items() if value <= FAMILY_ERROR}
 
     def score_of(self, projection: Projection, group: Group) -> float:
         """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost."""
         gain, _ = projection.gain(group)
         samples = self._samples(group)
-        grid = sum(1 for other in self.evidence.layout.groups if other.key == group.key)
+        grid = group.effect.screens * sum(1 for other in self.evidence.layout.groups if other.key == group.key)
         return 0.5 * gain - 0.5 * len(group.columns) * float(np.log(samples)) - float(np.log(grid))
 
     def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
@@ -220,7 +226,10 @@ class Search:
         reducible = np.maximum(start**2 - floor[joints] ** 2, 1e-3 * start**2)
         gap = (old**2 - new**2) / reducible
         most = int(np.argmax(fall))
-        return Gates(p_value, after.gain_over(before), float(fall[most]), float(gap[most]), score, absorbed)
+        if group.effect.event:
+            p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
+        gain = after.gain_over(before)
+        return Gates(p_value, gain, float(fall[most]), float(gap[most]), score, absorbed, group.effect.event)
 
     def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
         """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.
@@ -247,6 +256,8 @@ class Search:
 
         A holder that tuning absorbs is not swapped: held-out runs can't judge it.
         """
+        if holder.effect.event or rival.effect.event:
+            return False
         if holder.effect.inertia_like and _least_seen(projection, holder):
             return False
         if self._p_values(projection, [rival])[rival.key] > FAMILY_ERROR:

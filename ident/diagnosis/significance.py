@@ -4,6 +4,10 @@ Under the null a block's score Σ φ̃ r is as likely positive as negative. Flip
 true inside a block (autocorrelation, unequal variance) and needs no noise model. The greatest statistic over all
 candidates is compared, so the chance of any false alarm in the family is the nominal one.
 
+Some effects show in few stretches (slow motion, reversals): one block then holds nearly all of the score, and its sign
+alone can't tell anything. Scores are therefore clipped in size, not in sign: no block speaks louder than the
+`VOICES`-th loudest. Clipping by size leaves the flips' null distribution exact.
+
 Source: Romano and Wolf 2005 (step-down); Cameron, Gelbach and Miller 2008 (score flipping by cluster).
 """
 
@@ -20,6 +24,7 @@ from ident.diagnosis.layout import Group
 from ident.diagnosis.projection import Projection
 
 FLIPS = 999
+VOICES = 24
 
 
 def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
@@ -59,11 +64,20 @@ def family_p_values(
         part = part[:, seen] / size[seen]
         values, vectors = np.linalg.eigh(part.T @ part)
         kept = values > 1e-6 * values[-1]
-        white = part @ vectors[:, kept] / np.sqrt(values[kept])
+        white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]))
         degrees = int(kept.sum())
         observed[g] = _surprise(white.sum(axis=0), degrees)
         greatest = np.maximum(greatest, _surprise(signs @ white, degrees))
     return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + FLIPS)
+
+
+def _clipped(scores: Float[Array, "B k"]) -> Float[Array, "B k"]:
+    """Scores of limited size, on the scale on which their sum over flips has unit variance in every direction."""
+    size = np.linalg.norm(scores, axis=1)
+    loudest = np.sort(size)[-min(VOICES, len(size))]
+    scores = scores * np.minimum(1.0, loudest / np.maximum(size, 1e-300))[:, None]
+    values, vectors = np.linalg.eigh(scores.T @ scores)
+    return scores @ vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
 
 
 def group_p_value(

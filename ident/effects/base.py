@@ -135,6 +135,7 @@ class Effect(ABC):
         rows: `own` if its torque acts on its own joint only: columns of shape (T, k); `all` if on any: (T, n, k).
         nonnegative: Indices of columns whose coefficients can't be negative.
         inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
+        event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
         summary: One line for reports: what happens and where to look.
     """
 
@@ -143,7 +144,19 @@ class Effect(ABC):
     rows: ClassVar[Literal["own", "all"]] = "own"
     nonnegative: ClassVar[tuple[int, ...]] = ()
     inertia_like: ClassVar[bool] = False
+    event: ClassVar[bool] = False
+    screens: int = 1
     summary: ClassVar[str] = ""
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Effect:
+        """The effect after a first look at what the tuned model leaves; events learn there when they may have been.
+
+        Args:
+            session: All runs.
+            leftover: For each run what the model leaves of the torque, filtered and decimated; zero where that
+                doesn't count [N m].
+        """
+        return self
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         """Why these recordings can't show the effect at a joint at all, or None. Must be cheap."""

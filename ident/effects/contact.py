@@ -1,10 +1,13 @@
-"""A push from outside: a force at the last link during a window of time."""
+"""A push from outside: a force at a link during a window of time.
+
+A push is an event, not a law: runs without it say nothing of its force, and it can't be held out. It is looked for
+where the tuned model leaves much more than usual, with the pattern of a link's Jacobian.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -15,38 +18,75 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.levels import amplitude_interval, exactly
 from ident.effects.rigid_body import point_mass
 
-# Windows of the plain grid: each costs three columns in every joint's regression.
-MOST_WINDOWS = 16
 SHORTEST_WINDOW = 0.5  # [s]
 EDGE = 0.1  # Time in which the force sets in and fades [s].
 LARGEST_FORCE = 200.0  # [N]
 # Screening: stretches whose mean square is this many times the joint's median one are candidates.
 SCREEN_RATIO = 4.0
+MOST_PUSHES = 3
+# A constant force at a link's point must explain this much of what is left in its window over all joints.
+LEAST_EXPLAINED = 0.5
+
+
+@dataclass(frozen=True)
+class Push:
+    """Where and when a push may have been.
+
+    Attributes:
+        run: Name of the run.
+        start, end: On the session's clock [s].
+        link: Number of the link, from 1; 0 is the last one.
+        outward: Where on the link: 0 at its centre of mass, 1 at the next joint.
+    """
+
+    run: str
+    start: float
+    end: float
+    link: int = 0
+    outward: float = 0.0
 
 
 @dataclass(frozen=True)
 class ExternalContact(Effect):
-    """A force f, constant in the base frame, at the last link's centre of mass during a window: τ = −Jᵀ f.
+    """A force f, constant in the base frame, at a point of a link during a window: τ = −Jᵀ f.
 
-    Without windows of its own it lays an even grid of at most 16 windows over the session, which finds long pushes
-    only: one of a second in a window of eight has an eighth of its power. Give it the windows where something is left
-    to explain (`screen_windows`), and count all windows that were screened when judging significance.
+    The plain effect has no windows; `screened` finds them where something is left to explain.
 
     Attributes:
-        windows: Start and end of each window [s], on the clock of the run that it names.
+        pushes: Windows to be asked for.
+        screens: Number of windows and points that were looked at to find them.
     """
 
-    windows: tuple[tuple[str, float, float], ...] = ()
+    pushes: tuple[Push, ...] = ()
+    screens: int = 1
 
     id = "external_contact"
     scope = "arm"
     rows = "all"
+    event = True
     summary = "something pushes the arm for a while; repeat the motion in free space"
 
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
+        cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / SHORTEST_WINDOW
+        found = []
+        for push in screen_windows(session, leftover):
+            best, explained = locate(session, leftover, push)
+            if explained >= LEAST_EXPLAINED:
+                found.append(best)
+        return replace(self, pushes=tuple(found[:MOST_PUSHES]), screens=max(1, round(cells * len(_points(session.n)))))
+
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        windows = self.windows or even_windows(session)
         return tuple(
-            Variant(shape={"start_s": start, "end_s": end, _run_key(name): 1.0}) for name, start, end in windows
+            Variant(
+                shape={
+                    "start_s": push.start,
+                    "end_s": push.end,
+                    "link": float(push.link or session.n),
+                    "outward": push.outward,
+                    _run_key(push.run): 1.0,
+                }
+            )
+            for push in self.pushes
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -56,44 +96,29 @@ class ExternalContact(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         start, end = variant.shape["start_s"], variant.shape["end_s"]
-        doubt = (end - start) / 4
+        doubt = EDGE + 0.1 * (end - start)
         return {
             "start_s": Interval(start, start - doubt, start + doubt),
             "end_s": Interval(end, end - doubt, end + doubt),
             "force_N": amplitude_interval(coefficients, covariance),
-            "link": exactly(float(session.n)),
+            "link": exactly(variant.shape["link"]),
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, LARGEST_FORCE)
 
 
-def even_windows(session: SessionContext) -> tuple[tuple[str, float, float], ...]:
-    """Windows of one length that cover all runs."""
-    lengths = [float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs]
-    spare = max(1, MOST_WINDOWS - len(lengths))
-    length = max(SHORTEST_WINDOW, sum(lengths) / spare)
-    found = []
-    for run, duration in zip(session.runs, lengths, strict=True):
-        edges = np.linspace(run.motion.time[0], run.motion.time[-1], max(1, int(duration / length)) + 1)
-        found += [(run.motion.name, float(a), float(b)) for a, b in pairwise(edges)]
-    # More runs than windows: the longest runs are looked at.
-    longest = sorted(found, key=lambda window: window[1] - window[2])[:MOST_WINDOWS]
-    return tuple(window for window in found if window in longest)
-
-
-def screen_windows(
-    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], most: int = 8
-) -> tuple[tuple[str, float, float], ...]:
+def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], most: int = 8) -> tuple[Push, ...]:
     """Windows in which much more torque is left unexplained than usual, the strongest first.
 
     Args:
         session: The session.
-        leftover: For each run what the model leaves of the torque, filtered and decimated [N m].
+        leftover: For each run what the model leaves of the torque, filtered and decimated; zero where that doesn't
+            count [N m].
         most: Largest number of windows.
     """
-    usual = np.sqrt(np.median(np.concatenate(list(leftover)) ** 2, axis=0) / 0.455) + 1e-12
-    found: list[tuple[float, str, float, float]] = []
+    usual = _usual(leftover)
+    found: list[tuple[float, Push]] = []
     for run, values in zip(session.runs, leftover, strict=True):
         time = run.motion.time[run.motion.coarse]
         step = max(1, round(SHORTEST_WINDOW / 2 / (run.interval * run.motion.lowpass.factor)))
@@ -108,8 +133,63 @@ def screen_windows(
             around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
             inside = around[fine[around] > 0.25 * power[cells].mean()]
             start, end = float(time[inside[0]]), float(time[inside[-1]])
-            found.append((float(power[cells].sum()), run.motion.name, start, max(end, start + 2 * EDGE)))
-    return tuple(window[1:] for window in sorted(found, reverse=True)[:most])
+            found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * EDGE))))
+    return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[:most])
+
+
+def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
+    """The link and point whose Jacobian explains a window best, and the share of it that a constant force explains."""
+    usual = _usual(leftover)
+    at = [run.motion.name for run in session.runs].index(push.run)
+    run, left = session.runs[at], leftover[at]
+    time = run.motion.time[run.motion.coarse]
+    inside = np.flatnonzero((time > push.start + EDGE / 2) & (time < push.end - EDGE / 2))
+    if len(inside) < 3:
+        return push, 0.0
+    target = (left[inside] / usual).ravel()
+    counts = (left[inside] != 0.0)[:, :, None]
+    q = run.motion.q[run.motion.coarse][inside]
+    best, share = push, 0.0
+    for link, outward in _points(session.n):
+        columns = (counts * force_columns(run.arm, q, link, outward) / usual[None, :, None]).reshape(-1, 3)
+        solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
+        explained = 1.0 - float(np.sum((target - columns @ solved) ** 2) / max(np.sum(target**2), 1e-300))
+        if explained > share:
+            best, share = replace(push, link=link, outward=outward), explained
+    return best, share
+
+
+def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: float = 0.0) -> Float[Array, "T n 3"]:
+    """Torque that holds a unit force along each axis of the base frame at a point of a link.
+
+    That of a unit mass there in a field along the axis, all links being without mass.
+
+    Args:
+        arm: The arm.
+        q: Positions [rad].
+        link: Number of the link, from 1.
+        outward: 0 at its centre of mass, 1 at the next joint.
+    """
+    parameters = arm.inertial_parameters[10 * (link - 1) : 10 * link]
+    point = parameters[1:4] / max(float(parameters[0]), 1e-9)
+    if outward:
+        point = (1.0 - outward) * point + outward * arm.model.jointPlacements[link + 1].translation
+    massless = np.zeros(10 * arm.n)
+    massless[10 * (link - 1) : 10 * link] = point_mass(point)
+    probe = arm.with_inertial_parameters(massless)
+    return np.stack([probe.with_gravity(axis).gravity(q) for axis in np.eye(3)], axis=-1)
+
+
+def _points(n: int) -> list[tuple[int, float]]:
+    """Links and points on them that are tried."""
+    return [(link, outward) for link in range(1, n + 1) for outward in ((0.0, 1.0) if link < n else (0.0,))]
+
+
+def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
+    """Robust standard deviation of what is usually left at each joint [N m]."""
+    squares = np.concatenate(list(leftover)) ** 2
+    middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
+    return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
 
 
 def _run_key(name: str) -> str:
@@ -127,17 +207,6 @@ def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
     edge = min(EDGE, (end - start) / 4)
     ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)
     envelope = 0.5 - 0.5 * np.cos(np.pi * ramp)
-    columns[inside] = envelope[:, None, None] * force_columns(run.arm, run.motion.q[inside])
+    force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), variant.shape["outward"])
+    columns[inside] = envelope[:, None, None] * force
     return columns
-
-
-def force_columns(arm: ArmModel, q: Float[Array, "T n"]) -> Float[Array, "T n 3"]:
-    """Torque that holds a unit force along each axis of the base frame, at the last link's centre of mass [m].
-
-    That of a unit mass there in a field along the axis, all links being without mass.
-    """
-    last = arm.inertial_parameters[-10:]
-    massless = np.zeros(10 * arm.n)
-    massless[-10:] = point_mass(last[1:4] / max(float(last[0]), 1e-9))
-    probe = arm.with_inertial_parameters(massless)
-    return np.stack([probe.with_gravity(axis).gravity(q) for axis in np.eye(3)], axis=-1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.signal import lfilter
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
 from ident.effects.levels import coulomb_level, friction_level, grid_interval, hardly_moves
+from ident.presliding import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
 # Time constants beyond this many sessions are straight lines, all the same.
@@ -22,7 +22,7 @@ LEAST_SESSION = 60.0  # [s]
 LEAST_TEMPERATURE_RANGE = 1.0  # [K]
 # Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
 TEMPERATURE_AVERAGE = 5.0
-DISPLACEMENTS = (0.0005, 0.002, 0.008, 0.03)  # [rad]
+DISPLACEMENTS = (0.0006, 0.002, 0.006, 0.018, 0.05)  # [rad]
 # Position noise that a stop operator bears, as a share of its range.
 LARGEST_NOISE_SHARE = 0.3
 
@@ -106,22 +106,21 @@ class ThermalFriction(Effect):
 class PreslidingHysteresis(Effect):
     """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i, k_i ≥ 0.
 
-    A stop operator is a spring of range r in series with a slider: z⁺ = clip(z + Δq, −r, r). Neighbouring ranges come
-    in pairs, which bends the build-up and lets its displacement lie between the points of the grid. Each run starts
-    unstressed.
+    Stop operators of several ranges side by side bend the build-up, as contacts that slip one after the other do. Each
+    run starts unstressed.
 
     Source: Al-Bender 2005 (generalised Maxwell slip, without the dynamics of slip).
     """
 
     id = "presliding_hysteresis"
-    nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
+    nonnegative: ClassVar[tuple[int, ...]] = tuple(range(len(DISPLACEMENTS)))
     summary = "friction builds up over some travel after each reversal; look right after reversals"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
         if reason is not None:
             return reason
-        if not self.variants(session, joint):
+        if not _usable(session, joint):
             return f"position of {session.joint_names[joint]} is too noisy to follow some mrad after a reversal"
         least = min(DISPLACEMENTS)
         if sum(_reversals(run.motion.q[:, joint], least) for run in session.runs) < 3:
@@ -129,22 +128,20 @@ class PreslidingHysteresis(Effect):
         return None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        noise = max(float(run.motion.std[0, joint]) for run in session.runs)
-        usable = [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
-        return tuple(Variant(shape={"small_rad": small, "large_rad": large}) for small, large in pairwise(usable))
+        sizes = _usable(session, joint)
+        return (Variant(shape={f"range_{k}_rad": size for k, size in enumerate(sizes)}),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        small, large = variant.shape["small_rad"], variant.shape["large_rad"]
         found = []
         for run in session.runs:
             q = np.ascontiguousarray(run.motion.q[:, joint])
-            found.append(np.stack([stop_operator(q, small) / small, stop_operator(q, large) / large], axis=1))
+            found.append(np.stack([stop_operator(q, size) / size for size in variant.shape.values()], axis=1))
         return found
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        sizes = np.array([variant.shape["small_rad"], variant.shape["large_rad"]])
+        sizes = np.array(list(variant.shape.values()))
 
         def displacement(k: Array) -> float:
             weights = np.maximum(k, 0.0)
@@ -160,19 +157,13 @@ class PreslidingHysteresis(Effect):
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, coulomb_level(session, joint))
+        return np.full(len(variant.shape), coulomb_level(session, joint))
 
 
-@njit(cache=True)
-def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
-    """State of a stop operator of a range along a path, from rest."""
-    out = np.empty(len(q))
-    state = 0.0
-    out[0] = 0.0
-    for k in range(1, len(q)):
-        state = min(size, max(-size, state + q[k] - q[k - 1]))
-        out[k] = state
-    return out
+def _usable(session: SessionContext, joint: int) -> list[float]:
+    """Ranges that stand clear of the noise of the position."""
+    noise = max(float(run.motion.std[0, joint]) for run in session.runs)
+    return [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
 
 
 @njit(cache=True)

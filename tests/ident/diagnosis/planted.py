@@ -18,7 +18,7 @@ COULOMB = np.array([6.0, 9.0, 5.0])  # [N m]
 VISCOUS = np.array([8.0, 10.0, 4.0])  # [N m s/rad]
 ROTOR = np.array([1.5, 1.5, 0.8])  # [kg m²]
 NOISE = 0.3  # [N m], white, before the filter
-SLIP = 0.01  # transition speed of Coulomb friction [rad/s]
+SLIP = 0.002  # transition speed of Coulomb friction [rad/s]
 
 Plant = Callable[[ArmModel, Array, Array, Array], Array]
 
@@ -61,8 +61,8 @@ def stribeck_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def offset_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """τ₁ is shifted by 0.75 N m, at rest and in motion."""
-    return at_joint(0, np.full(len(q), 0.75))
+    """τ₁ is shifted by 0.3 N m, at rest and in motion."""
+    return at_joint(0, np.full(len(q), 0.3))
 
 
 def load_arm() -> ArmModel:

@@ -24,8 +24,12 @@ def all_rows(healthy: Analysis) -> list[Rows]:
 
 @pytest.fixture(scope="module")
 def whitened(healthy: Analysis, all_rows: list[Rows]) -> tuple[Array, Array, Array]:
-    """All joints' whitened rows as one tall table, zeros where a joint has no such column; block; joint."""
+    """All joints' whitened rows as one tall table, zeros where a joint has no such column; block; joint.
+
+    Rows of a run are whitened for its own friction by the inverse square root of their covariance I + F Fᵀ.
+    """
     evidence = healthy.evidence
+    spread = evidence_module._run_spread(evidence.layout, healthy.baseline, evidence.scale)
     order = evidence.whitening.coefficients.shape[1] - 1
     tall, blocks, joints = [], [], []
     for rows in all_rows:
@@ -35,7 +39,9 @@ def whitened(healthy: Analysis, all_rows: list[Rows]) -> tuple[Array, Array, Arr
             counts = rows.counts[:, j]
             whole = np.array([t >= order and counts[t - order : t + 1].all() for t in range(len(counts))])
             wide = np.zeros((int(whole.sum()), evidence.layout.size + 1))
-            wide[:, local] = white[whole]
+            friction = white[whole][:, evidence.layout.rank + 1 : evidence.layout.rank + 3] * spread[j]
+            values, vectors = np.linalg.eigh(np.eye(len(wide)) + friction @ friction.T)
+            wide[:, local] = (vectors / np.sqrt(values)) @ (vectors.T @ white[whole])
             tall.append(wide)
             blocks.append(rows.blocks[whole])
             joints.append(np.full(len(wide), j))
@@ -160,7 +166,7 @@ def test_whitening_finds_an_autoregression() -> None:
         columns = rng.standard_normal((1500, 3))
         noise = lfilter([0.2], [1.0, -0.6], rng.standard_normal(1500))
         table = np.column_stack([columns, columns @ [3.0, -1.0, 0.5] + noise])
-        held.append(Rows(run, (table,), np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)))
+        held.append(Rows(run, 0, (table,), np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)))
     layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
     noise = estimate_noise(layout, held)
     assert np.allclose(noise.coefficients[0], [1.0, -0.6, 0.0, 0.0, 0.0], atol=0.05)
@@ -174,7 +180,7 @@ def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:
 
 
 def test_reversals_do_not_count() -> None:
-    """Law: of a swing sin 2πt/4 s no sample counts within 0.15 s of a reversal, and every one beyond 0.3 s does."""
+    """Law: of a swing sin 2πt/4 s no sample counts within 0.08 s of a reversal, and every one beyond 0.2 s does."""
     time = np.arange(800) / 100.0
     q = np.sin(2 * np.pi * time / 4.0)[:, None]
     dq, ddq = np.gradient(q, 0.01, axis=0), np.zeros_like(q)
@@ -192,5 +198,5 @@ def test_reversals_do_not_count() -> None:
     coarse = time[motion.coarse]
     distance = np.abs((coarse - 1.0 + 1.0) % 2.0 - 1.0)  # to the reversals at 1, 3, 5, 7 s
     inner = (coarse > 0.5) & (coarse < 7.5)
-    assert not motion.settled[distance < 0.15].any()
-    assert motion.settled[(distance > 0.3) & inner].all()
+    assert not motion.settled[distance < 0.08].any()
+    assert motion.settled[(distance > 0.2) & inner].all()

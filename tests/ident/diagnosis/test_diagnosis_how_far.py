@@ -71,7 +71,7 @@ def test_effects_that_do_the_same_get_the_same(pair: Analysis, held_out: HeldOut
     start, end = held_out.score().rms ** 2, held_out.score([group]).rms ** 2
     (alone,) = shapley_shares(held_out, [group], np.zeros(3))
     assert alone == pytest.approx(np.sum(start - end) / np.sum(start), rel=1e-9)
-    np.testing.assert_allclose(shapley_shares(held_out, [group, group], np.zeros(3)), alone / 2, rtol=1e-3)
+    np.testing.assert_allclose(shapley_shares(held_out, [group, group], np.zeros(3)), alone / 2, rtol=5e-3)
 
 
 def test_the_record_tells_shares_and_the_motion(pair: Analysis) -> None:

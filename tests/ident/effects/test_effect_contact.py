@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
+import pytest
 from smooth_motion import Recover
 
-from ident.arm import ArmModel
 from ident.effects.base import SessionContext
-from ident.effects.catalogue import find_effect
-from ident.effects.contact import MOST_WINDOWS, ExternalContact, force_columns, screen_windows
+from ident.effects.contact import ExternalContact, Push, force_columns, locate, screen_windows
 
 FORCE = np.array([12.0, -5.0, 8.0])
 
@@ -35,7 +32,7 @@ def test_a_force_acts_by_the_jacobian(session: SessionContext) -> None:
     run = session.runs[0]
     torque = push(session, 0, -1.0, 1.0)[0]
     inside = run.motion.time < 1.0
-    np.testing.assert_allclose(force_columns(run.arm, run.motion.q[inside]) @ FORCE, torque[inside], atol=1e-9)
+    np.testing.assert_allclose(force_columns(run.arm, run.motion.q[inside], run.n) @ FORCE, torque[inside], atol=1e-9)
 
 
 def test_a_push_is_found_in_its_window(session: SessionContext, recover: Recover) -> None:
@@ -46,37 +43,39 @@ def test_a_push_is_found_in_its_window(session: SessionContext, recover: Recover
     left = [
         run.motion.filtered(tau + rng.normal(0, 0.3, tau.shape)) for run, tau in zip(session.runs, torque, strict=True)
     ]
-    windows = screen_windows(session, left)
-    assert len(windows) == 1
-    found = recover(ExternalContact(windows), session, 0, torque)
-    assert windows[0][0] == "run_2"
+    found_there = ExternalContact().screened(session, left)
+    assert len(found_there.pushes) == 1
+    assert found_there.pushes[0].run == "run_2"
+    assert found_there.screens > 100  # every window and point that was looked at counts
+    found = recover(found_there, session, 0, torque)
     np.testing.assert_allclose(found["start_s"].value, start, atol=0.1)
     np.testing.assert_allclose(found["end_s"].value, start + 1.2, atol=0.1)
     np.testing.assert_allclose(found["force_N"].value, np.linalg.norm(FORCE), rtol=0.1)
     assert found["link"].value == 6.0
 
 
+@pytest.mark.parametrize("link", [2, 4])
+def test_the_pushed_link_is_told_by_the_joints_that_feel_it(session: SessionContext, link: int) -> None:
+    """A force on a link is felt by the joints below it only, each by its lever."""
+    run = session.runs[1]
+    left = [np.random.default_rng(link).normal(0, 0.1, item.motion.tau_filtered.shape) for item in session.runs]
+    time = run.motion.time[run.motion.coarse]
+    start = float(time[0]) + 5.0
+    inside = (time > start) & (time < start + 1.0)
+    left[1][inside] += force_columns(run.arm, run.motion.q[run.motion.coarse][inside], link, 1.0) @ (4.0 * FORCE)
+    place, explained = locate(session, left, Push("run_1", start, start + 1.0))
+    assert place.link == link
+    assert explained > 0.9
+
+
 def test_columns_are_zero_outside_the_window(session: SessionContext) -> None:
     """No other run, and no other time, feels the push."""
-    contact = ExternalContact((("run_1", 25.0, 26.0),))
+    contact = ExternalContact((Push("run_1", 25.0, 26.0),))
     columns = contact.columns(session, 0, contact.variants(session, 0)[0])
     assert not any(columns[k].any() for k in (0, 2, 3))
     time = session.runs[1].motion.time
     assert not columns[1][(time < 25.0) | (time > 26.0)].any()
     assert columns[1][(time > 25.2) & (time < 25.8)].any(axis=(1, 2)).all()
-
-
-def test_the_plain_grid_is_bounded_and_covers_the_runs(session: SessionContext, arm: ArmModel) -> None:
-    """At most sixteen windows; together they leave no second of few runs out."""
-    effect = find_effect("external_contact")
-    variants = effect.variants(session, 0)
-    assert len(variants) <= MOST_WINDOWS
-    covered = sum(variant.shape["end_s"] - variant.shape["start_s"] for variant in variants)
-    total = sum(run.motion.time[-1] - run.motion.time[0] for run in session.runs)
-    np.testing.assert_allclose(covered, total)
-    run = session.runs[0]
-    many = tuple(replace(run, motion=replace(run.motion, name=f"copy_{k}")) for k in range(40))
-    assert len(effect.variants(replace(session, runs=many), 0)) == MOST_WINDOWS
 
 
 def test_plain_noise_holds_no_window(session: SessionContext) -> None:
