@@ -23,6 +23,8 @@ FREE: tuple[Free, ...] = ("vias", "times", "both")
 SHARE = 0.998
 # A sum of broken limits up to this counts as none: a millionth of a limit, or 20 nm.
 TOLERANCE = 1e-6
+# The search stays this far inside the position limits [rad], so that what the tolerance lets pass is inside too.
+INSIDE = 0.999 * TOLERANCE
 # Section durations may shrink to this share of the initial ones, or grow to its inverse.
 SQUEEZE = 0.05
 # Local times at which torque is looked at where time is the objective, and torque the limit.
@@ -191,7 +193,7 @@ class PlanningProblem:
         cost = splines.total if self.objective == "time" else _integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
         gap, shortfall = self.scene.sweep(splines, self.margin)
-        over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1)
+        over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
         return Evaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)),
             collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,

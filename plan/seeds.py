@@ -7,6 +7,7 @@ the line are the places through which the tip may go. Trees lead from the start 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -111,14 +112,21 @@ def _exit(hull: Float[Array, "m 2"], origin: Float[Array, " 2"], ray: Float[Arra
     return best
 
 
-def find_seeds(problem: PlanningProblem, rng: np.random.Generator, options: TreeOptions | None = None) -> list[Seed]:
+def find_seeds(
+    problem: PlanningProblem,
+    rng: np.random.Generator,
+    options: TreeOptions | None = None,
+    seconds: float = np.inf,
+) -> list[Seed]:
     """Looks for the nine ways; those that fail say why.
 
     Args:
         problem: Task; its scene's obstacles shape the midplane.
         rng: Source of randomness.
         options: How the trees grow; the margin is the problem's unless given.
+        seconds: Time after which no further way is looked for [s].
     """
+    started = time.perf_counter()
     options = options or TreeOptions(margin=problem.margin)
     tip, width = _Tip(problem.scene.arm), girth(problem.scene)
     ends = tip.place(problem.start), tip.place(problem.goal)
@@ -126,6 +134,9 @@ def find_seeds(problem: PlanningProblem, rng: np.random.Generator, options: Tree
     seeds = []
     for rays in zip(*rings, strict=True):
         for label, target in rays:
+            if time.perf_counter() - started > seconds:
+                seed = Seed(label, target, reason="no time was left to look for it")
+                break
             seed = _find_seed(problem, tip, label, target, rng, options)
             if not seed.reason or label == "midpoint":
                 break

@@ -28,6 +28,8 @@ DEFAULT_METHOD = "reference"
 ENERGY_FIRST = 600
 # Longest run of the reference that is only there to tell the gap [s].
 GAP_SECONDS = 60.0
+# Longest search for initial trajectories where no budget says less, and its share of a budget [s].
+STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
 # Times that a plan whose dense check fails is searched anew with tightened limits.
 MENDS = 3
 
@@ -45,7 +47,9 @@ class Starts:
     records: tuple[dict[str, Any], ...] = ()
 
 
-def find_starts(problem: PlanningProblem, rng: np.random.Generator, trial: Trial | None = None) -> Starts:
+def find_starts(
+    problem: PlanningProblem, rng: np.random.Generator, trial: Trial | None = None, seconds: float = STARTS_SECONDS
+) -> Starts:
     """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
 
     For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
@@ -55,13 +59,14 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, trial: Trial
         problem: The task, started from the straight line.
         rng: Source of randomness.
         trial: Taught via points.
+        seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
     """
     base = with_energy(problem) if problem.objective == "time" else problem
     seeds: list[Seed] = []
     if trial is not None:
         problems = [_taught(base, trial)]
     elif base.scene.obstacles or base.initial_evaluation.collision[0] > 0:
-        seeds = find_seeds(base, rng)
+        seeds = find_seeds(base, rng, seconds=seconds / 2)
         problems = from_seeds(base, seeds)
     else:
         problems = [base]
@@ -75,7 +80,7 @@ def find_starts(problem: PlanningProblem, rng: np.random.Generator, trial: Trial
         for seed in seeds
     )
     if problem.objective == "time":
-        problems = _energy_first(problem, problems, rng)
+        problems = _energy_first(problem, problems, rng, seconds / 2)
     return Starts(tuple(problems), records)
 
 
@@ -88,11 +93,13 @@ def _taught(base: PlanningProblem, trial: Trial) -> PlanningProblem:
 
 
 def _energy_first(
-    problem: PlanningProblem, problems: Sequence[PlanningProblem], rng: np.random.Generator
+    problem: PlanningProblem, problems: Sequence[PlanningProblem], rng: np.random.Generator, seconds: float
 ) -> list[PlanningProblem]:
     """Energy optima of the initial trajectories, the best first; three at most, one where the path stays."""
-    ledger = Ledger(Budget(10**9, 60.0))
+    ledger = Ledger(Budget(10**9, seconds))
     Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
+    if not ledger.best_of:  # no time was left
+        return [replace(problems[0], objective="time", free=problem.free)]
     found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
     kept = found[: 1 if problem.free == "times" else 3]
     starts = [
@@ -143,9 +150,10 @@ def solve(
         return PlanResult("infeasible", reason=reason, **head)
     rng = np.random.default_rng(seed)
     ledger = Ledger(budget or default_budget(method), progress, journal, _fingerprint(problem, method, seed))
-    starts = starts or find_starts(problem, rng, trial)
+    seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds)
+    starts = starts or find_starts(problem, rng, trial, seconds)
     planner.run(starts.problems, ledger, rng)
-    spent = ledger.seconds
+    spent, busy = ledger.seconds, ledger.cpu_seconds
     best, certificate = _certified(ledger, rng)
     status, reason = _judge(best, certificate, ledger, starts)
     result = PlanResult(
@@ -155,6 +163,7 @@ def solve(
         certificate=certificate,
         evaluations=ledger.evaluations,
         seconds=spent,
+        cpu_seconds=busy,
         starts=_start_records(starts, ledger),
         history=tuple(ledger.history),
         notes=tuple(ledger.notes),

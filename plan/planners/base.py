@@ -103,6 +103,7 @@ class Ledger:
     _told: list[Array] = field(default_factory=list)
     _replay: Array | None = None
     _started: float = field(default_factory=time.perf_counter)
+    _cpu_started: float = field(default_factory=time.process_time)
     _seconds_before: float = 0.0
     _saved: float = 0.0
 
@@ -117,6 +118,11 @@ class Ledger:
     def seconds(self) -> float:
         """Time spent so far, that of the interrupted search included [s]."""
         return self._seconds_before + time.perf_counter() - self._started
+
+    @property
+    def cpu_seconds(self) -> float:
+        """Processor time of this process since the search began: what a busy machine does not stretch [s]."""
+        return time.process_time() - self._cpu_started
 
     @property
     def remaining(self) -> int:

@@ -42,6 +42,19 @@ def test_certificate_equals_pinocchio_and_coal() -> None:
     assert least - 1e-3 <= result.certificate.clearance.proven <= least + 1e-6
 
 
+@pytest.mark.parametrize("turn", [0.31, 0.52, 0.73])
+def test_certificate_sees_peaks_where_joints_turn(turn: float) -> None:
+    """Friction changes sign within a millisecond; the certificate's peak equals that of a hundred times finer look."""
+    task = problem(duration=1.0)
+    vias = np.radians([[60.0, 40.0 * turn, -125.0 - 10.0 * turn], [85.0 + 10.0 * turn, 35.0, -100.0]])
+    splines = task.decode(task.encode(vias, task.durations)[None])
+    q, dq, ddq = splines.at(np.linspace(0, 1.0, 120_000))
+    tau = task.model.torque(q[None], dq[None], ddq[None])[0]
+    peak = np.abs(tau).max(axis=0)
+    tight = replace(task, limits=replace(task.limits, torque=peak))
+    assert certify(tight, splines).torque_share == pytest.approx(np.ones(3), abs=2e-5)
+
+
 def test_record_has_the_contracts_keys(tmp_path: Path) -> None:
     """`plan.result/1` as promised, and as JSON."""
     result = solve(problem(), "reference")
@@ -100,6 +113,15 @@ def test_unreachable_goal_within_the_budget() -> None:
     assert result.evaluations <= 600
     assert "wall" in result.reason
     assert "no way round the obstacles was found" in result.reason
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_seconds_bound_the_starts_too(objective: str) -> None:
+    """With next to no time a task with a way round is answered at once, with what ended the search."""
+    task = problem(MONITOR, duration=1.0, objective=objective, free="vias" if objective == "energy" else "both")
+    result = solve(task, "cma", budget=Budget(10**6, 0.01), gap=False)
+    assert result.status == "budget_spent"
+    assert result.reason
 
 
 def test_budget_spent_is_told() -> None:
