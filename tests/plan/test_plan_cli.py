@@ -211,6 +211,48 @@ def test_exit_status_and_one_line(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "words"),
+    [
+        ("[50, 0, -120]", "[50, 0, -300]", (), "stay within"),
+        ("[50, 0, -120]", "[50, 100, 150]", (), "move that position or the obstacle"),
+        ("[80, 30, -90]", "[80, 100, 150]", (), "move that position or the obstacle"),
+        ("via_points = 2", f"via_points = 2\n{CRATE}[0, 0.1, 0.1]", (), "give lengths"),
+        ("via_points = 2", "via_points = 2", ("--method", "magic"), "use one of: reference"),
+        ("via_points = 2", "via_points = 2", ("--method", "toppra"), "use --objective time"),
+    ],
+)
+def test_solve_ends_with_status_two(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    options: tuple[str, ...],
+    words: str,
+) -> None:
+    """Ends out of limits or in collision, boxes of zero size, unknown methods: status 2 and the remedy in one line."""
+    path = scene(tmp_path, TABLE3.replace(old, new))
+    monkeypatch.setattr(sys, "argv", ["plan", "solve", str(path), "--json", str(tmp_path / "plan.json"), *options])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    said = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "plan.json").exists()
+
+
+def test_compare_of_unknown_methods() -> None:
+    """A comparison names the methods there are, before it spends any time."""
+    outcome = CliRunner().invoke(app, ["compare", str(DATA / "table3.toml"), "--methods", "cma,magic"])
+    assert isinstance(outcome.exception, InputError)
+    assert "use some of: reference" in str(outcome.exception)
+
+
 def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """An option that does not exist is the user's mistake too."""
     monkeypatch.setattr(sys, "argv", ["plan", "solve", "x.toml", "--nothing"])
