@@ -123,7 +123,7 @@ class LoadedMjcf(LoadedModel):
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         out = np.empty_like(q)
-        twist = np.zeros((2, len(self.springs)))
+        twist = np.zeros((3, len(self.springs)))
         for k, state in enumerate(zip(q, dq, ddq, strict=True)):
             if len(self.springs):
                 twist = self._deflect(state, twist, interval if k else 0.0)
@@ -141,24 +141,30 @@ class LoadedMjcf(LoadedModel):
             target[self.main] = values
             target[self.springs] = behind
 
-    def _deflect(self, state: tuple[Array, Array, Array], twist: Array, interval: float) -> Float[Array, "2 s"]:
-        """Deflections and rates one sample on; from rest under the load where there is no time between."""
+    def _deflect(self, state: tuple[Array, Array, Array], twist: Array, interval: float) -> Float[Array, "3 s"]:
+        """Deflections, rates and accelerations one sample on; from rest under the load where no time lies between."""
         if interval == 0.0:
             self._place(state[0], np.zeros_like(state[1]), np.zeros_like(state[2]), *np.zeros_like(twist))
             mujoco.mj_inverse(self.model, self.data)
             stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
-            return np.stack([-self.data.qfrc_inverse[self.springs] / stiffness, np.zeros(len(self.springs))])
+            twist[0] = -self.data.qfrc_inverse[self.springs] / stiffness
+            return twist
         steps = max(1, int(np.ceil(interval / SPRING_STEP)))
-        x, v = twist
+        x, v, change = twist
         for _ in range(steps):
-            left = []
-            for change in (0.0, 1.0):
-                self._place(*state, x, v, change)
-                mujoco.mj_inverse(self.model, self.data)
-                left.append(np.array(self.data.qfrc_inverse[self.springs]))
-            v = v - interval / steps * left[0] / (left[1] - left[0])
+            v = v + interval / steps * change
             x = x + interval / steps * v
-        return np.stack([x, v])
+            change = self._spring_acceleration(state, x, v)
+        return np.stack([x, v, change])
+
+    def _spring_acceleration(self, state: tuple[Array, Array, Array], x: Array, v: Array) -> Array:
+        """By what two inverse dynamics leave on the springs; each spring feels its own acceleration only."""
+        left = []
+        for change in (0.0, 1.0):
+            self._place(*state, x, v, change)
+            mujoco.mj_inverse(self.model, self.data)
+            left.append(np.array(self.data.qfrc_inverse[self.springs]))
+        return np.asarray(-left[0] / (left[1] - left[0]))
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
         log = shifted(torque / self.gear - self.bias, self.delay, interval)
@@ -170,7 +176,7 @@ class LoadedMjcf(LoadedModel):
         """MuJoCo's own steps, the log as `ctrl`."""
         mujoco.mj_resetData(self.model, self.data)
         rest = np.zeros_like(state[1])
-        twist = self._deflect((state[0], rest, rest), np.zeros((2, len(self.springs))), 0.0)
+        twist = self._deflect((state[0], rest, rest), np.zeros((3, len(self.springs))), 0.0)
         self._place(*state, rest, *twist)
         step = float(self.model.opt.timestep)
         torques = zip(_at_steps(drive, interval, step), _at_steps(extra, interval, step), strict=True)

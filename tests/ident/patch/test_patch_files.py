@@ -125,6 +125,22 @@ def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> N
     assert int(np.argmax(read)) == 10 + round(FIGURES["torque_delay"]["delay_s"] / model.opt.timestep)
 
 
+def test_an_elastic_joint_swings_as_its_law_says(tmp_path: Path, arm: ArmModel) -> None:
+    """MuJoCo's second joint, driven by the motor's motion, gives the torque of the module's own integration."""
+    make_patch(tmp_path, arm, "joint_elasticity")
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    time, pulse = np.arange(1000)[:, None] / 500.0, 2.0 * np.pi * np.array([0.7, 5.0, 1.1, 0.9, 1.3, 0.8])
+    size = np.array([0.5, 0.02, 0.4, 0.5, 0.4, 0.5])
+    states = size * np.sin(pulse * time), size * pulse * np.cos(pulse * time), -size * pulse**2 * np.sin(pulse * time)
+    model = LoadedMjcf(tmp_path / "patch" / "robot.xml", arm.joint_names)
+    model.model.dof_frictionloss[:] = 0.0  # the sign of a speed is another at each passage of zero
+    found = model.joint_torque(*states, 1 / 500.0) + COULOMB * np.tanh(states[1] / 0.01)
+    extra = module.extra_torque(*states, 1 / 500.0)[250:, 1]
+    left = (found - module.modelled_torque(*states))[250:, 1] - extra
+    assert np.sqrt(np.mean(extra**2)) > 1.0
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(extra**2))
+
+
 def test_a_payload_lifted_by_the_motors_weighs_what_it_weighs(tmp_path: Path, arm: ArmModel) -> None:
     """The files' static torque is that of the arm with the payload, in MuJoCo and in Pinocchio."""
     make_patch(tmp_path, arm, "payload")
