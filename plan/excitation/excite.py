@@ -10,8 +10,8 @@ import numpy as np
 from ident.arm import ArmModel
 from ident.effects.shown_by import setup_for
 from ident.errors import RobotError
-from ident.plant.motions import plan_motions
 from ident.plant.shapes import Motion
+from plan.excitation.chance import random_runs
 from plan.excitation.distance import View, look
 from plan.excitation.eye import Eye
 from plan.excitation.feasible import Feasibility
@@ -59,7 +59,7 @@ def excite(
     programme = _general(feasible, question, seed) if twins else search.best(tell).programme
     runs = _of_length(programme, eye, feasible, question, minutes)
     view = look(eye, runs, question.effects, question.told)
-    chance = [_random_view(eye, question, runs, [seed, k]) for k in range(RANDOM_TRIES)]
+    chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]
     by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
     return Excitation(
         robot=arm.name,
@@ -124,12 +124,11 @@ def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Mot
     raise RobotError(feasible.limits.arm.name, "no motion found that fits", "check its limits and collision geometry")
 
 
-def _random_view(eye: Eye, question: Question, runs: Sequence[Motion], seed: Sequence[int]) -> View:
+def _random_view(eye: Eye, question: Question, runs: Sequence[Motion], rng: np.random.Generator) -> View:
     """What random motion through via points of the same length would tell."""
     count = len(runs)
     duration = max(duration_of(list(runs)) / count, 1.0)
-    rng = np.random.default_rng([*seed, 1])
-    return look(eye, plan_motions(eye.arm, ("spline",), count, duration, rng), question.effects, question.told)
+    return look(eye, random_runs(eye.arm, count, duration, rng), question.effects, question.told)
 
 
 def _sizes(view: View) -> dict[str, str]:

@@ -13,10 +13,10 @@ from ident.diagnosis.baseline import Baseline, build_session, fit_baseline
 from ident.diagnosis.command import CUTOFF
 from ident.effects.base import SessionContext
 from ident.plant.limits import Limits
-from ident.plant.motions import plan_motions
 from ident.plant.shapes import TICK_S
 from ident.plant.shapes import Motion as Reference
 from ident.signals import CRITICAL_OVERSAMPLING, Lowpass, Motion
+from plan.excitation.chance import random_runs
 
 # Of the ticks of a reference, one in this many is looked at: 125 Hz.
 THINNING = 8
@@ -49,7 +49,7 @@ class Eye:
         """The eye for an arm; noise of half a per cent of the rated torque if none is known."""
         limits = Limits(arm)
         rng = np.random.default_rng(0)
-        runs = [as_recorded(run, arm, 0.0) for run in plan_motions(arm, ("spline",), 3, 6.0, rng)]
+        runs = [as_recorded(run, arm, 0.0) for run in random_runs(arm, 3, 6.0, rng)]
         healthy = [_with_torque(run, arm, limits.torque, rng) for run in runs]
         sigma = NOISE_SHARE * limits.torque if noise is None else noise
         return cls(arm, fit_baseline(healthy, arm), freeze(np.array(sigma)))
