@@ -50,7 +50,7 @@ class Reference(Planner):
     rounds: int = 6
     rough: int = 3
     screening: int = 3000
-    finalists: int = 2
+    finalists: int = 1
     reach: float = 0.4
     tolerance: float = 1e-4
     extra: float = 5e-4
