@@ -75,7 +75,7 @@ def collides(scene: Scene, points: np.ndarray) -> bool:
 def main(count: int) -> None:
     arm = ArmModel.load("tm5-900").locked(["joint_4", "joint_5", "joint_6"], [0.0, 0.0, 0.0])
     rng = np.random.default_rng(5)
-    agree, faults, rows = 0, 0, []
+    agree, faults, rows = 0, np.zeros(2, dtype=int), []
     for i in range(count):
         scene, ends = random_scene(arm, rng)
         low, high = np.maximum(arm.lower, ends.min(axis=0) - np.pi), np.minimum(arm.upper, ends.max(axis=0) + np.pi)
@@ -88,10 +88,11 @@ def main(count: int) -> None:
         if ours.found and theirs is not None:
             options = TreeOptions(resolution=RESOLUTION)
             lengths = length(prune(scene, ours.points, options)), length(prune(scene, theirs, options))
-            faults += collides(scene, ours.points) + collides(scene, theirs)
+            faults += [collides(scene, ours.points), collides(scene, theirs)]
             rows.append((middle - started, ended - middle, length(ours.points), length(theirs), *lengths))
     table = np.median(np.array(rows), axis=0)
-    print(f"{count} tasks; same verdict in {agree}; both found a way in {len(rows)}; paths in collision: {faults}")
+    hit = f"paths that touch between their samples: ours {faults[0]}, OMPL {faults[1]}"
+    print(f"{count} tasks; same verdict in {agree}; both found a way in {len(rows)}; {hit}")
     print(f"median time: ours {1000 * table[0]:.1f} ms, OMPL {1000 * table[1]:.1f} ms (its checks go through Python)")
     plain, cut = f"ours {table[2]:.2f}, OMPL {table[3]:.2f}", f"{table[4]:.2f} and {table[5]:.2f}"
     print(f"median length [rad]: {plain}; after pruning {cut}")
