@@ -37,6 +37,7 @@ SHOWINGS: dict[str, Showing] = {
         Showing("poses", "the same path of {joint} both ways, repeated in other poses of the other joints", 4),
         Showing("wide", "all joints fast over wide poses", 4),
         Showing("vias", "all joints by clamped splines through chosen via points", 4),
+        Showing("random", "all joints there and back through random points, as fast as their limits allow", 4),
         Showing("jointwise", "one joint after the other, the rest at standstill", 4),
         Showing("slow", "{joint} at two slow steady speeds, 0.02 and 0.04 rad/s", 4),
         Showing("repeat", "one motion of {joint} cold, after ten minutes of fast work, and after a rest", 25),
@@ -78,7 +79,7 @@ _PARTED_BY: dict[frozenset[str], str] = {
         ("stribeck_friction", "thermal_friction", "repeat"),
         ("nonlinear_viscous_friction", "thermal_friction", "repeat"),
         ("nonlinear_viscous_friction", "presliding_hysteresis", "ladder"),
-        ("torque_offset", "asymmetric_friction", "holds"),
+        ("torque_offset", "asymmetric_friction", "ladder"),
         ("torque_offset", "thermal_friction", "repeat"),
         ("spring_torque", "gravity_misalignment", "poses"),
         ("spring_torque", "link_inertial_error", "poses"),
@@ -108,6 +109,13 @@ _SETUPS: dict[frozenset[str], str] = {
             "payload",
             "record the same motion with a known mass on the flange ([payload] of session.toml) and without it: the "
             "difference is known, so the gain is",
+        ),
+        (
+            "torque_offset",
+            "asymmetric_friction",
+            "log ten seconds at standstill with the brakes closed and the drives idle, before and after the motion: no "
+            "friction reaches the motor then, and what its torque reads is the offset; standstill under control does "
+            "not do, friction stays in the joint there",
         ),
         (
             "gravity_misalignment",

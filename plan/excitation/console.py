@@ -16,10 +16,15 @@ def print_excitation(console: Console, found: Excitation) -> None:
     if found.status == "needs_set_up":
         console.print(f"[bold]no motion tells {effects} apart[/]: {found.set_up}", soft_wrap=True)
         console.print("a motion of all joints to be recorded before and after:", soft_wrap=True)
+    if found.status == "one_sided":
+        for true, rival in found.distances:
+            if (true, rival) not in (found.tellable or ()):
+                console.print(
+                    f"[bold]if it is {true}, no motion tells: {rival} fits as well[/]: {found.set_up}", soft_wrap=True
+                )
     words = describe_motion(found.programme.family, found.joint)
     console.print(
-        f"[bold]{words}[/]: {found.duration / 60:.1f} min in {len(found.runs)} runs; "
-        f"{AIMS[found.aim].format(effects=effects)}",
+        f"[bold]{words}[/]: {found.duration / 60:.1f} min in {len(found.runs)} runs; {_aim(found, effects)}",
         soft_wrap=True,
     )
     figures = ", ".join(f"{name} {value:.3g}" for name, value in found.programme.figures.items())
@@ -35,6 +40,13 @@ def print_excitation(console: Console, found: Excitation) -> None:
     console.print(f"  noise: {found.sources['noise']}", soft_wrap=True)
     clear = "its shape is unknown" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
     console.print(f"  distance of the arm from itself: {clear}", soft_wrap=True)
+
+
+def _aim(found: Excitation, effects: str) -> str:
+    if found.status != "one_sided":
+        return AIMS[found.aim].format(effects=effects)
+    shown = " and ".join(dict.fromkeys(true for true, _ in found.tellable or ()))
+    return f"tells {shown} if it is that"
 
 
 def _print_odds(console: Console, found: Excitation) -> None:

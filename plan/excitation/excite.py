@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from plan.excitation.eye import Eye
 from plan.excitation.feasible import Feasibility
 from plan.excitation.programme import WIDE_FIGURES, Programme, duration_of
 from plan.excitation.question import Question
-from plan.excitation.result import Excitation, minutes_to_odds
+from plan.excitation.result import Excitation, Status, minutes_to_odds
 from plan.excitation.search import Search, Tell
 from plan.excitation.twins import LONGEST_MINUTES
 
@@ -54,16 +55,18 @@ def excite(
     """
     began = time.perf_counter()
     eye, feasible = Eye.of(arm, question.noise), Feasibility(arm)
-    twins = _are_twins(eye, feasible, question, seed)
-    search = Search(eye, feasible, question, evaluations, seed)
-    programme = _general(feasible, question, seed) if twins else search.best(tell).programme
-    runs = _of_length(programme, eye, feasible, question, minutes)
-    view = look(eye, runs, question.effects, question.told)
+    question = replace(question, tellable=_tellable(eye, feasible, question, seed))
+    if question.tellable == ():
+        programmes = [_general(feasible, question, seed)]
+    else:
+        search = Search(eye, feasible, question, evaluations, seed)
+        programmes = [trial.programme for trial in search.best(tell)]
+    programme, runs, view = _best_at_length(programmes, eye, feasible, question, minutes)
     chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]
     by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
     return Excitation(
         robot=arm.name,
-        status="needs_set_up" if twins else "ready",
+        status=_status(question),
         aim=question.aim,
         effects=question.ids,
         joint=arm.joint_names[question.joint],
@@ -71,30 +74,56 @@ def excite(
         runs=tuple(runs),
         distances=question.distances(view),
         random=question.distances(by_chance),
+        tellable=question.tellable,
         information=(view.information(), by_chance.information()),
         noise=dict(zip(arm.joint_names, map(float, eye.noise), strict=True)),
         sources={"noise": "a share of the rated torque" if question.noise is None else "diagnosis", **_sizes(view)},
         clearance=min(map(feasible.clearance, runs)) if feasible.checks_collisions else None,
         set_up=setup_for(question.ids),
-        evaluations=0 if twins else evaluations,
+        evaluations=0 if question.tellable == () else evaluations,
         seconds=time.perf_counter() - began,
         seed=seed,
     )
 
 
-def _are_twins(eye: Eye, feasible: Feasibility, question: Question, seed: int) -> bool:
-    """Whether effects that another set-up would part are too near for wide motion of all joints."""
+def _tellable(eye: Eye, feasible: Feasibility, question: Question, seed: int) -> tuple[tuple[str, str], ...] | None:
+    """Of effects that another set-up would part, the pairs (true, rival) that wide motion of all joints tells too.
+
+    An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show. None
+    where all can be told.
+    """
     if question.aim != "separate" or setup_for(question.ids) is None:
-        return False
+        return None
     runs = _general(feasible, question, seed).runs(4, feasible)
+    if not runs:
+        return ()
     found = question.distances(look(eye, runs, question.effects, question.told))
-    needed = minutes_to_odds(min(found.values()), duration_of(runs)) if runs else None
-    return needed is None or needed > LONGEST_MINUTES
+    needed = {pair: minutes_to_odds(value, duration_of(runs)) for pair, value in found.items()}
+    told = tuple(pair for pair, minutes in needed.items() if minutes is not None and minutes <= LONGEST_MINUTES)
+    return None if len(told) == len(found) else told
+
+
+def _status(question: Question) -> Status:
+    if question.tellable is None:
+        return "ready"
+    return "one_sided" if question.tellable else "needs_set_up"
 
 
 def _general(feasible: Feasibility, question: Question, seed: int) -> Programme:
     """Wide motion of all joints about the middle pose."""
     return Programme("wide", WIDE_FIGURES, np.array(feasible.limits.centre), question.joint, seed)
+
+
+def _best_at_length(
+    programmes: Sequence[Programme], eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
+) -> tuple[Programme, list[Motion], View]:
+    """The programme that tells most a minute at its full length: a few trial runs flatter some families."""
+    found = []
+    for programme in programmes:
+        runs = _of_length(programme, eye, feasible, question, minutes)
+        view = look(eye, runs, question.effects, question.told)
+        found.append((question.score(view) / duration_of(runs), programme, runs, view))
+    return max(found, key=lambda one: one[0])[1:]
 
 
 def _of_length(
@@ -104,8 +133,8 @@ def _of_length(
     trial = _proven(programme, FEWEST_RUNS, feasible)
     wanted = minutes
     if wanted is None:
-        found = question.distances(look(eye, trial, question.effects, question.told))
-        needed = minutes_to_odds(min(found.values()), duration_of(trial)) if found else USUAL_MINUTES
+        found = question.counted(question.distances(look(eye, trial, question.effects, question.told)))
+        needed = minutes_to_odds(min(found), duration_of(trial)) if found else USUAL_MINUTES
         wanted = RESERVE * (needed or USUAL_MINUTES)
     count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
     low = 1 if minutes is not None else FEWEST_RUNS

@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.plant.limits import Limits
+from ident.plant.motions import timed_spline
 from ident.plant.shapes import TICK_S, Motion, chirp, fourier, ramps, sampled, ticks, via_spline
 
 RUN_S = 10.0
@@ -99,11 +100,13 @@ class Family:
         name: As in `ident.effects.shown_by`.
         figures: What a search may choose, beside the home pose.
         build: Positions of a run at the controller's ticks, from rest to rest.
+        redraws: Whether other points are drawn where a run does not fit, rather than the run made smaller.
     """
 
     name: str
     figures: tuple[Figure, ...]
     build: Builder
+    redraws: bool = False
 
 
 SPREAD = Figure("pose_spread", 0.0, 1.0)
@@ -202,6 +205,21 @@ def _vias(stage: Stage, figures: Mapping[str, float]) -> Float[Array, "K n"]:
     return via_spline("", points, stage.duration).q
 
 
+def _random(stage: Stage, figures: Mapping[str, float]) -> Float[Array, "K n"]:
+    """All joints through random points anywhere and the same way back, slower where the limits need it.
+
+    The simulator's usual motion, with which every proposal is compared; here it is a start like any other.
+    """
+    limits = stage.limits
+    rng = np.random.default_rng([int(figures["draw"]), int(stage.rng.integers(2**31))])
+    half = 0.5 * stage.duration * (1.0 if rng.uniform() < 0.5 else figures["fast_share"])
+    count = max(2, round(0.5 * stage.duration / figures["leg_s"]))
+    reach = stage.size * figures["swing"] * limits.span
+    points = limits.centre + reach * rng.uniform(-1.0, 1.0, (count, len(stage.pose)))
+    there = timed_spline(limits, "", np.concatenate([stage.pose[None], points]), half)
+    return np.concatenate([there.q, there.q[::-1]])
+
+
 FAMILIES: dict[str, Family] = {
     family.name: family
     for family in (
@@ -219,6 +237,18 @@ FAMILIES: dict[str, Family] = {
                 Figure("pose_spread", 0.0, 0.3),
             ),
             _vias,
+        ),
+        Family(
+            "random",
+            (
+                Figure("swing", 0.6, 1.0),
+                Figure("leg_s", 1.0, 2.5, log=True),
+                Figure("fast_share", 0.4, 1.0),
+                Figure("draw", 0.0, 1000.0),
+                Figure("pose_spread", 0.0, 0.3),
+            ),
+            _random,
+            redraws=True,
         ),
         Family("slow", (Figure("slowest_rad_s", 0.015, 0.06, log=True), Figure("ratio", 1.3, 3.0), SPREAD), _slow),
         Family("poses", (Figure("speed_share", 0.05, 0.6, log=True), Figure("reach", 0.2, 1.0), SPREAD), _poses),

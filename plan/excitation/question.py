@@ -37,6 +37,7 @@ class Question:
         joint: The joint that moves most.
         told: What a diagnosis knows of their sizes, by effect.
         noise: Noise of each joint [N m], or None.
+        tellable: Of the pairs (true, rival) those that motion can tell; None for all.
     """
 
     aim: Aim
@@ -44,6 +45,7 @@ class Question:
     joint: int
     told: Mapping[str, Told] = field(default_factory=dict)
     noise: Array | None = None
+    tellable: tuple[tuple[str, str], ...] | None = None
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -60,13 +62,17 @@ class Question:
             return {}
         return view.between() if self.aim == "separate" else view.visible()
 
+    def counted(self, distances: Mapping[tuple[str, str], float]) -> list[float]:
+        """Those distances that motion can make large [nats]."""
+        return [value for pair, value in distances.items() if self.tellable is None or pair in self.tellable]
+
     def score(self, view: View) -> float:
         """What the search makes large: the smallest distance; the information on a single model's parameters."""
         if len(self.effects) < 2:
             return view.information()
-        found = self.distances(view).values()
-        # Where one effect is contained in another, the rest still decides between motions.
-        return min(found) + 1e-3 * float(np.mean(list(found)))
+        found = self.counted(self.distances(view))
+        # Where one effect is nearly contained in another, the rest still decides between motions.
+        return min(found) + 1e-3 * float(np.mean(found))
 
 
 def ask(arm: ArmModel, separate: str | None, joint: str | None, diagnosis: Path | None) -> Question:

@@ -20,7 +20,7 @@ from plan.excitation.programme import Programme, duration_of
 
 SCHEMA = "plan.excite/1"
 RECORD_NAME = "excite.json"
-Status = Literal["ready", "needs_set_up"]
+Status = Literal["ready", "one_sided", "needs_set_up"]
 # Odds at which a class counts as decided.
 ODDS = 20.0
 LARGEST_ODDS = 1e9
@@ -48,13 +48,15 @@ class Excitation:
 
     Attributes:
         robot: Name of the arm.
-        status: `ready`, or `needs_set_up` where no motion tells the effects apart.
+        status: `ready`; `one_sided` where motion shows one effect if it is that, but the other only with another
+            set-up; `needs_set_up` where no motion tells them apart.
         aim: `separate`, `show` or `identify`.
         effects: Their ids.
         joint: The joint that moves most.
         programme: Family and figures.
         runs: The runs.
         distances: Of the proposed motion [nats].
+        tellable: The pairs (true, rival) that motion can tell; None for all.
         random: The same of random motion of equal length, the median of some.
         information: Gained on a single model's parameters by the proposed and by random motion [nats].
         noise: Of each joint [N m].
@@ -72,6 +74,7 @@ class Excitation:
     programme: Programme
     runs: tuple[Motion, ...]
     distances: Distances
+    tellable: tuple[tuple[str, str], ...] | None
     random: Distances
     information: tuple[float, float]
     noise: Mapping[str, float]
@@ -89,13 +92,15 @@ class Excitation:
 
     @property
     def smallest(self) -> tuple[float, float]:
-        """Smallest distance of the proposed motion, and of random motion [nats]."""
-        if not self.distances:
+        """Smallest distance that motion can tell, of the proposed motion and of random motion [nats]."""
+        counted = [pair for pair in self.distances if self.tellable is None or pair in self.tellable] or self.distances
+        if not counted:
             return self.information
-        return min(self.distances.values()), min(self.random.values())
+        return min(self.distances[pair] for pair in counted), min(self.random[pair] for pair in counted)
 
     def to_dict(self) -> dict[str, Any]:
         proposed, by_chance = self.smallest
+        told = self.distances if self.tellable is None else self.tellable
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -104,6 +109,7 @@ class Excitation:
             "separates": list(self.effects),
             "joint": self.joint,
             "set_up": self.set_up,
+            "told_by_motion": [f"{true} against {rival}" for true, rival in told],
             "motion": {
                 "family": self.programme.family,
                 "figures": dict(self.programme.figures),

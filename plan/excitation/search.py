@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,9 @@ from plan.excitation.question import Question
 TRIAL_RUNS = 3
 # Share of the budget for random starts, and that of these for the family that is known to suit the question.
 STARTS_SHARE, HINTED_SHARE = 0.5, 0.35
-# Starts that are improved, and the steps' size at first, as a share of each range.
+# What every proposal must beat.
+BASELINE = "random"
+# Starts that are improved, of different families, and the steps' size at first, as a share of each range.
 FINALISTS, STEP = 3, 0.15
 # A step that worked makes the next ones larger, others make them smaller: one in five may work.
 GROW, SHRINK = 1.5, 0.9
@@ -62,8 +64,8 @@ class Search:
     evaluations: int = 120
     seed: int = 0
 
-    def best(self, tell: Tell | None = None) -> Trial:
-        """The programme of the highest score a minute."""
+    def best(self, tell: Tell | None = None) -> list[Trial]:
+        """The best programme of each of the best families, by score a minute; random motion is among them."""
         rng = np.random.default_rng(self.seed)
         done: list[Trial] = []
 
@@ -76,11 +78,12 @@ class Search:
 
         for family in self._starts(rng):
             judge(family, rng.uniform(0.0, 1.0, Programme.freedom(family, self.eye.arm.n)))
-        finalists = sorted(done, key=lambda one: -one.rate)[:FINALISTS]
+        finalists = _best_of_families(done)[:FINALISTS]
         for i, start in enumerate(finalists):
             left = (self.evaluations - len(done)) // (len(finalists) - i)
             self._improve(start, left, rng, judge)
-        return max(done, key=lambda one: one.rate)
+        ranked = _best_of_families(done)
+        return ranked[:FINALISTS] + [one for one in ranked[FINALISTS:] if one.family == BASELINE]
 
     def judge(self, family: str, shares: Float[Array, " d"]) -> Trial:
         """Score of a programme."""
@@ -107,3 +110,11 @@ class Search:
             trial = judge(best.family, np.clip(best.shares + move, 0.0, 1.0))
             step *= GROW if trial.rate > best.rate else SHRINK
             best = trial if trial.rate > best.rate else best
+
+
+def _best_of_families(done: Sequence[Trial]) -> list[Trial]:
+    """The best trial of each family, the best first."""
+    best: dict[str, Trial] = {}
+    for trial in sorted(done, key=lambda one: -one.rate):
+        best.setdefault(trial.family, trial)
+    return list(best.values())

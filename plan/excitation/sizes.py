@@ -41,6 +41,8 @@ _INNER: dict[str, dict[str, float]] = {
     "nonlinear_viscous_friction": {"exponent": 0.5},
     "thermal_friction": {"time_constant_s": 120.0},
 }
+# Coefficients that a typical effect has not: an offset that stays drifts no more.
+_ABSENT: dict[str, tuple[int, ...]] = {"torque_offset": (1,)}
 # Of an effect of the user's own.
 _OWN_SHARE = 0.2
 # What is told is believed within these factors of a typical size.
@@ -81,6 +83,7 @@ def size_effect(
     leading, share = _LEADING.get(effect.id, ("", _OWN_SHARE))
     scale = effect.prior_scale(session, joint, variant)
     beta = share * (np.ones(width) if scale is None else np.asarray(scale, dtype=float))
+    beta[[k for k in _ABSENT.get(effect.id, ()) if k < width]] = 0.0
     if not told or leading not in told:
         return Sized(beta, "typical")
     usual = effect.parameters(session, joint, variant, beta, np.zeros((width, width)))[leading].value

@@ -49,18 +49,19 @@ def whole() -> ArmModel:
 def test_writes_a_motion_that_the_simulated_arm_reads(tmp_path: Path, whole: ArmModel) -> None:
     """One command: a folder of command files and a record that agree with each other."""
     out, record_file = tmp_path / "motion", tmp_path / "excite.json"
-    arguments = ["excite", "--separate", "torque_offset,asymmetric_friction", "--joint", "2", "--minutes", "0.3"]
+    pair = "stribeck_friction,presliding_hysteresis"
+    arguments = ["excite", "--separate", pair, "--joint", "2", "--minutes", "0.3"]
     outcome = CliRunner().invoke(app, [*arguments, "--evaluations", "8", "--out", str(out), "--json", str(record_file)])
     assert outcome.exit_code == 0, outcome.output
-    assert "tells torque_offset and asymmetric_friction apart" in outcome.output
+    assert "tells stribeck_friction and presliding_hysteresis apart" in outcome.output
     record = json.loads(record_file.read_text())
     assert record["schema"] == "plan.excite/1"
     assert record == json.loads((out / "excite.json").read_text())
-    assert record["separates"] == ["torque_offset", "asymmetric_friction"]
+    assert record["separates"] == ["stribeck_friction", "presliding_hysteresis"]
     assert record["joint"] == "joint_2"
     assert set(record["distance"]["proposed"]) == {
-        "torque_offset against asymmetric_friction",
-        "asymmetric_friction against torque_offset",
+        "stribeck_friction against presliding_hysteresis",
+        "presliding_hysteresis against stribeck_friction",
     }
     assert record["minutes_to_20_to_1"] > 0.0
     assert record["motion"]["clearance_m"] > 0.0

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from ident.arm import ArmModel
+from ident.arrays import Array, Float
 from ident.plant.limits import Limits
-from ident.plant.shapes import TICK_S, Motion
+from ident.plant.shapes import TICK_S, Motion, sampled
 from plan.excitation.excite import excite
+from plan.excitation.eye import Eye
 from plan.excitation.families import FAMILIES
-from plan.excitation.feasible import MARGIN, Feasibility
+from plan.excitation.feasible import Feasibility
 from plan.excitation.programme import Programme
 from plan.excitation.question import ask
+from plan.excitation.search import BASELINE, Search
 
 PAIRS = (
     ("joint_elasticity,torque_delay", 16),
@@ -20,7 +23,6 @@ PAIRS = (
     pytest.param("stribeck_friction,nonlinear_viscous_friction", 32, marks=pytest.mark.slow),
     ("load_dependent_friction,position_dependent_friction", 16),
     ("spring_torque,gravity_misalignment", 16),
-    ("torque_offset,asymmetric_friction", 16),
 )
 
 
@@ -53,17 +55,29 @@ def test_the_same_seed_makes_the_same_motion(feasible: Feasibility) -> None:
     assert not np.array_equal(first.q[:2000], other.q[:2000])
 
 
-def test_a_folded_arm_is_refused(feasible: Feasibility) -> None:
-    """A motion that folds the arm into itself is not allowed, and no distance of it can be proven."""
+def test_a_folded_arm_is_refused() -> None:
+    """Slow motion within all limits is refused where it folds the arm into itself; where it does not, it is allowed."""
     whole = Feasibility(ArmModel.load("tm5-900"))
-    s = np.linspace(0.0, 1.0, 3001)[:, None] ** 2 * (3.0 - 2.0 * np.linspace(0.0, 1.0, 3001)[:, None])
-    goal = np.array([0.0, 0.0, whole.limits.upper[2], whole.limits.upper[3], 0.0, 0.0])
-    q = s * goal
-    folded = Motion("folded", q, np.gradient(q, TICK_S, axis=0), np.zeros_like(q))
     assert whole.scene is not None
-    nearest = min(whole.scene.proximity.clearance(state) for state in q[::50])
-    assert (whole.clearance(folded) > 0.0) == (nearest > 0.1 * MARGIN)
-    assert not whole.allows(folded) or nearest > 0.0
+    limits = whole.limits
+    poses = np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, 6))
+    distances = [whole.scene.proximity.clearance(pose) for pose in poses]
+    folded, free = (slow_move(limits.centre, poses[pick(distances)]) for pick in (np.argmin, np.argmax))
+    assert min(distances) < 0.0
+    assert limits.excess(folded.q, folded.dq, folded.ddq) < 1.0
+    assert not whole.allows(folded)
+    assert whole.clearance(folded) == 0.0
+    short = slow_move(limits.centre, limits.centre + 0.02)
+    assert whole.allows(short)
+    assert whole.clearance(short) > 0.0
+    # What is proven is no more than what a close look finds.
+    assert whole.clearance(free) <= max(0.0, min(whole.scene.proximity.clearance(q) for q in free.q[::200]))
+
+
+def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> Motion:
+    """From rest to rest on a straight line in 20 s."""
+    s = np.linspace(0.0, 1.0, 20001)[:, None]
+    return sampled("move", start + (goal - start) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 @pytest.mark.parametrize(("pair", "evaluations"), PAIRS)
@@ -75,3 +89,26 @@ def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int
     assert proposed > by_chance
     assert found.clearance is not None
     assert found.clearance > 0.0
+
+
+@pytest.mark.slow
+def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
+    """Asymmetric friction that grows with speed shows in motion; a pure offset is a special case of it in motion."""
+    question = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
+    found = excite(arm, question, minutes=0.5, evaluations=16)
+    assert found.status == "one_sided"
+    assert found.tellable == (("asymmetric_friction", "torque_offset"),)
+    assert found.distances[("torque_offset", "asymmetric_friction")] < 1.0
+    assert found.smallest[0] == found.distances[("asymmetric_friction", "torque_offset")] > found.smallest[1]
+    assert found.set_up is not None
+    assert "brakes" in found.set_up
+    assert found.to_dict()["told_by_motion"] == ["asymmetric_friction against torque_offset"]
+
+
+def test_random_motion_is_a_start_like_any_other(eye: Eye, feasible: Feasibility, arm: ArmModel) -> None:
+    """However short the search, the usual random motion is judged, and stays in to the end."""
+    question = ask(arm, "stribeck_friction,presliding_hysteresis", "joint_2", None)
+    ranked = Search(eye, feasible, question, evaluations=len(FAMILIES)).best()
+    assert BASELINE in {trial.family for trial in ranked}
+    assert [trial.rate for trial in ranked] == sorted((trial.rate for trial in ranked), reverse=True)
+    assert len({trial.family for trial in ranked}) == len(ranked)
