@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze
 from ident.loss import TRANSITION_GRID, direction
 from ident.signals import Motion
 
@@ -70,13 +70,29 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
         rigid: Modelled rigid torque of each run [N m], not filtered.
     """
     n = motions[0].n
-    targets = [motion.tau_filtered - motion.filtered(torque) for motion, torque in zip(motions, rigid, strict=True)]
+    known = [
+        _Known(motion.moving, motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
+        for motion, torque in zip(motions, rigid, strict=True)
+    ]
     grid = _grid(motions)
-    misfit = np.array([_misfit(motions, targets, trial) for trial in grid])
+    misfit = np.array([_misfit(motions, known, trial) for trial in grid])
     best = np.argmin(misfit, axis=0)
     return Sliding(
         np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What all trials share of a run: where it moves, filtered acceleration and speed, torque to be explained."""
+
+    moving: Bool[Array, "t n"]
+    columns: Float[Array, "t n 2"]
+    target: Float[Array, "t n"]
+
+
+def _moves(motion: Motion) -> Float[Array, "T n 2"]:
+    return np.stack([motion.ddq, motion.dq], axis=-1)
 
 
 def _grid(motions: Sequence[Motion]) -> list[Sliding]:
@@ -87,12 +103,17 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
     return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
 
 
-def _misfit(motions: Sequence[Motion], targets: Sequence[Float[Array, "t n"]], trial: Sliding) -> Float[Array, " n"]:
+def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
     """Sum of squares that each joint leaves where it moves [N² m²]."""
-    found = np.zeros(motions[0].n)
-    rows = [motion.filtered(np.stack([motion.ddq, motion.dq, trial.direction(motion)], axis=-1)) for motion in motions]
-    for j in range(len(found)):
-        x = np.concatenate([row[motion.moving[:, j], j] for row, motion in zip(rows, motions, strict=True)])
-        y = np.concatenate([target[motion.moving[:, j], j] for target, motion in zip(targets, motions, strict=True)])
-        found[j] = np.sum((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2)
+    gram = np.zeros((motions[0].n, 4, 4))
+    for motion, one in zip(motions, known, strict=True):
+        slip = motion.filtered(trial.direction(motion))
+        rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
+        rows = np.where(one.moving[:, :, None], rows, 0.0)
+        gram += np.einsum("tja,tjb->jab", rows, rows)
+    found = np.zeros(len(gram))
+    for j, sums in enumerate(gram):
+        scale = np.sqrt(np.diag(sums)[:-1]) + 1e-12
+        solved = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), sums[:-1, -1] / scale, rcond=1e-10)[0]
+        found[j] = sums[-1, -1] - solved @ (sums[:-1, -1] / scale)
     return found

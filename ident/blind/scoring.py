@@ -142,7 +142,7 @@ def score_case(
         joint=bool(first and only and _is_at(only, first, answer)),
         class_size=len(first["class"]) if first else None,
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
-        set_f1=_f1(len(findings), sum(one is not None for one in matches), len(truth)) if truth else None,
+        set_f1=_f1(len(findings), matches, len(truth)) if truth else None,
         shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
         coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
@@ -213,8 +213,14 @@ def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> b
     return any(joint in told for joint in true_joints(true, answer))
 
 
-def _f1(named: int, hits: int, true: int) -> float:
-    return 2.0 * hits / (named + true) if named + true else 1.0
+def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:
+    """Harmonic mean of precision and recall; a cause that is named at both of its joints is found once."""
+    found = len({id(match) for match in matches if match is not None})
+    precise = sum(match is not None for match in matches)
+    if not named or not true or not found:
+        return 0.0
+    precision, recall = precise / named, found / true
+    return 2.0 * precision * recall / (precision + recall)
 
 
 def _shrink_share(
@@ -251,9 +257,25 @@ def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float
     ]
 
 
+# Figures of the plant that mean something else than the diagnosis's of the same name: its viscous law is no power law,
+# its thermal changes are those at rated load, not those of the session, its ripple counts lobes of the joint.
+OTHER_MEANING = {
+    "nonlinear_viscous_friction": {"coefficient", "exponent"},
+    "thermal_friction": {"viscous_change", "coulomb_change"},
+    "torque_ripple": {"order"},
+}
+# The plant tells what its encoder reads too much and how gravity turns, the diagnosis what is to be added to the
+# reading and how the base stands.
+OPPOSITE = {"encoder_offset": {"offset_rad"}, "gravity_misalignment": {"tilt_x_rad", "tilt_y_rad"}}
+
+
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
     """True figures in the conventions of the diagnosis."""
     figures = {name: float(value) for name, value in true.parameters.items() if not isinstance(value, str)}
+    for name in OTHER_MEANING.get(true.effect, ()):
+        figures.pop(name, None)
+    for name in OPPOSITE.get(true.effect, ()):
+        figures[name] *= -1.0
     if "phase_rad" in figures:  # the plant has cos(kq + phase), the diagnosis cos(kq - phase)
         figures["phase_rad"] *= -1.0
     if true.effect == "external_contact":  # the plant's clock is the run's; its force acts at another point

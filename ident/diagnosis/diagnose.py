@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from ident.arm import ArmModel
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.diagnosis.baseline import Baseline, build_session, fit_baseline, leftover_torque
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
-from ident.diagnosis.evidence import Evidence, gather
+from ident.diagnosis.evidence import Evidence, Whitening, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
 from ident.diagnosis.how_far import Reach, measure_reach, run_energy
 from ident.diagnosis.inference import Estimate, estimate_effects
 from ident.diagnosis.layout import build_layout
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
+from ident.diagnosis.refine import refine
 from ident.diagnosis.residuals import RunResidual, compute_residuals
 from ident.diagnosis.search import Named, Search, SearchResults
 from ident.diagnosis.tuned import tuned_record
@@ -35,8 +36,11 @@ PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
 LEAST_GAP_SHARE = 0.06
 # The noise is what all candidates together leave of runs that they were fitted on; no model does as well on others.
 NOISE_MARGIN = 1.08
-# More than this many times the noise's mean square is a gap, whether trees can explain it or not.
-MUCH_LEFT = 2.5
+# Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
+# next) this many times that of the middle joint, or this many times the noise's mean square.
+STANDS_OUT, MUCH_LEFT = 1.35, 2.5
+# A name less probable than this is not told: something else was going on.
+LEAST_PROBABILITY = 0.05
 PLACES_TOLD = 12
 
 
@@ -165,7 +169,7 @@ def diagnose(
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
     search = Search(evidence, prior, HeldOut(evidence, prior), seed)
-    found = search.run()
+    found, estimates = _sure(search, session, baseline)
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
@@ -175,8 +179,9 @@ def diagnose(
         measure_ceiling(series, j) if _stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
+    left, noise = _unexplained(found, ceilings, evidence.whitening)
     floors = _floors(evidence, ceilings, found.ladder[-1])
-    estimates = estimate_effects(search, session, groups)
+    judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     rng = np.random.default_rng(seed)
@@ -184,10 +189,10 @@ def diagnose(
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
-        verdict=_verdict(found, ceilings, floors, evidence.whitening.level),
+        verdict=_verdict(found, left, judged),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
-        gap=_gap(arm.joint_names, search, found, floors, ceilings, series),
+        gap=_gap(arm.joint_names, search, found, judged, ceilings, series),
         where=told(places, PLACES_TOLD),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
@@ -210,18 +215,22 @@ def diagnose(
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
+def _sure(search: Search, session: SessionContext, baseline: Baseline) -> tuple[SearchResults, list[Estimate]]:
+    """The effects that the search named, without those that a rival beats by far."""
+    found = search.run()
+    while True:
+        groups = [item.group for item in found.named]
+        estimates = estimate_effects(search, refine(search, session, baseline, groups), session, groups)
+        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
+        if len(kept) == len(groups):
+            return found, estimates
+        found = search.only(found, kept)
+
+
 def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
     """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
     ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
     return np.minimum(np.maximum(NOISE_MARGIN * evidence.whitening.level, ratio * last.rms), last.rms)
-
-
-def _explained(found: SearchResults, floors: Float[Array, " n"]) -> tuple[float, float]:
-    """Reducible gap of the baseline, and what the named effects close of it, in units of each joint's noise."""
-    start, end = found.ladder[0].rms ** 2, found.ladder[-1].rms ** 2
-    unit = np.maximum(floors, 1e-9) ** 2
-    reducible = float(np.sum(np.maximum(start - floors**2, 0.0) / unit))
-    return reducible, float(np.sum(np.maximum(start - end, 0.0) / unit))
 
 
 def _stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
@@ -229,16 +238,32 @@ def _stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
     return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.whitening.level[joint] ** 2)
 
 
-def _verdict(
-    found: SearchResults, ceilings: Sequence[Ceiling], floors: Float[Array, " n"], noise: Float[Array, " n"]
-) -> str:
-    reducible, closed = _explained(found, floors)
-    left = any(c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings)
-    left = left or bool(np.any(found.ladder[-1].rms ** 2 > MUCH_LEFT * noise**2))
+def _unexplained(
+    found: SearchResults, ceilings: Sequence[Ceiling], whitening: Whitening
+) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
+    """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
+    colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
+    usual = float(np.median(colour))
+    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
+    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * whitening.level**2
+    left = np.array(learnt) | (colour > STANDS_OUT * usual) | much
+    return left, np.minimum(whitening.level, usual * whitening.innovation)
+
+
+def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"]) -> str:
+    """How much of the gap at the joints in question the names close, above the noise."""
     if not found.named:
-        return "none_of_catalogue" if left else "no_gap"
-    share = closed / max(reducible, 1e-12)
-    if share >= NAMED_FROM or not left:
+        return "none_of_catalogue" if left.any() else "no_gap"
+    joints = left.copy()
+    for item in found.named:
+        own = item.group.effect.rows == "own"
+        joints[[item.group.joint] if own else _shown(item.before.rms, item.after.rms)] = True
+    start, end = found.ladder[0].rms[joints] ** 2, found.ladder[-1].rms[joints] ** 2
+    unit = np.maximum(floors[joints], 1e-9) ** 2
+    share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
+    if any(item.absorbed for item in found.named) and not left.any():
+        return "named"  # held-out errors of the tuned model can't judge what tuning absorbs
+    if share >= NAMED_FROM:
         return "named"
     return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
 

@@ -193,8 +193,8 @@ def baseline_tables(baseline: Baseline, layout: Layout, motion: Motion) -> list[
     return tables
 
 
-def gather(session: SessionContext, baseline: Baseline, layout: Layout) -> Evidence:
-    """The one pass: noise from the first chunk, then sums over all runs."""
+def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: Whitening | None = None) -> Evidence:
+    """The one pass: noise from the first chunk, if it isn't known, then sums over all runs."""
     partition = build_partition(session)
     blocks = len(partition.folds)
     folds = int(partition.folds.max()) + 1
@@ -214,7 +214,7 @@ def gather(session: SessionContext, baseline: Baseline, layout: Layout) -> Evide
             scale = _column_scale(layout, held)
             for kept in held:
                 _rescale(layout, kept, scale)
-            whitening = estimate_noise(layout, held)
+            whitening = known or estimate_noise(layout, held)
             batch, held = held, []
         else:
             assert scale is not None

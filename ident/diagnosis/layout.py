@@ -99,27 +99,40 @@ class Layout:
 
 
 def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]) -> Layout:
-    """Lays out every testable effect; asks a short stretch of the session for the number of columns."""
-    sample = SessionContext(
-        session.runs[:1], session.common_clock, session.joint_names, session.gear_ratios, session.rated_torque
-    )
-    start = rank + LOSS_FIGURES * session.n
-    groups: list[Group] = []
+    """Lays out every testable effect at every point of its grid."""
     silent: list[NotTestable] = []
-    own: list[list[int]] = [[] for _ in range(session.n)]
-    shared: list[int] = []
+    grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in catalogue:
         for joint in range(session.n if effect.scope == "joint" else 1):
             reason = effect.untestable(session, joint)
             if reason is not None:
                 silent.append(NotTestable(effect, joint, reason))
-                continue
-            for variant in effect.variants(session, joint):
-                width = effect.columns(sample, joint, variant)[0].shape[-1]
-                columns = np.arange(start, start + width)
-                start += width
-                groups.append(Group(effect, joint, variant, columns))
-                (own[joint] if effect.rows == "own" else shared).extend(columns)
+            else:
+                grids.append((effect, joint, effect.variants(session, joint)))
+    return layout_of(session, rank, grids, silent)
+
+
+def layout_of(
+    session: SessionContext,
+    rank: int,
+    grids: Sequence[tuple[Effect, int, Sequence[Variant]]],
+    silent: Sequence[NotTestable] = (),
+) -> Layout:
+    """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns."""
+    sample = SessionContext(
+        session.runs[:1], session.common_clock, session.joint_names, session.gear_ratios, session.rated_torque
+    )
+    start = rank + LOSS_FIGURES * session.n
+    groups: list[Group] = []
+    own: list[list[int]] = [[] for _ in range(session.n)]
+    shared: list[int] = []
+    for effect, joint, variants in grids:
+        for variant in variants:
+            width = effect.columns(sample, joint, variant)[0].shape[-1]
+            columns = np.arange(start, start + width)
+            start += width
+            groups.append(Group(effect, joint, variant, columns))
+            (own[joint] if effect.rows == "own" else shared).extend(columns)
     return Layout(
         rank=rank,
         n=session.n,

@@ -69,9 +69,17 @@ class Projection:
         """Share of each column's power that the model can't absorb."""
         return np.diag(self.rest)[columns] / np.maximum(np.diag(self.total)[columns], 1e-300)
 
+    def gain_without(self, group: Group, columns: Sequence[int]) -> float:
+        """What a group gains without some of its columns."""
+        kept = np.setdiff1d(np.arange(len(group.columns)), columns)
+        signs = tuple(int(np.flatnonzero(kept == k)[0]) for k in group.effect.nonnegative if k in kept)
+        return self._fall(group.columns[kept], signs)[0]
+
     def gain(self, group: Group) -> tuple[float, Float[Array, " k"]]:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
-        columns = group.columns
+        return self._fall(group.columns, group.effect.nonnegative)
+
+    def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
         power = np.diag(self.total)[columns]
         seen = (self.visibility(columns) > LEAST_VISIBLE) & (power > 0)
         beta = np.zeros(len(columns))
@@ -80,7 +88,7 @@ class Projection:
         at = columns[seen]
         matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
         target = self.rest[at, -1]
-        signed = np.isin(np.flatnonzero(seen), group.effect.nonnegative)
+        signed = np.isin(np.flatnonzero(seen), nonnegative)
         beta[seen] = _solve_signed(matrix, target, signed)
         fall = 2 * target @ beta[seen] - beta[seen] @ self.rest[np.ix_(at, at)] @ beta[seen]
         return float(max(fall, 0.0)), beta

@@ -28,7 +28,9 @@ from ident.diagnosis.significance import block_scores, family_p_values, group_p_
 FAMILY_ERROR = 0.05
 LEAST_RMS_FALL = 0.02
 LEAST_GAP_FALL = 0.10
-MOST_EFFECTS = 3
+# An effect beside others must close this share of what could be closed before anything was named.
+LEAST_SHARE = 0.003
+MOST_EFFECTS = 5
 # An effect of which tuned inertias leave less than this share is absorbed; it needs this much evidence [nats].
 ABSORBED_BELOW, ABSORBED_NATS = 0.25, 12.0
 FIXED_FACTOR = 20.0
@@ -51,6 +53,7 @@ class Gates:
         log_score: Gain on held-out runs [nats], and its standard error.
         rms_fall: Largest share by which a joint's held-out error falls.
         gap_fall: The same as a share of the mean square above the noise.
+        share: Share of all joints' gap that it closes, each joint in units of its noise.
         evidence: Log evidence, for an absorbed effect the only gate [nats].
         absorbed: Whether it is one.
         event: Whether it happened once.
@@ -60,6 +63,7 @@ class Gates:
     log_score: tuple[float, float]
     rms_fall: float
     gap_fall: float
+    share: float
     evidence: float
     absorbed: bool
     event: bool = False
@@ -67,11 +71,11 @@ class Gates:
     @property
     def passed(self) -> bool:
         if self.event:
-            return self.evidence >= EVENT_NATS and self.gap_fall >= EVENT_GAP_FALL
+            return self.evidence >= EVENT_NATS and self.gap_fall >= EVENT_GAP_FALL and self.share >= LEAST_SHARE
         if self.absorbed:
-            return self.evidence >= ABSORBED_NATS
+            return self.evidence >= ABSORBED_NATS and self.share >= LEAST_SHARE
         gain, error = self.log_score
-        sized = self.rms_fall >= LEAST_RMS_FALL and self.gap_fall >= LEAST_GAP_FALL
+        sized = self.rms_fall >= LEAST_RMS_FALL and self.gap_fall >= LEAST_GAP_FALL and self.share >= LEAST_SHARE
         return self.p_value <= FAMILY_ERROR and gain > error and sized
 
 
@@ -136,6 +140,19 @@ class Search:
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
 
+    def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
+        """The results with some of the names, at the same inner figures."""
+        named: list[Named] = []
+        ladder = [found.ladder[0]]
+        for k in kept:
+            item = found.named[k]
+            before = [one.group for one in named]
+            scorer = self.fixed if item.absorbed else self.held_out
+            after = scorer.score([*before, item.group])
+            named.append(replace(item, before=scorer.score(before), after=after))
+            ladder.append(self.held_out.score([*before, item.group]))
+        return SearchResults(tuple(named), tuple(ladder), found.refused)
+
     def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
         """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
         p_values = self._p_values(projection, groups)
@@ -146,6 +163,9 @@ class Search:
         """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost."""
         gain, _ = projection.gain(group)
         samples = self._samples(group)
+        essential = group.effect.essential(group.variant)
+        if essential:
+            gain -= projection.gain_without(group, essential)
         grid = group.effect.screens * sum(1 for other in self.evidence.layout.groups if other.key == group.key)
         return 0.5 * gain - 0.5 * len(group.columns) * float(np.log(samples)) - float(np.log(grid))
 
@@ -226,10 +246,12 @@ class Search:
         reducible = np.maximum(start**2 - floor[joints] ** 2, 1e-3 * start**2)
         gap = (old**2 - new**2) / reducible
         most = int(np.argmax(fall))
+        everywhere = np.maximum(first.rms**2 - floor**2, 1e-3 * first.rms**2) / floor**2
+        share = float(np.sum((old**2 - new**2) / floor[joints] ** 2) / np.sum(everywhere))
         if group.effect.event:
             p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
         gain = after.gain_over(before)
-        return Gates(p_value, gain, float(fall[most]), float(gap[most]), score, absorbed, group.effect.event)
+        return Gates(p_value, gain, float(fall[most]), float(gap[most]), share, score, absorbed, group.effect.event)
 
     def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
         """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.

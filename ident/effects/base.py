@@ -166,6 +166,14 @@ class Effect(ABC):
         """The inner grid at a joint (`joint` is 0 for an effect of the whole arm)."""
         return (Variant(),)
 
+    def essential(self, variant: Variant) -> tuple[int, ...]:
+        """Columns without which it would be another effect: what they add alone counts as evidence; () for all."""
+        return ()
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """A finer grid around a point of the inner grid that fits best; laws without inner figures have none."""
+        return (variant,)
+
     @abstractmethod
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         """Torque columns of every run [N m per unit of coefficient], (T, k) or (T, n, k) by `rows`.

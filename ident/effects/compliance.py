@@ -42,6 +42,8 @@ LOW_FREQUENCY = 2.0  # [Hz]
 LEAST_HIGH_SHARE = 0.002
 # Load to either side of zero that counts, as a share of the rated torque.
 LEAST_LOAD_SHARE = 0.002
+# Finer grid around the best stiffness or gap.
+FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
 
 
 class JointElasticity(Effect):
@@ -70,6 +72,14 @@ class JointElasticity(Effect):
         return tuple(
             Variant(shape={"stiffness_Nm_rad": k, "damping_Nms_rad": 2 * DAMPING_RATIO * float(np.sqrt(k * inertia))})
             for k in STIFFNESSES[:count]
+        )
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        inertia = _mean_inertia(session, joint)
+        found = [factor * variant.shape["stiffness_Nm_rad"] for factor in FINE_FACTORS]
+        return tuple(
+            Variant(shape={"stiffness_Nm_rad": k, "damping_Nms_rad": 2 * DAMPING_RATIO * float(np.sqrt(k * inertia))})
+            for k in found
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -122,6 +132,10 @@ class Backlash(Effect):
         damping = 2 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * _mean_inertia(session, joint)))
         contact = {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
         return tuple(Variant(shape={"gap_rad": gap, **contact}) for gap in GAPS)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        gap = variant.shape["gap_rad"]
+        return tuple(Variant(shape={**variant.shape, "gap_rad": factor * gap}) for factor in FINE_FACTORS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]

@@ -20,12 +20,12 @@ from ident.effects.rigid_body import point_mass
 
 SHORTEST_WINDOW = 0.5  # [s]
 EDGE = 0.1  # Time in which the force sets in and fades [s].
-LARGEST_FORCE = 200.0  # [N]
-# Screening: stretches whose mean square is this many times the joint's median one are candidates.
-SCREEN_RATIO = 4.0
+LARGEST_FORCE = 500.0  # [N]
+# Screening: stretches whose mean square is this many times the usual one are candidates: over all joints, or at one.
+SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
 MOST_PUSHES = 3
 # A constant force at a link's point must explain this much of what is left in its window over all joints.
-LEAST_EXPLAINED = 0.5
+LEAST_EXPLAINED = 0.6
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,11 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
     for run, values in zip(session.runs, leftover, strict=True):
         time = run.motion.time[run.motion.coarse]
         step = max(1, round(SHORTEST_WINDOW / 2 / (run.interval * run.motion.lowpass.factor)))
-        power = np.mean((values / usual) ** 2, axis=1)
+        squares = (values / usual) ** 2
+        power = np.mean(squares, axis=1)
         count = len(power) // step
-        strong = power[: count * step].reshape(count, step).mean(axis=1) > SCREEN_RATIO
+        cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
+        strong = (cell.mean(axis=1) > SCREEN_RATIO) | (cell.max(axis=1) > SCREEN_ONE_RATIO)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], strong.astype(int), [0]])))
         fine = uniform_filter1d(power, max(1, round(EDGE * step / (SHORTEST_WINDOW / 2))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
@@ -154,7 +156,7 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
         columns = (counts * force_columns(run.arm, q, link, outward) / usual[None, :, None]).reshape(-1, 3)
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
         explained = 1.0 - float(np.sum((target - columns @ solved) ** 2) / max(np.sum(target**2), 1e-300))
-        if explained > share:
+        if explained > share and np.linalg.norm(solved) < LARGEST_FORCE:
             best, share = replace(push, link=link, outward=outward), explained
     return best, share
 

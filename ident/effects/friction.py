@@ -25,7 +25,12 @@ from ident.effects.levels import (
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
 STRIBECK_EXPONENTS = (1.0, 2.0)
+FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
+    (0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0),
+    (0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
+)
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
+FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 POSITION_ORDERS = (1.0, 2.0)
 LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
 # A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
@@ -60,6 +65,14 @@ class StribeckFriction(Effect):
             for speed in STRIBECK_VELOCITIES
             for exponent in STRIBECK_EXPONENTS
             if speed > rest
+        )
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        middle = variant.inner["stribeck_velocity_rad_s"]
+        return tuple(
+            Variant({"stribeck_velocity_rad_s": factor * middle, "exponent": exponent})
+            for factor in FINE_STRIBECK_FACTORS
+            for exponent in FINE_STRIBECK_EXPONENTS
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -100,6 +113,9 @@ class NonlinearViscousFriction(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        return tuple(Variant({"exponent": variant.inner["exponent"] + step}) for step in FINE_EXPONENT_STEPS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         exponent = variant.inner["exponent"]

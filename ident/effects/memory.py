@@ -16,6 +16,7 @@ from ident.effects.levels import coulomb_level, friction_level, grid_interval, h
 from ident.presliding import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
+FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 # Time constants beyond this many sessions are straight lines, all the same.
 LONGEST_TIME_CONSTANT = 4.0
 LEAST_SESSION = 60.0  # [s]
@@ -67,6 +68,16 @@ class ThermalFriction(Effect):
             if constant <= longest or constant == TIME_CONSTANTS[0]:
                 warmth, starts = _warmth(session, joint, constant)
                 found.append(Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts))
+        return tuple(found)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        if "time_constant_s" not in variant.inner:
+            return (variant,)
+        found = []
+        for factor in FINE_TIME_FACTORS:
+            constant = factor * variant.inner["time_constant_s"]
+            warmth, starts = _warmth(session, joint, constant)
+            found.append(Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts))
         return tuple(found)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:

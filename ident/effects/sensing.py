@@ -28,7 +28,8 @@ LARGEST_DELAY = 0.05  # [s]
 # What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
 TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
 SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
-LEAST_PEAK_SHARE = 0.3  # of the rated torque
+FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
+LEAST_PEAK_SHARE = 0.1  # of the rated torque
 LARGEST_ENCODER_OFFSET = 0.07  # [rad]
 # Torque that the largest offset must make, as a share of the rated torque of some joint.
 LEAST_ENCODER_SHARE = 5e-4
@@ -167,6 +168,9 @@ class TorqueSaturation(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         peak = _peak(session, joint)
         return tuple(Variant({"limit_Nm": knee * peak}) for knee in SATURATION_KNEES)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        return tuple(Variant({"limit_Nm": factor * variant.inner["limit_Nm"]}) for factor in FINE_KNEE_FACTORS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         limit = variant.inner["limit_Nm"]

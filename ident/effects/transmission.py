@@ -189,6 +189,10 @@ class SpringTorque(Effect):
         centre = sum(travel(session, joint)) / 2
         return tuple(Variant(shape={"centre_rad": centre, "harmonic": harmonic}) for harmonic in (0.0, 1.0))
 
+    def essential(self, variant: Variant) -> tuple[int, ...]:
+        """A line without a slope is an offset."""
+        return (0,) if variant.shape["harmonic"] == 0.0 else ()
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []
         for run in session.runs:

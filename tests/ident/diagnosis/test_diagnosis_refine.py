@@ -1,0 +1,44 @@
+"""The second pass: figures between the points of the grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.arm import ArmModel
+from ident.diagnosis.heldout import HeldOut
+from ident.diagnosis.inference import EXACT_FIGURES, LAW_SHARE, widened
+from ident.diagnosis.projection import Prior, project
+from ident.diagnosis.refine import refine
+from ident.diagnosis.search import Search
+from ident.effects.base import Interval
+from ident.effects.friction import STRIBECK_VELOCITIES
+from tests.ident.diagnosis.planted import analyse, stribeck_on_1
+
+
+def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> None:
+    """Law: the best point of the finer grid gains at least what the coarse one does, and its Stribeck velocity of
+    0.06 rad/s is met within a fifth.
+    """
+    analysis = analyse(short_arm, stribeck_on_1)
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+    groups = [item.group for item in analysis.search.named]
+    fine = refine(search, analysis.session, analysis.baseline, groups)
+    gains = [
+        project(one.evidence.gram(), one.evidence, one.prior).gain(group)[0]
+        for one, group in ((search, groups[0]), (fine.search, fine.groups[0]))
+    ]
+    assert gains[1] >= 0.999 * gains[0]
+    assert fine.groups[0].variant.inner["stribeck_velocity_rad_s"] == pytest.approx(0.06, rel=0.2)
+    assert fine.groups[0].key == groups[0].key
+    assert groups[0].variant.inner["stribeck_velocity_rad_s"] in STRIBECK_VELOCITIES
+
+
+def test_intervals_hold_what_laws_may_differ() -> None:
+    """Law: no interval is narrower than an arm's own law may be off, but of figures that are counted, not measured."""
+    sharp = Interval(2.0, 1.99, 2.01)
+    wide = widened("amplitude_Nm", sharp)
+    assert wide.value == 2.0
+    assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
+    assert all(widened(name, sharp) == sharp for name in EXACT_FIGURES)
