@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 
 from ident.effects.shown_by import describe_motion
 from plan.excitation.result import Excitation, minutes_to_odds, odds_of
@@ -13,15 +14,15 @@ AIMS = {"separate": "tells {effects} apart", "show": "shows {effects}", "identif
 def print_excitation(console: Console, found: Excitation) -> None:
     """The set-up where it must change, the motion, what it tells, and what random motion would."""
     effects = " and ".join(found.effects)
+    set_up = escape(found.set_up or "")
     if found.status == "needs_set_up":
-        console.print(f"[bold]no motion tells {effects} apart[/]: {found.set_up}", soft_wrap=True)
+        console.print(f"[bold]no motion tells {effects} apart[/]: {set_up}", soft_wrap=True)
         console.print("a motion of all joints to be recorded before and after:", soft_wrap=True)
-    if found.status == "one_sided":
-        for true, rival in found.distances:
-            if (true, rival) not in (found.tellable or ()):
-                console.print(
-                    f"[bold]if it is {true}, no motion tells: {rival} fits as well[/]: {found.set_up}", soft_wrap=True
-                )
+    for true, rivals in _untold(found).items():
+        console.print(
+            f"[bold]if it is {true}, no motion tells: {' and '.join(rivals)} can fit as well[/]: {set_up}",
+            soft_wrap=True,
+        )
     words = describe_motion(found.programme.family, found.joint)
     console.print(
         f"[bold]{words}[/]: {found.duration / 60:.1f} min in {len(found.runs)} runs; {_aim(found, effects)}",
@@ -36,17 +37,28 @@ def print_excitation(console: Console, found: Excitation) -> None:
         )
     _print_odds(console, found)
     if found.set_up is not None and found.status == "ready":
-        console.print(f"surer still: {found.set_up}", soft_wrap=True)
+        console.print(f"surer still: {set_up}", soft_wrap=True)
     console.print(f"  noise: {found.sources['noise']}", soft_wrap=True)
     clear = "its shape is unknown" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
     console.print(f"  distance of the arm from itself: {clear}", soft_wrap=True)
 
 
+def _untold(found: Excitation) -> dict[str, list[str]]:
+    """Of a question that motion answers in part: what it can't tell, and from which rivals."""
+    untold: dict[str, list[str]] = {}
+    for true, rival in found.distances:
+        if found.status == "one_sided" and (true, rival) not in (found.tellable or ()):
+            untold.setdefault(true, []).append(rival)
+    return untold
+
+
 def _aim(found: Excitation, effects: str) -> str:
-    if found.status != "one_sided":
+    if found.status == "needs_set_up":
+        return "the difference of the two recordings tells"
+    if found.status == "ready":
         return AIMS[found.aim].format(effects=effects)
-    shown = " and ".join(dict.fromkeys(true for true, _ in found.tellable or ()))
-    return f"tells {shown} if it is that"
+    shown = [name for name in found.effects if name not in _untold(found)]
+    return f"shows {' or '.join(shown)} if it is that"
 
 
 def _print_odds(console: Console, found: Excitation) -> None:

@@ -25,6 +25,8 @@ TRANSFER_SHARE = 0.3
 # Acceleration of corners between steady speeds [rad/s²].
 CORNER = 3.0
 HARMONICS = 5
+# Random paths that are drawn until one touches nothing.
+ATTEMPTS = 40
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,11 @@ class Family:
         name: As in `ident.effects.shown_by`.
         figures: What a search may choose, beside the home pose.
         build: Positions of a run at the controller's ticks, from rest to rest.
-        redraws: Whether other points are drawn where a run does not fit, rather than the run made smaller.
     """
 
     name: str
     figures: tuple[Figure, ...]
     build: Builder
-    redraws: bool = False
 
 
 SPREAD = Figure("pose_spread", 0.0, 1.0)
@@ -214,9 +214,16 @@ def _random(stage: Stage, figures: Mapping[str, float]) -> Float[Array, "K n"]:
     rng = np.random.default_rng([int(figures["draw"]), int(stage.rng.integers(2**31))])
     half = 0.5 * stage.duration * (1.0 if rng.uniform() < 0.5 else figures["fast_share"])
     count = max(2, round(0.5 * stage.duration / figures["leg_s"]))
-    reach = stage.size * figures["swing"] * limits.span
-    points = limits.centre + reach * rng.uniform(-1.0, 1.0, (count, len(stage.pose)))
-    there = timed_spline(limits, "", np.concatenate([stage.pose[None], points]), half)
+    for attempt in range(ATTEMPTS):
+        reach = 0.97**attempt * stage.size * figures["swing"] * limits.span
+        points = limits.centre + reach * rng.uniform(-1.0, 1.0, (count, len(stage.pose)))
+        points = np.concatenate([stage.pose[None], points])
+        path = via_spline("", points, 1.0)
+        inside = (path.q >= limits.lower).all() and (path.q <= limits.upper).all()
+        if inside and not limits.touches(path.q):
+            break
+    # In one second the path has the speeds that it has in any other time, times that.
+    there = timed_spline(limits, "", points, max(half, float((np.abs(path.dq) / limits.speed).max())))
     return np.concatenate([there.q, there.q[::-1]])
 
 
@@ -248,7 +255,6 @@ FAMILIES: dict[str, Family] = {
                 Figure("pose_spread", 0.0, 0.3),
             ),
             _random,
-            redraws=True,
         ),
         Family("slow", (Figure("slowest_rad_s", 0.015, 0.06, log=True), Figure("ratio", 1.3, 3.0), SPREAD), _slow),
         Family("poses", (Figure("speed_share", 0.05, 0.6, log=True), Figure("reach", 0.2, 1.0), SPREAD), _poses),

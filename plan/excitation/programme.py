@@ -15,8 +15,6 @@ from plan.excitation.feasible import Feasibility
 
 # Sizes that are tried until a run fits.
 SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-# Of families that draw anew, each time a little smaller.
-DRAWS = tuple(0.97**k for k in range(30))
 # Every so many runs all joints move, if they don't in all: that keeps the inertias known, and rivals elsewhere at bay.
 WIDE_EVERY = 3
 WIDE_FAMILIES = ("wide", "vias", "random")
@@ -61,8 +59,8 @@ class Programme:
         wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
         family = FAMILIES["wide" if wide else self.family]
         figures = WIDE_FIGURES if wide else self.figures
-        for attempt, size in enumerate(DRAWS if family.redraws else SIZES):
-            rng = np.random.default_rng([self.seed, number, attempt if family.redraws else 0])
+        for size in SIZES:
+            rng = np.random.default_rng([self.seed, number])
             try:
                 motion = make_run(family, figures, feasible.limits, self.joint, self.home, size, rng)
             except RobotError:  # these points can't be followed however slowly

@@ -63,8 +63,8 @@ class Question:
         return view.between() if self.aim == "separate" else view.visible()
 
     def counted(self, distances: Mapping[tuple[str, str], float]) -> list[float]:
-        """Those distances that motion can make large [nats]."""
-        return [value for pair, value in distances.items() if self.tellable is None or pair in self.tellable]
+        """Those distances that motion can make large; all where it can make none large [nats]."""
+        return [value for pair, value in distances.items() if not self.tellable or pair in self.tellable]
 
     def score(self, view: View) -> float:
         """What the search makes large: the smallest distance; the information on a single model's parameters."""

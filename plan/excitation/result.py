@@ -93,7 +93,7 @@ class Excitation:
     @property
     def smallest(self) -> tuple[float, float]:
         """Smallest distance that motion can tell, of the proposed motion and of random motion [nats]."""
-        counted = [pair for pair in self.distances if self.tellable is None or pair in self.tellable] or self.distances
+        counted = [pair for pair in self.distances if not self.tellable or pair in self.tellable]
         if not counted:
             return self.information
         return min(self.distances[pair] for pair in counted), min(self.random[pair] for pair in counted)

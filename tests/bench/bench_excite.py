@@ -5,7 +5,8 @@
 SIDE is 1 or 2: which effect of each pair is planted; both if none is given. For every pair `plan excite` proposes a
 motion; the simulated arm runs it, and random motion through via points of the same length, with an effect of the pair
 at its typical size. The diagnosis then sees the recording alone. "right" means that the first finding is the truth at
-its joint and its class single; "extra" counts findings of what is not there. FOLDER keeps the diagnoses as JSON.
+its joint and its class single; "extra" counts findings of what is not there; D is the smaller of the two distances, by
+which motions are judged, and of random motion the median of three draws. FOLDER keeps the diagnoses as JSON.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def verdict_of(record: dict[str, Any], truth: str, joint: str) -> str:
     names = ["/".join(one["class"]) + f"@{one['joints'][0]}" for one in findings]
     right = bool(findings) and is_true(findings[0]) and len(findings[0]["class"]) == 1
     extra = sum(not is_true(one) for one in findings)
-    return f"{', '.join(names) or record['verdict']} | {'yes' if right else 'no'} | {extra}"
+    return f"{', '.join(names)} ({record['verdict']}) | {'yes' if right else 'no'} | {extra}"
 
 
 def row(arm: ArmModel, pair: tuple[str, str, str], side: int, proposed: Excitation, folder: Path | None) -> str:
@@ -82,9 +83,10 @@ def row(arm: ArmModel, pair: tuple[str, str, str], side: int, proposed: Excitati
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / f"{truth}_{rival}_{kind}.json").write_text(json.dumps(record, indent=1))
+    smallest, by_chance = (f"{value:.3g}" for value in proposed.smallest)
     return (
         f"| {truth} against {rival} ({joint}) | {proposed.programme.family}, {proposed.duration / 60:.1f} | "
-        f"{proposed.distances[(truth, rival)]:.3g} | {proposed.random[(truth, rival)]:.3g} | "
+        f"{smallest} | {by_chance} | "
         f"{' | '.join(said)} | {time.perf_counter() - began:.0f} |"
     )
 

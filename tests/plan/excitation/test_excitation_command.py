@@ -46,6 +46,7 @@ def whole() -> ArmModel:
     return ArmModel.load("tm5-900")
 
 
+@pytest.mark.slow
 def test_writes_a_motion_that_the_simulated_arm_reads(tmp_path: Path, whole: ArmModel) -> None:
     """One command: a folder of command files and a record that agree with each other."""
     out, record_file = tmp_path / "motion", tmp_path / "excite.json"
@@ -78,6 +79,7 @@ def test_exact_twins_need_another_set_up(tmp_path: Path) -> None:
     outcome = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "excite.json")])
     assert outcome.exit_code == 0, outcome.output
     assert "no motion tells" in outcome.output
+    assert "[payload] in session.toml" in outcome.output  # no brackets lost to the console's markup
     record = json.loads((tmp_path / "excite.json").read_text())
     assert record["status"] == "needs_set_up"
     assert "known mass" in record["set_up"]
