@@ -24,6 +24,8 @@ from plan.excitation.twins import LONGEST_MINUTES
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
 FEWEST_RUNS, MOST_RUNS = 6, 60
+# With the length given: two runs of the family, and two in which all joints move.
+LEAST_RUNS = 4
 # Where the question has no odds [min].
 USUAL_MINUTES = 3.0
 # What is expected is only expected: so much more is recorded than it needs.
@@ -137,7 +139,7 @@ def _of_length(
         needed = minutes_to_odds(min(found), duration_of(trial)) if found else USUAL_MINUTES
         wanted = RESERVE * (needed or USUAL_MINUTES)
     count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
-    low = 1 if minutes is not None else FEWEST_RUNS
+    low = LEAST_RUNS if minutes is not None else FEWEST_RUNS
     return _proven(programme, int(np.clip(count, low, MOST_RUNS)), feasible)
 
 

@@ -16,7 +16,8 @@ from plan.excitation.feasible import Feasibility
 # Sizes that are tried until a run fits.
 SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 # Every so many runs all joints move, if they don't in all: that keeps the inertias known, and rivals elsewhere at bay.
-WIDE_EVERY = 3
+# The diagnosis leaves out run by run, so that no joint may move in a single one.
+WIDE_EVERY = 2
 WIDE_FAMILIES = ("wide", "vias", "random")
 WIDE_FIGURES = {"base_hz": 0.12, "swing": 0.9, "pose_spread": 0.0}
 # Homes lie within this share of the usual span about the middle.

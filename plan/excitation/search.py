@@ -15,8 +15,8 @@ from plan.excitation.feasible import Feasibility
 from plan.excitation.programme import Programme, duration_of
 from plan.excitation.question import Question
 
-# Runs by which a programme is judged while searching: two of its family and a wide one.
-TRIAL_RUNS = 3
+# Runs by which a programme is judged while searching: two of its family and two wide ones.
+TRIAL_RUNS = 4
 # Share of the budget for random starts, and that of these for the family that is known to suit the question.
 STARTS_SHARE, HINTED_SHARE = 0.5, 0.35
 # What every proposal must beat.

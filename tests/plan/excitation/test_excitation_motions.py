@@ -9,7 +9,7 @@ from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.plant.limits import Limits
 from ident.plant.shapes import TICK_S, Motion, sampled
-from plan.excitation.excite import excite
+from plan.excitation.excite import LEAST_RUNS, excite
 from plan.excitation.eye import Eye
 from plan.excitation.families import FAMILIES
 from plan.excitation.feasible import Feasibility
@@ -41,6 +41,16 @@ def test_runs_keep_limits_and_distance(feasible: Feasibility, family: str) -> No
         assert np.all(run.dq[[0, -1]] == 0.0)
         # Speeds and accelerations are those of the positions.
         assert np.diff(run.q, axis=0) / TICK_S == pytest.approx(0.5 * (run.dq[1:] + run.dq[:-1]), abs=0.02)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_joint_moves_in_two_runs(feasible: Feasibility, family: str) -> None:
+    """Whichever run the diagnosis leaves out, the rest speak of every joint."""
+    shares = np.full(Programme.freedom(family, 3), 0.5)
+    runs = Programme.decode(family, shares, 1, feasible, 0).runs(LEAST_RUNS, feasible)
+    assert len(runs) == LEAST_RUNS
+    moved = np.array([np.ptp(run.q, axis=0) > 0.2 for run in runs])
+    assert np.all(moved.sum(axis=0) >= 2)
 
 
 def test_the_same_seed_makes_the_same_motion(feasible: Feasibility) -> None:
