@@ -152,7 +152,7 @@ def evaluate(
 def diagnose(
     sessions: Sessions,
     robot: Robot = None,
-    model: Annotated[Path | None, typer.Option(help="Folder of a fitted model, to be compared on the page.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model fitted to this arm: its inertias count as known.")] = None,
     catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the page to this file.")] = None,
     rrd: Annotated[Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file.")] = None,

@@ -22,6 +22,8 @@ from ident.signals import Motion
 # Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
 # arms come out of the factory within some per cent of their drawing, URDFs of the arm.
 INERTIA_SHARE = 0.04
+# The same of inertias that were identified on this very arm.
+KNOWN_SHARE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +47,19 @@ class Baseline:
     sliding: Sliding
 
 
-def fit_baseline(motions: Sequence[Motion], arm: ArmModel) -> Baseline:
-    """Tunes the arm on all runs."""
+def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTIA_SHARE) -> Baseline:
+    """Tunes the arm on all runs.
+
+    Args:
+        motions: All runs.
+        arm: The arm as its user has it.
+        share: Standard deviation of its inertial numbers, as `INERTIA_SHARE`.
+    """
     model = LossModel()
-    results = fit_inertia(motions, arm, "base", model, INERTIA_SHARE)
+    results = fit_inertia(motions, arm, "base", model, share)
     rigid = [rigid_torque(results.arm, motion) for motion in motions]
     loss = model.fit(motions, rigid)
-    prior = base_prior(results.base, INERTIA_SHARE * parameter_scale(arm))
+    prior = base_prior(results.base, share * parameter_scale(arm))
     return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ident.arm import ArmModel
+from ident.diagnosis.baseline import INERTIA_SHARE, KNOWN_SHARE
 from ident.diagnosis.decimation import prepare_slower
 from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
 from ident.diagnosis.own_model import with_own_model
@@ -38,7 +39,8 @@ def diagnose_reports(
         catalogue: The effects to be asked for.
         cutoff: Corner of the common filter [Hz].
         seed: Of the sign flips.
-        model: The user's own model, whose gap is told beside that of the tuned one.
+        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
+            that of the tuned one.
 
     Returns:
         The diagnosis; all that was computed on the way, if anything was; the motions.
@@ -61,7 +63,10 @@ def diagnose_reports(
     arm = arm.locked(missing) if missing else arm
     motions = tuple(motion for report in reports for motion in prepare_slower(report.session, cutoff or CUTOFF))
     clock = len(reports) == 1 and reports[0].session.common_clock
-    analysis = diagnose(motions, arm, catalogue, clock, issues, seed)
+    share = INERTIA_SHARE
+    if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
+        arm, share = model.arm, KNOWN_SHARE
+    analysis = diagnose(motions, arm, catalogue, clock, issues, seed, share)
     if model is not None:
         analysis = with_own_model(analysis, model)
     return analysis.diagnosis, analysis, motions

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.baseline import Baseline, build_session, fit_baseline, leftover_torque
+from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, build_session, fit_baseline, leftover_torque
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.evidence import Evidence, Whitening, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
@@ -151,6 +151,7 @@ def diagnose(
     common_clock: bool = True,
     telemetry: Sequence[TelemetryIssue] = (),
     seed: int = 0,
+    inertia_share: float = INERTIA_SHARE,
 ) -> Analysis:
     """Diagnoses a session.
 
@@ -161,8 +162,9 @@ def diagnose(
         common_clock: Whether time goes on from run to run.
         telemetry: What the telemetry check found, passed on.
         seed: Of the sign flips.
+        inertia_share: How well the arm's inertias are known, as the share of each link's scale.
     """
-    baseline = fit_baseline(motions, arm)
+    baseline = fit_baseline(motions, arm, inertia_share)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(baseline, session)
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
