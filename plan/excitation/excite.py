@@ -19,7 +19,7 @@ from plan.excitation.feasible import Feasibility
 from plan.excitation.programme import WIDE_FIGURES, Programme, duration_of
 from plan.excitation.question import Question
 from plan.excitation.result import Excitation, Status, minutes_to_odds
-from plan.excitation.search import Search, Tell
+from plan.excitation.search import BASELINE, Search, Tell
 from plan.excitation.twins import LONGEST_MINUTES
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
@@ -31,6 +31,8 @@ USUAL_MINUTES = 3.0
 # What is expected is only expected: so much more is recorded than it needs.
 RESERVE = 1.5
 RANDOM_TRIES = 3
+# Draws of random motion that the search's best must beat at full length, else the best of them is proposed.
+BASELINE_DRAWS = 4
 PROOF_TRIES = 5
 
 
@@ -62,7 +64,7 @@ def excite(
         programmes = [_general(feasible, question, seed)]
     else:
         search = Search(eye, feasible, question, evaluations, seed)
-        programmes = [trial.programme for trial in search.best(tell)]
+        programmes = [trial.programme for trial in search.best(tell)] + _draws(feasible, question, seed)
     programme, runs, view = _best_at_length(programmes, eye, feasible, question, minutes)
     chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]
     by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
@@ -116,13 +118,25 @@ def _general(feasible: Feasibility, question: Question, seed: int) -> Programme:
     return Programme("wide", WIDE_FIGURES, np.array(feasible.limits.centre), question.joint, seed)
 
 
+def _draws(feasible: Feasibility, question: Question, seed: int) -> list[Programme]:
+    """Random motion as it comes."""
+    rng = np.random.default_rng([seed, 2])
+    shares = rng.uniform(0.0, 1.0, (BASELINE_DRAWS, Programme.freedom(BASELINE, feasible.limits.arm.n)))
+    return [Programme.decode(BASELINE, one, question.joint, feasible, seed + k) for k, one in enumerate(shares)]
+
+
 def _best_at_length(
     programmes: Sequence[Programme], eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
 ) -> tuple[Programme, list[Motion], View]:
     """The programme that tells most a minute at its full length: a few trial runs flatter some families."""
     found = []
     for programme in programmes:
-        runs = _of_length(programme, eye, feasible, question, minutes)
+        try:
+            runs = _of_length(programme, eye, feasible, question, minutes)
+        except RobotError:  # a draw that doesn't fit is none to beat
+            if programme is programmes[0]:
+                raise
+            continue
         view = look(eye, runs, question.effects, question.told)
         found.append((question.score(view) / duration_of(runs), programme, runs, view))
     return max(found, key=lambda one: one[0])[1:]
