@@ -258,11 +258,13 @@ def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float
 
 
 # Figures of the plant that mean something else than the diagnosis's of the same name: its viscous law is no power law,
-# its thermal changes are those at rated load, not those of the session, its ripple counts lobes of the joint.
+# its thermal changes are those at rated load, not those of the session, its ripple counts lobes of the joint, and its
+# coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
 OTHER_MEANING = {
     "nonlinear_viscous_friction": {"coefficient", "exponent"},
     "thermal_friction": {"viscous_change", "coulomb_change"},
     "torque_ripple": {"order"},
+    "joint_coupling": {"inertia_kgm2"},
 }
 # The plant tells what its encoder reads too much and how gravity turns, the diagnosis what is to be added to the
 # reading and how the base stands.
@@ -274,8 +276,11 @@ def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
     figures = {name: float(value) for name, value in true.parameters.items() if not isinstance(value, str)}
     for name in OTHER_MEANING.get(true.effect, ()):
         figures.pop(name, None)
-    for name in OPPOSITE.get(true.effect, ()):
+    for name in OPPOSITE.get(true.effect, set()) & figures.keys():
         figures[name] *= -1.0
+    if true.effect == "joint_coupling" and "viscous_Nms_rad" in figures:
+        # Friction of both joints' sum or difference; the diagnosis tells it at the other joint's speed.
+        figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)
     if "phase_rad" in figures:  # the plant has cos(kq + phase), the diagnosis cos(kq - phase)
         figures["phase_rad"] *= -1.0
     if true.effect == "external_contact":  # the plant's clock is the run's; its force acts at another point

@@ -7,7 +7,7 @@ import pytest
 from made_up_cases import answer, finding, result, truth
 
 from ident.blind.cases import Slot
-from ident.blind.scoring import score_case
+from ident.blind.scoring import comparable, score_case
 
 
 def score(truth_, result_, kind="single", starts=()):  # type: ignore[no-untyped-def]
@@ -113,3 +113,32 @@ def test_shrink_is_measured_against_the_true_name_alone() -> None:
     one = score(answer(truth()), result(finding("stribeck_friction", "joint_2"), heldout=heldout))
     assert one.shrink_share == pytest.approx(0.5)
     assert score(answer(truth("payload", "")), result(heldout=heldout)).shrink_share is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "true", "told"),
+    [
+        ("encoder_offset", "offset_rad", 0.02, -0.02),  # read too much; to be added
+        ("gravity_misalignment", "tilt_x_rad", 0.01, -0.01),  # gravity turns; the base stands
+        ("torque_delay", "delay_s", 0.004, 0.004),
+    ],
+)
+def test_signs_of_the_plant_and_of_the_diagnosis(effect: str, name: str, true: float, told: float) -> None:
+    assert comparable(truth(effect, "joint_2", **{name: true}), ())[name] == told
+
+
+def test_figures_of_another_meaning_are_not_compared() -> None:
+    """The plant's shear-thinning law has no exponent; its thermal changes refer to rated load."""
+    viscous = truth("nonlinear_viscous_friction", "joint_2", exponent=0.4, eyring_Nm=1.0)
+    assert "exponent" not in comparable(viscous, ())
+    assert comparable(truth("thermal_friction", "joint_2", viscous_change=-0.9, time_constant_s=90.0), ()) == {
+        "time_constant_s": 90.0
+    }
+
+
+def test_a_coupling_named_at_both_joints_is_found_once() -> None:
+    """One cause, two names at its two joints, none wrong: F1 is one; a wrong name beside it costs."""
+    true = truth("joint_coupling", "joint_2", other_joint="joint_1")
+    both = [finding("joint_coupling", joint) for joint in ("joint_1", "joint_2")]
+    assert score(answer(true), result(*both)).set_f1 == pytest.approx(1.0)
+    assert score(answer(true), result(*both, finding("spring_torque", "joint_6"))).set_f1 == pytest.approx(0.8)
