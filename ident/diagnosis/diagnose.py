@@ -220,13 +220,14 @@ def diagnose(
 def _sure(search: Search, session: SessionContext, baseline: Baseline) -> tuple[SearchResults, list[Estimate]]:
     """The effects that the search named, without those that a rival beats by far."""
     found = search.run()
-    while True:
+    while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         estimates = estimate_effects(search, refine(search, session, baseline, groups), session, groups)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
         if len(kept) == len(groups):
             return found, estimates
         found = search.only(found, kept)
+    return found, []
 
 
 def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:

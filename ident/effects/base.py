@@ -29,7 +29,7 @@ class RunContext:
         rigid: Rigid torque of the motion [N m].
         link: Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
         friction: Modelled friction torque of the baseline (viscous + Coulomb) [N m].
-        direction: Direction of motion in [-1, 1], with each joint's own transition width.
+        direction: Direction of sliding in [-1, 1]; each joint turns round over its own displacement or speed.
         temperature: Measured joint temperature [degC], or None.
         position_command: Commanded position [rad], or None.
         rotor: Modelled torque of the rotors' inertia [N m], or None where it isn't modelled.

@@ -207,9 +207,5 @@ def _describe(motion: Motion) -> str:
     return f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}"
 
 
-def _describe_mark(mark: Mark) -> str:
-    return f"{mark.joint}, {mark.end_s - mark.start_s:.2f} s: {mark.text}"
-
-
 def _rgb(colour: str) -> list[int]:
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
