@@ -11,12 +11,13 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RecordingError
 from ident.recording import Payload, Recording, Session
 from ident.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
+from ident.zero_phase import filter_both_ways
 
 # Torque above this frequency is noise, ripple and structure that a rigid model has no word for [Hz].
 DEFAULT_CUTOFF = 10.0
@@ -62,7 +63,7 @@ class Lowpass:
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
         padding = min(len(values) - 1, int(3 * self.rate / self.cutoff))
-        return sosfiltfilt(_sections(self.rate, self.cutoff), values, axis=0, padlen=padding)[:: self.factor]
+        return filter_both_ways(_sections(self.rate, self.cutoff), values, padding)[:: self.factor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +118,11 @@ class Motion:
     def coarse(self) -> slice:
         """The samples that the filter keeps."""
         return slice(None, None, self.lowpass.factor)
+
+    @property
+    def filtered_length(self) -> int:
+        """Number of samples that the filter keeps."""
+        return -(-len(self.time) // self.lowpass.factor)
 
     @property
     def moving(self) -> Bool[Array, "t n"]:

@@ -16,22 +16,21 @@ Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilt
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.baseline import Baseline, rigid_torque
+from ident.diagnosis.baseline import Baseline
 from ident.diagnosis.layout import LOSS_FIGURES, Layout
+from ident.diagnosis.rows import Partition, Rows, compute_rows
 from ident.effects.base import SessionContext
-from ident.signals import Motion
 
 AR_ORDER = 4
-# Samples (after decimation) that are in memory at once.
-CHUNK_SAMPLES = 30_000
+# Samples (after decimation) that the noise is estimated from, in whole runs.
+NOISE_SAMPLES = 15_000
 # Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
 MOST_BLOCKS = 128
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
@@ -54,20 +53,6 @@ class Whitening:
     coefficients: Float[Array, "n p"]
     innovation: Float[Array, " n"]
     level: Float[Array, " n"]
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
-
-    The first `rank` columns are the base parameters', then come the joint's loss figures.
-    """
-
-    run: int
-    rank: int
-    tables: tuple[Float[Array, "t p"], ...]
-    counts: Bool[Array, "t n"]
-    blocks: Int[Array, " t"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +88,9 @@ class Evidence:
         return total
 
 
-@dataclass(frozen=True, eq=False)
-class Partition:
-    """How time is cut: blocks for tests, folds for held-out scores."""
-
-    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
-    first_block: Int[Array, " R"]
-    folds: Int[Array, " B"]
-
-
 def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     """Cuts runs into blocks of equal length; whole runs make a fold, pieces of a run where runs are few."""
-    lengths = np.array([len(run.motion.time[run.motion.coarse]) for run in session.runs])
+    lengths = np.array([run.motion.filtered_length for run in session.runs])
     steps = np.array([run.motion.interval * run.motion.lowpass.factor for run in session.runs])
     target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
@@ -130,67 +106,6 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     else:
         fold = np.arange(total) * min(folds, total) // max(total, 1)
     return Partition(starts, first, fold)
-
-
-def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
-    """Every run's tables, a chunk of runs in memory at a time."""
-    for chunk in _chunks(session):
-        part = SessionContext(
-            # Copies, so that what the effects cache with a run goes when its chunk goes.
-            tuple(replace(session.runs[i]) for i in chunk),
-            session.common_clock,
-            session.joint_names,
-            session.gear_ratios,
-            session.rated_torque,
-        )
-        tables = [baseline_tables(baseline, layout, run.motion) for run in part.runs]
-        places = [{int(c): k for k, c in enumerate(local)} for local in layout.local]
-        for group in layout.groups:
-            first = int(group.columns[0])
-            for run, columns, table in zip(
-                part.runs, group.effect.columns(part, group.joint, group.variant), tables, strict=True
-            ):
-                filtered = run.motion.filtered(columns)
-                for j in [group.joint] if group.effect.rows == "own" else range(layout.n):
-                    at = places[j][first]
-                    own = filtered if group.effect.rows == "own" else filtered[:, j]
-                    table[j][:, at : at + own.shape[1]] = own
-        for i, run, table in zip(chunk, part.runs, tables, strict=True):
-            count = len(run.motion.time[run.motion.coarse])
-            inside = np.searchsorted(partition.starts[i], np.arange(count), side="right") - 1
-            yield Rows(i, layout.rank, tuple(table), run.motion.settled, partition.first_block[i] + inside)
-
-
-def _chunks(session: SessionContext) -> Iterator[list[int]]:
-    chunk: list[int] = []
-    held = 0
-    for i, run in enumerate(session.runs):
-        length = len(run.motion.time) // run.motion.lowpass.factor
-        if chunk and held + length > CHUNK_SAMPLES:
-            yield chunk
-            chunk, held = [], 0
-        chunk.append(i)
-        held += length
-    if chunk:
-        yield chunk
-
-
-def baseline_tables(baseline: Baseline, layout: Layout, motion: Motion) -> list[Float[Array, "t p"]]:
-    """Tables with the baseline's columns and the torque filled in, room left for the candidates."""
-    arm = baseline.nominal
-    regressor = arm.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(baseline.base.columns)]
-    rows = motion.filtered(regressor)
-    slip = baseline.sliding.direction(motion)
-    losses = motion.filtered(np.stack([motion.ddq, motion.dq, slip], axis=-1))
-    target = motion.tau_filtered - motion.filtered(rigid_torque(arm, motion))
-    tables = []
-    for j, local in enumerate(layout.local):
-        table = np.zeros((len(target), len(local)))
-        table[:, : layout.rank] = rows[:, j]
-        table[:, layout.rank : layout.rank + LOSS_FIGURES] = losses[:, j]
-        table[:, -1] = target[:, j]
-        tables.append(table)
-    return tables
 
 
 def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: Whitening | None = None) -> Evidence:
@@ -209,7 +124,7 @@ def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: W
         if whitening is None:
             held.append(rows)
             seen += len(rows.counts)
-            if seen < CHUNK_SAMPLES // 2 and rows.run < len(session.runs) - 1:
+            if seen < NOISE_SAMPLES and rows.run < len(session.runs) - 1:
                 continue
             scale = _column_scale(layout, held)
             for kept in held:
@@ -242,7 +157,7 @@ def _add(
     friction = slice(rows.rank + 1, rows.rank + LOSS_FIGURES)
     for j, table in enumerate(rows.tables):
         counts = rows.counts[:, j]
-        filtered = lfilter(whitening.coefficients[j], 1.0, table, axis=0) / whitening.innovation[j]
+        filtered = _whiten(table, whitening.coefficients[j] / whitening.innovation[j])
         # A whitened row mixes itself with its past: it counts where all of these count.
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
@@ -256,6 +171,14 @@ def _add(
             x = table[inside & counts]
             plain[j][partition.folds[block]] += x.T @ x
             weights[partition.folds[block], j] += len(x)
+
+
+def _whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
+    """What a prediction-error filter leaves of each column, from rest."""
+    left = coefficients[0] * table
+    for lag, coefficient in enumerate(coefficients[1:], start=1):
+        left[lag:] += coefficient * table[:-lag]
+    return left
 
 
 def _run_spread(layout: Layout, baseline: Baseline, scale: Float[Array, " P"]) -> Float[Array, "n 2"]:

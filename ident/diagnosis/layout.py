@@ -97,6 +97,11 @@ class Layout:
             for j in range(self.n)
         )
 
+    @cached_property
+    def places(self) -> tuple[dict[int, int], ...]:
+        """For each joint, where each of its columns stands in its rows."""
+        return tuple({int(column): k for k, column in enumerate(local)} for local in self.local)
+
 
 def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]) -> Layout:
     """Lays out every testable effect at every point of its grid."""

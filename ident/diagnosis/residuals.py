@@ -9,12 +9,12 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.baseline import Baseline
-from ident.diagnosis.evidence import Evidence, baseline_tables, build_partition
+from ident.diagnosis.evidence import Evidence, build_partition
 from ident.diagnosis.heldout import HeldOut
 from ident.diagnosis.layout import Group, Layout
 from ident.diagnosis.projection import Projection
+from ident.diagnosis.rows import compute_tables
 from ident.effects.base import RunContext, SessionContext
-from ident.signals import Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +78,10 @@ def compute_residuals(
     whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
     parts = [held_out.weights(), held_out.weights(groups)]
     by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
-    extra = [group.effect.columns(session, group.joint, group.variant) for group in groups]
+    partition = build_partition(session)
     series = []
-    for i, (run, folds) in enumerate(zip(session.runs, _folds_of_samples(session, evidence), strict=True)):
-        tables = baseline_tables(baseline, layout, run.motion)
-        for group, columns in zip(groups, extra, strict=True):
-            _fill_in(tables, layout, group, run.motion.filtered(columns[i]))
+    for i, _, tables in compute_tables(session, baseline, layout, groups, range(len(session.runs))):
+        run, folds = session.runs[i], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
         before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
         unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)
@@ -98,13 +96,6 @@ def _spread(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z
     return row
 
 
-def _fill_in(tables: Sequence[Array], layout: Layout, group: Group, columns: Float[Array, "t ..."]) -> None:
-    """Writes an effect's filtered columns into the tables of the joints that it acts on."""
-    own = group.effect.rows == "own"
-    for j in [group.joint] if own else range(layout.n):
-        tables[j][:, np.isin(layout.local[j], group.columns)] = columns if own else columns[:, j]
-
-
 def _left(
     tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
 ) -> Float[Array, "t n"]:
@@ -115,20 +106,6 @@ def _left(
         each = table[:, used] @ weights[:, local[used]].T
         left[:, j] = each[:, 0] if folds is None else np.take_along_axis(each, folds[:, None], axis=1)[:, 0]
     return left
-
-
-def _folds_of_samples(session: SessionContext, evidence: Evidence) -> list[Int[Array, " t"]]:
-    """Fold of every filtered sample, run by run."""
-    partition = build_partition(session)
-    folds = []
-    for run, starts, first in zip(session.runs, partition.starts, partition.first_block, strict=True):
-        inside = np.searchsorted(starts, np.arange(_filtered_length(run.motion)), side="right") - 1
-        folds.append(evidence.fold_of_block[first + inside])
-    return folds
-
-
-def _filtered_length(motion: Motion) -> int:
-    return len(motion.time[motion.coarse])
 
 
 def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:

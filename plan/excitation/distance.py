@@ -16,8 +16,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.evidence import Rows, build_partition, compute_rows
+from ident.diagnosis.evidence import build_partition
 from ident.diagnosis.layout import Layout, build_layout
+from ident.diagnosis.rows import Rows, compute_rows
 from ident.effects.base import Effect, SessionContext
 from ident.plant.shapes import Motion as Reference
 from plan.excitation.eye import Eye

@@ -8,11 +8,13 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis import evidence as evidence_module
+from ident.diagnosis import rows as rows_module
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.evidence import Rows, build_partition, compute_rows, estimate_noise, gather
+from ident.diagnosis.evidence import build_partition, estimate_noise, gather
 from ident.diagnosis.heldout import HeldOut
 from ident.diagnosis.layout import Layout
 from ident.diagnosis.projection import RIDGE, Prior, project
+from ident.diagnosis.rows import Rows, compute_rows
 from ident.signals import Lowpass, Motion
 
 
@@ -140,10 +142,10 @@ def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened:
 
 def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: how many runs are in memory at once changes neither the rows nor, in N m, their sums."""
-    monkeypatch.setattr(evidence_module, "CHUNK_SAMPLES", 500)
+    monkeypatch.setattr(rows_module, "CHUNK_SAMPLES", 500)
     layout = healthy.evidence.layout
     partition = build_partition(healthy.session)
-    assert len(list(evidence_module._chunks(healthy.session))) >= 3
+    assert len(list(rows_module._chunks(healthy.session, range(len(healthy.session.runs))))) >= 3
     for one, other in zip(compute_rows(healthy.session, healthy.baseline, layout, partition), all_rows, strict=True):
         assert one.run == other.run
         assert np.array_equal(one.blocks, other.blocks)

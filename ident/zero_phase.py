@@ -1,0 +1,60 @@
+"""The common filter, compiled: second-order sections forwards and backwards over many columns at once.
+
+The same numbers as `scipy.signal.sosfiltfilt`: odd extension at both ends, sections started at the
+steady state of the first value. What differs is the order of the loops: all columns of a sample go side by side through
+a section, so that the processor works on several of them at a time.
+
+Source: Gustafsson 1996 for filtering both ways; direct form II transposed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.signal import sosfilt_zi
+
+from ident.arrays import Array, Float
+
+
+def filter_both_ways(
+    sections: Float[Array, "s 6"], values: Float[Array, "T ..."], padding: int
+) -> Float[Array, "T ..."]:
+    """Filters along the first axis, without delay.
+
+    Args:
+        sections: Second-order sections of the filter.
+        values: Signals.
+        padding: Samples by which both ends are extended; fewer than there are.
+    """
+    columns = np.asarray(values, dtype=float).reshape(len(values), -1)
+    extended = np.empty((len(values) + 2 * padding, columns.shape[1]))
+    middle = slice(padding, padding + len(values))
+    extended[middle] = columns
+    extended[:padding] = 2.0 * columns[0] - columns[padding:0:-1]
+    extended[middle.stop :] = 2.0 * columns[-1] - columns[-2 : -padding - 2 : -1]
+    _filter(extended, np.ascontiguousarray(sections), sosfilt_zi(sections))
+    return extended[middle].reshape(np.shape(values))
+
+
+@njit(cache=True)
+def _filter(values: Array, sections: Array, steady: Array) -> None:
+    """Filters columns in place, first forwards, then backwards."""
+    length, columns = values.shape
+    state = np.empty((len(sections), 2, columns))
+    for way in range(2):
+        first = 0 if way == 0 else length - 1
+        for s in range(len(sections)):
+            for c in range(columns):
+                state[s, 0, c] = steady[s, 0] * values[first, c]
+                state[s, 1, c] = steady[s, 1] * values[first, c]
+        for k in range(length):
+            t = k if way == 0 else length - 1 - k
+            for s in range(len(sections)):
+                b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
+                a1, a2 = sections[s, 4], sections[s, 5]
+                for c in range(columns):
+                    x = values[t, c]
+                    y = b0 * x + state[s, 0, c]
+                    state[s, 0, c] = b1 * x - a1 * y + state[s, 1, c]
+                    state[s, 1, c] = b2 * x - a2 * y
+                    values[t, c] = y
