@@ -93,15 +93,18 @@ def _mark(analysis: Analysis, axes: Mapping[str, Axis], height: float, k: int, j
 
 
 def gap_curves(analysis: Analysis) -> list[list[Curve]]:
-    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked."""
+    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked.
+
+    Of very many runs only some have curves.
+    """
     rungs = [("tuned", "after tuning", TUNED_COLOUR)]
     if analysis.diagnosis.findings:
         rungs.insert(0, ("named", "with the named effects", NAMED_COLOUR))
-    return [
-        [
+    curves: list[list[Curve]] = [[] for _ in analysis.session.runs]
+    for item in analysis.series:
+        curves[item.index] = [
             Curve(joint, ("residual", rung), words, colour, (item.after if rung == "named" else item.before)[:, j])
             for j, joint in enumerate(analysis.diagnosis.joints)
             for rung, words, colour in rungs
         ]
-        for item in analysis.series
-    ]
+    return curves

@@ -6,6 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -217,12 +218,18 @@ def prepare(session: Session, cutoff: float | None = None, oversampling: float =
     Raises:
         RecordingError: No run is long enough.
     """
+    return tuple(prepare_each(session, cutoff, oversampling))
+
+
+def prepare_each(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Iterator[Motion]:
+    """The same one after the other, for whoever needn't have them all at once."""
     long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
     if not long:
         where = str(session.path or session.name)
         raise RecordingError(where, f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
     levels = session_noise(session.replace(runs=long))
-    return tuple(prepare_run(run, levels, session.payload, cutoff, oversampling) for run in long)
+    for run in long:
+        yield prepare_run(run, levels, session.payload, cutoff, oversampling)
 
 
 def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:

@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
-from ident.effects.base import RunContext, SessionContext
 from ident.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
 from ident.loss import LossModel, LossParameters
 from ident.presliding import Sliding, fit_sliding
 from ident.signals import Motion
+from ident.spooling import few
 
 # Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
 # arms come out of the factory within some per cent of their drawing, URDFs of the arm.
@@ -51,10 +49,11 @@ def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTI
     """Tunes the arm on all runs.
 
     Args:
-        motions: All runs.
+        motions: All runs; of a spooled session an even choice is enough to linearise about.
         arm: The arm as its user has it.
         share: Standard deviation of its inertial numbers, as `INERTIA_SHARE`.
     """
+    motions = few(motions)
     model = LossModel()
     results = fit_inertia(motions, arm, "base", model, share)
     rigid = [rigid_torque(results.arm, motion) for motion in motions]
@@ -66,38 +65,3 @@ def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTI
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
     """Rigid torque of a run with its known payload [N m]."""
     return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-
-
-def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
-    """What the effects are told about the runs: modelled torques only, never the measured one."""
-    return SessionContext(
-        runs=tuple(_build_run(baseline, motion) for motion in motions),
-        common_clock=common_clock,
-        joint_names=baseline.nominal.joint_names,
-        gear_ratios=baseline.nominal.gear_ratios,
-        rated_torque=baseline.nominal.effort_limit,
-    )
-
-
-def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
-    loss, rigid = baseline.loss, rigid_torque(baseline.arm, motion)
-    slip = baseline.sliding.direction(motion)
-    return RunContext(
-        motion=motion,
-        arm=baseline.arm.with_payload(motion.payload),
-        rigid=rigid,
-        link=rigid,
-        rotor=np.asarray(loss.motor_inertia * motion.ddq),
-        friction=np.asarray(loss.viscous * motion.dq + loss.coulomb * slip),
-        direction=slip,
-        temperature=motion.temperature,
-        position_command=motion.position_command,
-    )
-
-
-def leftover_torque(baseline: Baseline, session: SessionContext) -> list[Float[Array, "t n"]]:
-    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m]."""
-    return [
-        np.where(run.motion.settled, run.motion.tau_filtered - run.motion.filtered(run.total), 0.0)
-        for run in session.runs
-    ]

@@ -15,6 +15,7 @@ from ident.errors import RecordingError
 from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
+from ident.spooling import hold
 from ident.telemetry import TelemetryReport
 
 # Effects live up to here; beyond it drives and structure answer [Hz].
@@ -30,7 +31,7 @@ def diagnose_reports(
     cutoff: float | None = None,
     seed: int = 0,
     model: HybridModel | None = None,
-) -> tuple[Diagnosis, Analysis | None, tuple[Motion, ...]]:
+) -> tuple[Diagnosis, Analysis | None, Sequence[Motion]]:
     """Diagnoses inspected sessions of one set-up.
 
     Args:
@@ -61,7 +62,7 @@ def diagnose_reports(
             raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
     missing = [name for name in arm.joint_names if name not in joints]
     arm = arm.locked(missing) if missing else arm
-    motions = tuple(motion for report in reports for motion in prepare_slower(report.session, cutoff or CUTOFF))
+    motions = hold(motion for report in reports for motion in prepare_slower(report.session, cutoff or CUTOFF))
     clock = len(reports) == 1 and reports[0].session.common_clock
     share = INERTIA_SHARE
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:

@@ -7,23 +7,13 @@ the common one, so that neither side is changed below it; every eighth sample is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ident.arrays import Array, Float, freeze
 from ident.recording import Session
-from ident.signals import (
-    CRITICAL_OVERSAMPLING,
-    LARGEST_CUTOFF_SHARE,
-    LEAST_DURATION,
-    Lowpass,
-    Motion,
-    prepare,
-    prepare_run,
-    session_noise,
-)
+from ident.signals import CRITICAL_OVERSAMPLING, LARGEST_CUTOFF_SHARE, Lowpass, Motion, prepare_each
 
 # Corner of the filter before decimation, in corners of the common filter: between them lies what columns may fold down.
 GUARD = 2.0
@@ -64,17 +54,10 @@ def decimate(motion: Motion, oversampling: float = CRITICAL_OVERSAMPLING) -> Mot
     )
 
 
-def prepare_slower(session: Session, cutoff: float) -> tuple[Motion, ...]:
+def prepare_slower(session: Session, cutoff: float) -> Iterator[Motion]:
     """All runs of a session as motions for the diagnosis; each is decimated before the next is smoothed.
 
     Raises:
         RecordingError: No run is long enough.
     """
-    rates = [1.0 / run.sample_interval for run in session.runs if len(run) > 1]
-    if not rates or decimation_factor(float(np.max(rates)), cutoff) == 1:
-        return prepare(session, cutoff, oversampling=CRITICAL_OVERSAMPLING)
-    long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
-    if not long:
-        return prepare(session, cutoff, oversampling=CRITICAL_OVERSAMPLING)  # tells what is wrong
-    levels = session_noise(session.replace(runs=long))
-    return tuple(decimate(prepare_run(run, levels, session.payload, cutoff, CRITICAL_OVERSAMPLING)) for run in long)
+    return map(decimate, prepare_each(session, cutoff, CRITICAL_OVERSAMPLING))

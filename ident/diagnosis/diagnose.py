@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, build_session, fit_baseline, leftover_torque
+from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.evidence import Evidence, Whitening, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
@@ -21,12 +21,14 @@ from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.refine import refine
 from ident.diagnosis.residuals import RunResidual, compute_residuals
+from ident.diagnosis.runs import build_session, leftover_torque
 from ident.diagnosis.search import Named, Search, SearchResults
 from ident.diagnosis.tuned import tuned_record
 from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
 from ident.recording import TelemetryIssue
 from ident.signals import Motion
+from ident.spooling import runs_recorded
 
 SCHEMA = "ident.diagnosis/1"
 # Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
@@ -166,7 +168,7 @@ def diagnose(
     """
     baseline = fit_baseline(motions, arm, inertia_share)
     session = build_session(baseline, motions, common_clock)
-    leftover = leftover_torque(baseline, session)
+    leftover = leftover_torque(session)
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
@@ -273,7 +275,7 @@ def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array,
 
 def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
     return {
-        "runs": len(motions),
+        "runs": runs_recorded(motions),
         "samples": int(sum(len(motion.time) for motion in motions)),
         "duration_s": float(sum(motion.time[-1] - motion.time[0] for motion in motions)),
     }

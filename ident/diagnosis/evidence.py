@@ -33,6 +33,8 @@ AR_ORDER = 4
 NOISE_SAMPLES = 15_000
 # Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
 MOST_BLOCKS = 128
+# Runs that have blocks of their own; of more than this, several share one.
+MOST_LONE_RUNS = 256
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
 # Relative standard deviation of a joint's friction from run to run.
 RUN_SPREAD = 0.015
@@ -89,9 +91,15 @@ class Evidence:
 
 
 def build_partition(session: SessionContext, folds: int = 10) -> Partition:
-    """Cuts runs into blocks of equal length; whole runs make a fold, pieces of a run where runs are few."""
-    lengths = np.array([run.motion.filtered_length for run in session.runs])
-    steps = np.array([run.motion.interval * run.motion.lowpass.factor for run in session.runs])
+    """Cuts runs into blocks of equal length; whole runs make a fold, pieces of a run where runs are few.
+
+    Very many runs share blocks, neighbours with neighbours, so that the sums stay few.
+    """
+    motions = [(run.motion.filtered_length, run.motion.interval * run.motion.lowpass.factor) for run in session.runs]
+    lengths, steps = np.array([length for length, _ in motions]), np.array([step for _, step in motions])
+    if len(lengths) > MOST_LONE_RUNS:
+        block = np.arange(len(lengths)) * MOST_BLOCKS // len(lengths)
+        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, np.arange(MOST_BLOCKS) % folds)
     target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
     starts = tuple(

@@ -111,7 +111,7 @@ def _figures(fine: Refined, session: SessionContext) -> list[dict[str, Interval]
         beta = full.estimate[at : at + k] / scale
         cells = covariance[at : at + k, at : at + k] / np.outer(scale, scale)
         at += k
-        parameters = dict(group.effect.parameters(session, group.joint, group.variant, beta, cells))
+        parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
         found.append({name: widened(name, value) for name, value in parameters.items()})

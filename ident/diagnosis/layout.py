@@ -9,7 +9,7 @@ that is zero by construction.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,11 +109,12 @@ def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in catalogue:
         for joint in range(session.n if effect.scope == "joint" else 1):
-            reason = effect.untestable(session, joint)
+            asked = effect.asked(session)
+            reason = effect.untestable(asked, joint)
             if reason is not None:
                 silent.append(NotTestable(effect, joint, reason))
             else:
-                grids.append((effect, joint, effect.variants(session, joint)))
+                grids.append((effect, joint, effect.variants(asked, joint)))
     return layout_of(session, rank, grids, silent)
 
 
@@ -124,9 +125,7 @@ def layout_of(
     silent: Sequence[NotTestable] = (),
 ) -> Layout:
     """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns."""
-    sample = SessionContext(
-        session.runs[:1], session.common_clock, session.joint_names, session.gear_ratios, session.rated_torque
-    )
+    sample = replace(session, runs=session.runs[:1], every=1)
     start = rank + LOSS_FIGURES * session.n
     groups: list[Group] = []
     own: list[list[int]] = [[] for _ in range(session.n)]

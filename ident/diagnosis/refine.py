@@ -17,7 +17,7 @@ from ident.diagnosis.heldout import HeldOut
 from ident.diagnosis.layout import Group, layout_of
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.search import Search
-from ident.effects.base import SessionContext
+from ident.effects.base import SessionContext, Variant
 
 ROUNDS = 3
 
@@ -39,15 +39,17 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
         baseline: The tuned model.
         groups: The named effects at their points of the coarse grid.
     """
-    grids = [
-        (group.effect, group.joint, tuple(group.effect.refined(session, group.joint, group.variant)))
-        for group in groups
-    ]
+    grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
     layout = layout_of(session, baseline.base.rank, grids)
     evidence = gather(session, baseline, layout, search.evidence.whitening)
     prior = Prior.of(evidence, baseline.prior)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed)
     return Refined(fine, _best(fine, [group.key for group in groups]))
+
+
+def _finer(session: SessionContext, group: Group) -> tuple[Variant, ...]:
+    """A finer grid around a named effect's point of the coarse one."""
+    return tuple(group.effect.refined(group.effect.asked(session), group.joint, group.variant))
 
 
 def _best(fine: Search, keys: Sequence[tuple[str, int, int | None]]) -> tuple[Group, ...]:

@@ -64,7 +64,7 @@ def compute_residuals(
     groups: Sequence[Group],
     held_out: HeldOut,
 ) -> list[RunResidual]:
-    """Residuals of every run.
+    """Residuals of every run, or of an even choice of very many.
 
     Args:
         session: The runs.
@@ -79,9 +79,11 @@ def compute_residuals(
     parts = [held_out.weights(), held_out.weights(groups)]
     by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
     partition = build_partition(session)
-    series = []
-    for i, _, tables in compute_tables(session, baseline, layout, groups, range(len(session.runs))):
-        run, folds = session.runs[i], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
+    series: list[RunResidual] = []
+    some = range(0, len(session.runs), session.every)
+    for i, _, tables in compute_tables(session, baseline, layout, groups, some):
+        # Not the chunk's own context, which holds all that the effects cached with it.
+        run, folds = session.survey.runs[len(series)], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
         scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
         before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
         unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)

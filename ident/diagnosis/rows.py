@@ -62,7 +62,7 @@ def compute_tables(
     """Number, context and tables of some runs; columns of candidates that are not among the groups stay zero."""
     for chunk in _chunks(session, runs):
         # Copies, so that what the effects cache with a run goes when its chunk goes.
-        part = replace(session, runs=tuple(replace(session.runs[i]) for i in chunk))
+        part = replace(session, runs=tuple(replace(session.runs[i]) for i in chunk), every=1)
         tables = [baseline_tables(baseline, layout, run) for run in part.runs]
         batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
         for group in groups:

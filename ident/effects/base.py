@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
@@ -84,17 +84,24 @@ class SessionContext:
         joint_names: The joints.
         gear_ratios: Reduction of each joint, or None where it is not known.
         rated_torque: Effort limits [N m].
+        every: One of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk.
     """
 
-    runs: tuple[RunContext, ...]
+    runs: Sequence[RunContext]
     common_clock: bool
     joint_names: tuple[str, ...]
     gear_ratios: Float[Array, " n"] | None
     rated_torque: Float[Array, " n"]
+    every: int = 1
 
     @property
     def n(self) -> int:
         return len(self.joint_names)
+
+    @cached_property
+    def survey(self) -> SessionContext:
+        """The session itself, or an even choice of its runs, held in memory, where there are very many."""
+        return self if self.every == 1 else replace(self, runs=tuple(self.runs[:: self.every]), every=1)
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,7 @@ class Effect(ABC):
         nonnegative: Indices of columns whose coefficients can't be negative.
         inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
         event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
+        remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
         summary: One line for reports: what happens and where to look.
     """
 
@@ -145,6 +153,7 @@ class Effect(ABC):
     nonnegative: ClassVar[tuple[int, ...]] = ()
     inertia_like: ClassVar[bool] = False
     event: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""
 
@@ -157,6 +166,10 @@ class Effect(ABC):
                 doesn't count [N m].
         """
         return self
+
+    def asked(self, session: SessionContext) -> SessionContext:
+        """The runs that its figures are taken from: all of them, or enough of very many."""
+        return session if self.remembers else session.survey
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         """Why these recordings can't show the effect at a joint at all, or None. Must be cheap."""

@@ -24,6 +24,8 @@ LARGEST_FORCE = 500.0  # [N]
 # Screening: stretches whose mean square is this many times the usual one are candidates: over all joints, or at one.
 SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
 MOST_PUSHES = 3
+# Samples, evenly over the session, that tell what is usually left.
+USUAL_SAMPLES = 200_000
 # A constant force at a link's point must explain this much of what is left in its window over all joints.
 LEAST_EXPLAINED = 0.6
 
@@ -189,7 +191,8 @@ def _points(n: int) -> list[tuple[int, float]]:
 
 def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
     """Robust standard deviation of what is usually left at each joint [N m]."""
-    squares = np.concatenate(list(leftover)) ** 2
+    every = max(1, sum(len(values) for values in leftover) // USUAL_SAMPLES)
+    squares = np.concatenate([values[::every] for values in leftover]) ** 2
     middle = np.array([np.median(column[column > 0.0]) if (column > 0.0).any() else 0.0 for column in squares.T])
     return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
 

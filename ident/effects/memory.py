@@ -39,6 +39,7 @@ class ThermalFriction(Effect):
     """
 
     id = "thermal_friction"
+    remembers = True
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "friction changes with warmth; look at the same motion cold and hot"
 

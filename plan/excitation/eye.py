@@ -9,8 +9,9 @@ import numpy as np
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float, freeze
-from ident.diagnosis.baseline import Baseline, build_session, fit_baseline
+from ident.diagnosis.baseline import Baseline, fit_baseline
 from ident.diagnosis.command import CUTOFF
+from ident.diagnosis.runs import build_session
 from ident.effects.base import SessionContext
 from ident.plant.limits import Limits
 from ident.plant.shapes import TICK_S

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import argparse
 import cProfile
+import itertools
 import json
 import pstats
 import resource
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +30,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.plant.session import SimulationOptions, simulate
 from ident.recording import Session
 from ident.signals import CRITICAL_OVERSAMPLING, Motion, prepare_run, session_noise
+from ident.spooling import hold
 
 CUTOFF = 25.0
 STAGES = (
@@ -47,24 +50,25 @@ def recorded(rate: float, runs: int, duration: float) -> Session:
     return simulate(options, "bench").session
 
 
-def analyse(motions: list[Motion], arm: ArmModel) -> tuple[Analysis, float]:
+def analyse(motions: Sequence[Motion], arm: ArmModel) -> tuple[Analysis, float]:
     """The diagnosis and its processor time [s]."""
     begin = time.process_time()
     analysis = diagnose(motions, arm, CATALOGUE)
     return analysis, time.process_time() - begin
 
 
-def tiled(session: Session, minutes: float) -> list[Motion]:
+def tiled(session: Session, minutes: float) -> Iterator[Motion]:
     """The session's runs, repeated on one clock until they last so long; smoothed and decimated one by one."""
     levels = session_noise(session)
-    motions: list[Motion] = []
     start = 0.0
-    while start < 60.0 * minutes:
-        run = session.runs[len(motions) % len(session.runs)]
+    for k in itertools.count():
+        run = session.runs[k % len(session.runs)]
         motion = decimate(prepare_run(run, levels, session.payload, CUTOFF, CRITICAL_OVERSAMPLING))
-        motions.append(replace(motion, time=freeze(motion.time - motion.time[0] + start)))
-        start = float(motions[-1].time[-1]) + 1.0
-    return motions
+        motion = replace(motion, name=f"{k:04d}", time=freeze(motion.time - motion.time[0] + start))
+        start = float(motion.time[-1]) + 1.0
+        yield motion
+        if start >= 60.0 * minutes:
+            return
 
 
 def measure_length(minutes: float) -> dict[str, float]:
@@ -72,7 +76,7 @@ def measure_length(minutes: float) -> dict[str, float]:
     arm = ArmModel.load("tm5-900")
     session = recorded(1000.0, 5, 30.0)
     begin = time.process_time()
-    motions = tiled(session, minutes)
+    motions = hold(tiled(session, minutes))
     analysis, _ = analyse(motions, arm)
     return {
         "minutes": minutes,

@@ -1,0 +1,97 @@
+"""A long session waits on disk: the diagnosis says the same, and holds a few runs at a time."""
+
+from __future__ import annotations
+
+import weakref
+
+import numpy as np
+import pytest
+
+from ident.arm import ArmModel
+from ident.diagnosis import evidence as evidence_module
+from ident.diagnosis import rows as rows_module
+from ident.diagnosis.baseline import fit_baseline
+from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.evidence import build_partition, gather
+from ident.diagnosis.layout import build_layout
+from ident.diagnosis.runs import build_session, leftover_torque
+from ident.effects.catalogue import CATALOGUE
+from ident.signals import Motion
+from ident.spooling import SpooledMotions
+from tests.ident.diagnosis.planted import record, stribeck_on_1
+
+
+@pytest.fixture(scope="module")
+def motions(short_arm: ArmModel) -> list[Motion]:
+    return record(short_arm, stribeck_on_1)
+
+
+@pytest.fixture(scope="module")
+def held(short_arm: ArmModel, motions: list[Motion]) -> Analysis:
+    return diagnose(motions, short_arm, CATALOGUE, common_clock=False)
+
+
+def names(analysis: Analysis) -> list[tuple[str, tuple[str, ...]]]:
+    return [(one.estimate.group.effect.id, one.joints) for one in analysis.diagnosis.findings]
+
+
+def test_spooling_changes_nothing(short_arm: ArmModel, motions: list[Motion], held: Analysis) -> None:
+    """Law: where every run is asked, a session on disk has the figures of the same session in memory."""
+    spooled = diagnose(SpooledMotions(motions), short_arm, CATALOGUE, common_clock=False)
+    assert names(spooled) == names(held) == [("stribeck_friction", ("joint_1",))]
+    for one, other in zip(spooled.diagnosis.findings, held.diagnosis.findings, strict=True):
+        for name, interval in one.estimate.parameters.items():
+            assert interval.value == pytest.approx(other.estimate.parameters[name].value, rel=1e-6)
+    for name, gap in spooled.diagnosis.gap.items():
+        assert gap["rms_Nm"] == pytest.approx(held.diagnosis.gap[name]["rms_Nm"], rel=1e-6)
+    assert spooled.diagnosis.session == held.diagnosis.session
+
+
+def test_a_choice_of_runs_is_enough_for_sizes(short_arm: ArmModel, motions: list[Motion], held: Analysis) -> None:
+    """Law: with one run of three asked for sizes and maps, the name is the same and the sums still see every sample.
+
+    Bound: held-out errors agree within 1 %.
+    """
+    spooled = diagnose(SpooledMotions(motions, most=2 * len(motions[0].time)), short_arm, CATALOGUE, common_clock=False)
+    assert [item.index for item in spooled.series] == [0, 3]
+    assert names(spooled) == names(held)
+    assert np.array_equal(spooled.evidence.weights, held.evidence.weights)
+    for name, gap in spooled.diagnosis.gap.items():
+        assert gap["rms_Nm"] == pytest.approx(held.diagnosis.gap[name]["rms_Nm"], rel=0.01)
+
+
+def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: in no pass over the session are there more runs in memory than those asked for sizes and a chunk or two."""
+    alive: weakref.WeakSet[Motion] = weakref.WeakSet()
+    most = 0
+    make = SpooledMotions._make
+
+    def counted(self: SpooledMotions, index: int) -> Motion:
+        nonlocal most
+        motion = make(self, index)
+        alive.add(motion)
+        most = max(most, len(alive))
+        return motion
+
+    monkeypatch.setattr(SpooledMotions, "_make", counted)
+    monkeypatch.setattr(rows_module, "CHUNK_SAMPLES", 1)
+    monkeypatch.setattr(evidence_module, "NOISE_SAMPLES", 1)
+    spooled = SpooledMotions([*motions, *motions], most=2 * len(motions[0].time))
+    baseline = fit_baseline(spooled, short_arm)
+    session = build_session(baseline, spooled, common_clock=False)
+    leftover = leftover_torque(session)
+    layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in CATALOGUE])
+    gather(session, baseline, layout)
+    assert len(spooled) == 12
+    assert most <= len(session.survey.runs) + 2
+
+
+def test_very_many_runs_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: beyond a number of runs neighbours share a block; each block lies in one fold, and none is empty."""
+    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", 5)
+    monkeypatch.setattr(evidence_module, "MOST_BLOCKS", 3)
+    partition = build_partition(held.session)
+    assert [int(partition.blocks_of(run, 40)[k]) for run in range(6) for k in (0, -1)] == [0, 0, 0, 0, 1, 1, 1, 1] + [
+        2
+    ] * 4
+    assert partition.folds.tolist() == [0, 1, 2]
