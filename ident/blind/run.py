@@ -151,7 +151,7 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
 
 def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
     stamp = stamp_of(PLANT_CODE)
-    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration)
+    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
     sources = find_sources(options.semi_real) if options.semi_real else ()
     return [
         MakeTask(

@@ -132,8 +132,8 @@ class RealArm:
             columns.append(motion.filtered(np.concatenate(parts, axis=2)))
             filtered.append(motion.filtered(torque))
         moving = np.concatenate([np.abs(m.dq[m.coarse]) > STILL_RAD_S for m in self.motions])
-        none = np.zeros(len(moving))
-        return Rows(np.concatenate(columns), np.concatenate(filtered), moving, none, none)
+        torque, none = np.concatenate(filtered), np.zeros(len(moving))
+        return Rows(np.concatenate(columns), torque, np.zeros_like(torque), moving, run=none, time=none)
 
     @cached_property
     def floor(self) -> Float[Array, " n"]:

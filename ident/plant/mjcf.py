@@ -98,7 +98,7 @@ def nominal_bodies(n: int) -> Bodies:
 
 
 def build_model(
-    urdf: str, joints: tuple[str, ...], links: tuple[str, ...], bodies: Bodies, step: float, springs: bool = False
+    urdf: str, joints: tuple[str, ...], links: tuple[str, ...], bodies: Bodies, step: float, first_order: bool = False
 ) -> Any:
     """Compiles the arm.
 
@@ -108,7 +108,7 @@ def build_model(
         links: The link that each joint moves.
         bodies: How the links differ from it.
         step: Step of the simulation [s].
-        springs: Whether stiff springs drive the links from outside MuJoCo.
+        first_order: Whether to integrate by symplectic Euler steps, as stiff springs from outside MuJoCo need it.
 
     Returns:
         mujoco.MjModel, the n joints first, then those of a swinging load.
@@ -127,7 +127,7 @@ def build_model(
         tendon.wrap_joint(other, ratio)
         tendon.armature = inertia
     model = spec.compile()
-    _set_options(model, bodies, step, springs)
+    _set_options(model, bodies, step, first_order)
     return model
 
 
@@ -204,13 +204,13 @@ def _add_slosh(spec: Any, link: str, slosh: Slosh) -> None:
     liquid.explicitinertial = True
 
 
-def _set_options(model: Any, bodies: Bodies, step: float, springs: bool) -> None:
+def _set_options(model: Any, bodies: Bodies, step: float, first_order: bool) -> None:
     model.opt.timestep = step
     model.opt.gravity[:] = bodies.gravity
     # Fourth order where it can be: a first-order step shifts velocity by half a step against position. Where springs
     # join two bodies, the symplectic first-order step is the one that neither feeds nor damps their oscillation.
     kinds = mujoco.mjtIntegrator
-    model.opt.integrator = kinds.mjINT_EULER if springs else kinds.mjINT_RK4
+    model.opt.integrator = kinds.mjINT_EULER if first_order else kinds.mjINT_RK4
     off = mujoco.mjtDisableBit
     # No constraint is left to solve: motions stay within limits, friction and drives are the plant's own.
     for bit in (off.mjDSBL_CONSTRAINT, off.mjDSBL_SENSOR, off.mjDSBL_ACTUATION, off.mjDSBL_AUTORESET):

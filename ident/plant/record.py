@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.arrays import Array, Float
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_encoder, read_temperature, read_torque, sample
 from ident.plant.shapes import Motion
@@ -52,6 +52,7 @@ def record_runs(
     rng: np.random.Generator,
     pauses: Sequence[float],
     progress: Progress = no_progress,
+    feeds: Sequence[Float[Array, "K n"]] | None = None,
 ) -> tuple[list[Recording], list[Trace]]:
     """Runs motions on an arm and records them.
 
@@ -62,13 +63,14 @@ def record_runs(
         rng: Source of chance: plant and sensors have streams of their own, so that one does not shift the other.
         pauses: Standstill before each run [s].
         progress: Called after each run.
+        feeds: Feed-forward torque of each motion [N m], if it is known already.
 
     Returns:
         The runs as recorded, and as they truly were.
     """
     plant_rng, sensor_rng = rng.spawn(2)
     simulator = Simulator(hardware, plant_rng)
-    traces = simulator.run(motions, pauses, progress)
+    traces = simulator.run(motions, pauses, progress, feeds)
     width = max(len(str(len(motions))), 2)
     return [
         record_one(hardware, trace, f"{i:0{width}d}_{trace.motion.name}", channels, sensor_rng)

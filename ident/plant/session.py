@@ -50,6 +50,7 @@ class SimulationOptions:
         friction_spread: Relative change of the friction from run to run.
         noise: Factor on the noise of torque and encoders.
         measure: Whether the visible amplitude of every effect is measured for the answer.
+        coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
     """
 
     robot: str = "tm5-900"
@@ -70,6 +71,7 @@ class SimulationOptions:
     friction_spread: float = 0.01
     noise: float = 1.0
     measure: bool = False
+    coarse: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +117,13 @@ def simulate(
     healthy = _healthy(arm, options, decoy_rng)
     clock_rng, record_rng = run_rng.spawn(2)
     pauses = draw_pauses(len(plans), options.pause, clock_rng)
-    meter = VisibilityMeter(healthy, plans, pauses, options.seed)
+    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse)
     hardware, effects = healthy, []
     for request, joint in zip(requests, joints, strict=True):
         hardware, effect = _add_effect(request, joint, hardware, meter, int(effect_rng.integers(2**63)), options)
         effects.append(effect)
     channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
-    runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress)
+    runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
     payload = options.payload
     session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
     floor = dict(zip(arm.joint_names, map(float, healthy.sensing.noise_floor), strict=True))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.plant.contact import no_contact
@@ -21,6 +22,8 @@ from ident.plant.thermal import cool_down
 LARGEST_STEP_S = 5e-4
 # The spring between motor and link must turn by less than this angle of its own oscillation in a step.
 SPRING_PHASE = 0.6
+# How much longer the steps of a coarse simulation are.
+COARSER = 2.0
 # Velocity filter of the controller [rad/s].
 FILTER_RAD_S = 900.0
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
@@ -53,27 +56,36 @@ class Simulator:
     Args:
         hardware: The arm.
         rng: Source of encoder noise, of the friction's change from run to run, and of the approach.
+        coarse_step: Step of a coarse simulation [s] (`choose_step`), of first order: four times as quick, and good
+            enough to compare two simulations with the same step, whose errors cancel.
     """
 
-    def __init__(self, hardware: Hardware, rng: np.random.Generator) -> None:
+    def __init__(self, hardware: Hardware, rng: np.random.Generator, coarse_step: float | None = None) -> None:
         self.hardware, self.rng = hardware, rng
         arm, drive = hardware.arm, hardware.drive
         rotors = np.where(drive.elastic, 0.0, drive.rotor_inertia)
         bodies = hardware.bodies.replace(joint_inertia=rotors)
-        self.step = choose_step(hardware)
-        springs = bool(drive.elastic.any())
-        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, springs)
+        self.step = coarse_step or choose_step(hardware)
+        first_order = coarse_step is not None or bool(drive.elastic.any())
+        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, first_order)
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
         self.control = self._control()
 
-    def run(self, motions: Sequence[Motion], pauses: Iterable[float], progress: Callable[[], None]) -> list[Trace]:
+    def run(
+        self,
+        motions: Sequence[Motion],
+        pauses: Iterable[float],
+        progress: Callable[[], None],
+        feeds: Sequence[Float[Array, "K n"]] | None = None,
+    ) -> list[Trace]:
         """All motions in order.
 
         Args:
             motions: What to do.
             pauses: Standstill before each run [s].
             progress: Called after each run.
+            feeds: Feed-forward torque of each motion [N m], if it is known already (`feed_forward`).
 
         Raises:
             InputError: The simulation left the finite numbers: an effect's size is beyond what the arm can bear.
@@ -82,7 +94,8 @@ class Simulator:
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
             self._cool(pause)
-            traces.append(self._run_one(number, motion, clock))
+            feed = feed_forward(self.hardware.arm, motion) if feeds is None else feeds[number]
+            traces.append(self._run_one(number, motion, clock, feed))
             clock += motion.duration
             progress()
         return traces
@@ -93,16 +106,16 @@ class Simulator:
         cooled = cool_down(self.hardware.heat, rise, pause)
         self.state["lubricant_rise"], self.state["housing_rise"] = cooled.T
 
-    def _run_one(self, number: int, motion: Motion, clock: float) -> Trace:
+    def _run_one(self, number: int, motion: Motion, clock: float, feed: Float[Array, "K n"]) -> Trace:
         laws = self._laws(number)
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
-        for piece, start in ((approach, -approach.duration - TICK_S), (motion, 0.0)):
+        way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware.arm, approach)
+        for piece, start, ahead in (way_there, (motion, 0.0, feed)):
             log = fresh_log(len(piece.q), self.hardware.n)
             noise = self.hardware.sensing.count_noise * self.rng.standard_normal(piece.q.shape)
-            feed = self.hardware.arm.inverse_dynamics(piece.q, piece.dq, piece.ddq)
             views = self._engine, laws, self.control, round(TICK_S / self.step), self.state
-            run_loop(*views, piece.q, piece.dq, feed, noise, start, log)
+            run_loop(*views, piece.q, piece.dq, ahead, noise, start, log)
             if not check_finite(log, self.data):
                 raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
         return Trace(motion, clock, log)
@@ -158,9 +171,20 @@ class Simulator:
         self._engine = engine(self.model, self.data)
 
 
-def choose_step(hardware: Hardware) -> float:
-    """Step of the simulation [s]: half a tick, or the next power of two that resolves every spring."""
-    step = LARGEST_STEP_S
+def feed_forward(arm: ArmModel, motion: Motion) -> Float[Array, "K n"]:
+    """What the controller expects a motion to take, of the nominal arm without friction [N m]."""
+    return arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
+def choose_step(hardware: Hardware, coarse: bool = False) -> float:
+    """Step of the simulation [s]: half a tick, or the next power of two that resolves every spring.
+
+    Args:
+        hardware: The arm.
+        coarse: Whether twice as long a step is good enough.
+    """
+    longer = COARSER if coarse else 1.0
+    step = LARGEST_STEP_S * longer
     drive = hardware.drive
     if not drive.elastic.any():
         return step
@@ -168,7 +192,7 @@ def choose_step(hardware: Hardware) -> float:
     link = least_link_inertia(hardware)
     reduced = 1.0 / (1.0 / link + 1.0 / drive.rotor_inertia)
     fastest = np.sqrt(drive.stiffness / reduced)[drive.elastic].max()
-    while fastest * step > SPRING_PHASE and step > 1e-5:
+    while fastest * step > SPRING_PHASE * longer and step > 1e-5:
         step /= 2.0
     return step
 

@@ -2,7 +2,6 @@
 
 The arm runs with and without the effect, both without sensor noise and with the same chance. From each torque the
 best rigid body and linear friction is taken away; the root mean square of the difference is the visible amplitude.
-The size for a wanted amplitude is found by bisection.
 
 Source: Frisch and Waugh 1933, Lovell 1963 (partial regression).
 """
@@ -10,26 +9,29 @@ Source: Frisch and Waugh 1933, Lovell 1963 (partial regression).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
 from ident.plant.causes.base import Cause, Scene, View
 from ident.plant.contact import Contact
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_torque, sample
 from ident.plant.shapes import TICK_S, Motion
-from ident.plant.simulator import Simulator, Trace
+from ident.plant.simulator import Simulator, Trace, choose_step, feed_forward
+from ident.plant.sizing import SAME, SizeSearch, find_size
 
 STRIDE_S = 0.02
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
 STILL_RAD_S = 0.02
 TOLERANCE = 0.04
-# Length of motion on which most causes are measured [s].
+# A size that shows so much less or more than is wanted is still taken where none comes nearer.
+ACCEPTED = 0.8, 1.25
+# Length of motion on which most causes are measured, where the simulation is fine [s].
 ENOUGH_S = 40.0
-TRIES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +41,17 @@ class Rows:
     Attributes:
         columns: What the ordinary model can explain, shape (T, n, m).
         torque: Torque as the drives read it [N m], shape (T, n).
+        known: Share of it that the model is not free to change [N m], shape (T, n).
         moving: Whether each joint moves, shape (T, n).
         run, time: Number of the run, and time since its start [s], shape (T,).
     """
 
     columns: Float[Array, "T n m"]
     torque: Float[Array, "T n"]
+    known: Float[Array, "T n"]
     moving: Array
     run: Array
     time: Float[Array, " T"]
-
-
-def quiet_traces(hardware: Hardware, motions: Sequence[Motion], pauses: Sequence[float], seed: int) -> list[Trace]:
-    """Runs without sensor noise."""
-    silent = hardware.replace(sensing=hardware.sensing.silent())
-    return Simulator(silent, np.random.default_rng(seed)).run(motions, pauses, lambda: None)
 
 
 def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> Rows:
@@ -64,28 +62,43 @@ def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> Rows:
 
 
 def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Rows:
-    ticks = trace.times
-    times = np.arange(0.1, ticks[-1] - 0.1, STRIDE_S)
-    log, arm, sensing = trace.log, hardware.arm, hardware.sensing.silent()
-    q = sample(ticks, log.angle + sensing.encoder_offset, times)
+    ticks, times = trace.times, _sample_times(trace)
+    log, arm = trace.log, hardware.arm
+    q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
     dq = sample(ticks, log.speed, times)
     ddq = sample(ticks, np.gradient(log.speed, TICK_S, axis=0), times)
-    torque = read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, np.random.default_rng(0))
     own = [ddq, dq, np.sign(dq)] + ([] if view == "raw" else [np.ones_like(q)])
     columns = [value[:, :, None] * np.eye(arm.n) for value in own]
     if view == "refit":
         columns.insert(0, arm.regressor(q, dq, ddq))
-    else:
-        torque = torque - arm.inverse_dynamics(q, dq, ddq)
+    known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
     count = np.full(len(times), number)
-    return Rows(np.concatenate(columns, axis=2), torque, np.abs(dq) > STILL_RAD_S, count, times)
+    torque = _reading(hardware, trace)
+    return Rows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, count, times)
+
+
+def _sample_times(trace: Trace) -> Float[Array, " T"]:
+    return np.arange(0.1, trace.times[-1] - 0.1, STRIDE_S)
+
+
+def _reading(hardware: Hardware, trace: Trace) -> Float[Array, "T n"]:
+    """Torque of one run as drives without noise read it [N m]."""
+    log, sensing, times = trace.log, hardware.sensing.silent(), _sample_times(trace)
+    return read_torque(sensing, trace.times, log.torque, log.speed, times, trace.start, np.random.default_rng(0))
+
+
+def moves_alike(one: Hardware, other: Hardware) -> bool:
+    """Whether two arms differ in nothing but how their drives read the torque: then they move alike."""
+    parts = [part.name for part in fields(Hardware) if part.name != "sensing"]
+    same = all(getattr(one, name) is getattr(other, name) for name in parts)
+    return same and np.array_equal(one.sensing.encoder_offset, other.sensing.encoder_offset)
 
 
 def remainder(rows: Rows) -> Float[Array, "T n"]:
     """Torque that no ordinary model explains [N m]; zero where a joint stands still."""
     mask = rows.moving.ravel()
     flat = rows.columns.reshape(-1, rows.columns.shape[2])
-    used, torque = flat[mask], rows.torque.ravel()
+    used, torque = flat[mask], (rows.torque - rows.known).ravel()
     normal = used.T @ used
     scale = np.sqrt(np.diag(normal)) + 1e-9
     # A touch of ridge: rigid-body columns are dependent.
@@ -103,40 +116,94 @@ def amplitude(after: Rows, before: Rows, window: Array | None = None) -> Float[A
     return np.sqrt((difference**2).sum(axis=0) / np.maximum(both.sum(axis=0), 1))
 
 
+class Way(NamedTuple):
+    """How runs are simulated to be compared.
+
+    Attributes:
+        all_runs: Whether all of them, or evenly chosen ones of about `ENOUGH_S` together.
+        coarse_step: Step of a coarse simulation [s]; None for a fine one.
+    """
+
+    all_runs: bool
+    coarse_step: float | None
+
+
 class VisibilityMeter:
     """Measures and sets the visible amplitude of causes on one arm and session.
+
+    A fine meter takes some of the runs at the full rate of the simulation; a coarse one takes all of them in longer
+    steps, which is quicker, and truer to the session where its runs differ.
 
     Args:
         hardware: The arm without them.
         motions, pauses: The session.
         seed: Of the chance that runs with and without a cause share.
+        coarse: Whether to measure the whole session coarsely.
     """
 
-    def __init__(self, hardware: Hardware, motions: Sequence[Motion], pauses: Sequence[float], seed: int) -> None:
+    def __init__(
+        self,
+        hardware: Hardware,
+        motions: Sequence[Motion],
+        pauses: Sequence[float],
+        seed: int,
+        coarse: bool = False,
+    ) -> None:
         self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
-        self._plain: dict[tuple[bool, View], Rows] = {}
+        self.coarse = coarse
+        self._feeds: list[Float[Array, "K n"]] = []
+        self._plain_traces: dict[Way, list[Trace]] = {}
+        self._plain_rows: dict[tuple[Way, View], Rows] = {}
+        self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
+
+    @property
+    def feeds(self) -> list[Float[Array, "K n"]]:
+        """Feed-forward torque of each motion [N m], worked out once for all simulations of the session."""
+        if not self._feeds:
+            self._feeds = [feed_forward(self.hardware.arm, motion) for motion in self.motions]
+        return self._feeds
 
     def measure(self, cause: Cause, scene: Scene, size: float, seed: int) -> Float[Array, " n"]:
-        """Visible amplitude of a cause of a given size at each joint [N m].
+        """Visible amplitude of a cause of a given size at each joint [N m]; measured once.
 
         Args:
             cause: What is wrong.
-            scene: Where; its generator is not used.
+            scene: Where, on the meter's arm; its generator is not used.
             size: How much.
             seed: Of the cause's other parameters.
         """
-        hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
-        after = gather(hardware, self._traces(hardware, cause.needs_all), cause.view)
-        kind = cause.needs_all, cause.view
-        if kind not in self._plain:
-            self._plain[kind] = gather(self.hardware, self._traces(self.hardware, cause.needs_all), cause.view)
-        return amplitude(after, self._plain[kind], _window(hardware.contact, hardware.contact_run, after))
+        key = cause.id, scene.joint, size, seed
+        if key not in self._seen:
+            hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
+            way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
+            before = self._plain(way, cause.view)
+            after = self._changed(hardware, way, cause.view)
+            window = _window(hardware.contact, hardware.contact_run, after)
+            self._seen[key] = freeze(amplitude(after, before, window))
+        return self._seen[key]
 
-    def _traces(self, hardware: Hardware, all_runs: bool) -> list[Trace]:
-        """Runs of the session; where all are not needed, evenly chosen ones of about `ENOUGH_S` together."""
+    def _plain(self, way: Way, view: View) -> Rows:
+        """The arm without a cause."""
+        if (way, view) not in self._plain_rows:
+            if way not in self._plain_traces:
+                self._plain_traces[way] = self._traces(self.hardware, way)
+            self._plain_rows[way, view] = gather(self.hardware, self._plain_traces[way], view)
+        return self._plain_rows[way, view]
+
+    def _changed(self, hardware: Hardware, way: Way, view: View) -> Rows:
+        """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
+        if moves_alike(hardware, self.hardware):
+            readings = [_reading(hardware, trace) for trace in self._plain_traces[way]]
+            return replace(self._plain_rows[way, view], torque=np.concatenate(readings))
+        return gather(hardware, self._traces(hardware, way), view)
+
+    def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
+        """Runs without sensor noise."""
         total = sum(motion.duration for motion in self.motions)
-        skip = 1 if all_runs else max(int(total / ENOUGH_S), 1)
-        return quiet_traces(hardware, self.motions[::skip], self.pauses[::skip], self.seed)
+        skip = 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
+        silent = hardware.replace(sensing=hardware.sensing.silent())
+        simulator = Simulator(silent, np.random.default_rng(self.seed), way.coarse_step)
+        return simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
 
     def share(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
         """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""
@@ -144,31 +211,24 @@ class VisibilityMeter:
         return float(seen.max() if cause.whole_arm else seen[scene.joint])
 
     def find_size(self, cause: Cause, scene: Scene, wanted: float, seed: int) -> float:
-        """The size whose visible amplitude is a multiple of the noise floor, by bisection on a logarithmic scale.
+        """The size whose visible amplitude is a multiple of the noise floor.
 
         Raises:
             InputError: No physical size shows that much.
         """
         low, high = cause.bounds(scene)
-        low = max(low, 1e-6 * high)
+        low, high = max(low, 1e-6 * high) * (1.0 + SAME), high * (1.0 - SAME)
         small, large = (high, low) if cause.inverse else (low, high)
-        size = float(np.clip(cause.typical(scene), low, high))
-        for _ in range(TRIES):
-            seen = self._share_or_inf(cause, scene, size, seed)
-            if abs(seen / wanted - 1.0) < TOLERANCE:
-                return float(f"{size:.4g}")  # the last digits depend on the machine's linear algebra
-            small, large = (size, large) if seen < wanted else (small, size)
-            size = self._next(size, seen, wanted, small, large, cause.inverse)
-            if abs(np.log(large / small)) < 0.01:
-                break
-        seen = self._share_or_inf(cause, scene, size, seed)
-        if seen < 0.8 * wanted or seen > 1.25 * wanted:
+        search = SizeSearch(float(np.clip(cause.typical(scene), low, high)), small, large)
+        size, seen = find_size(lambda one: self._share_or_inf(cause, scene, one, seed), wanted, search, TOLERANCE)
+        least, most = ACCEPTED
+        if not least * wanted <= seen <= most * wanted:
             raise InputError(
                 f"--effect {cause.id}",
                 f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}",
                 "choose another amplitude, joint or motion",
             )
-        return float(f"{size:.4g}")
+        return size
 
     def _share_or_inf(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
         """As `share`; a size at which the arm can't move any more shows without limit."""
@@ -176,16 +236,6 @@ class VisibilityMeter:
             return self.share(cause, scene, size, seed)
         except InputError:
             return np.inf
-
-    @staticmethod
-    def _next(size: float, seen: float, wanted: float, small: float, large: float, inverse: bool) -> float:
-        """Next trial: as if the amplitude were proportional to the size, but between the bounds; else their middle."""
-        guess = np.nan
-        if 0.0 < seen < np.inf:
-            step = np.clip(wanted / seen, 0.1, 10.0)
-            guess = size / step if inverse else size * step
-        inside = min(small, large) < guess < max(small, large)
-        return float(guess if inside else np.sqrt(small * large))
 
 
 def _window(contact: Contact, run: int, rows: Rows) -> Array | None:

@@ -88,7 +88,8 @@ def test_a_healthy_arm_is_rigid_body_plus_linear_friction(hardware, monkeypatch)
     """Once the bristles have slipped, nothing is left that the ordinary model can't explain: no delay, no bias."""
     monkeypatch.setattr(visibility, "STILL_RAD_S", 0.15)
     motions = plan_motions(hardware.arm, ["fourier", "chirp"], 2, 5.0, np.random.default_rng(0))
-    traces = visibility.quiet_traces(hardware, motions, [1.0, 1.0], 0)
+    silent = hardware.replace(sensing=hardware.sensing.silent())
+    traces = Simulator(silent, np.random.default_rng(0)).run(motions, [1.0, 1.0], lambda: None)
     rows = visibility.gather(hardware, traces, "refit")
     rest = np.abs(visibility.remainder(rows)).max(axis=0)
     assert (rest < 0.05 * hardware.sensing.noise_floor).all()
@@ -99,6 +100,7 @@ def test_stiff_springs_get_small_steps(hardware):
     soft = hardware.with_laws("drive", 1, elastic=True, stiffness=2e4)
     stiff = hardware.with_laws("drive", 5, elastic=True, stiffness=9e4)
     assert choose_step(stiff) < choose_step(soft) < 5e-4
+    assert choose_step(stiff) < choose_step(stiff, coarse=True)
 
 
 def test_other_arms_work():
