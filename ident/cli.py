@@ -168,12 +168,12 @@ def diagnose(
     from ident.effects.catalogue import load_catalogue
     from ident.evaluation import evaluate as score
     from ident.hybrid import HybridModel
-    from ident.opening import inspect_paths, open_for_model
+    from ident.opening import inspect_in_parts, open_for_model
     from ident.report import ReportInput, write_diagnosis_report
     from ident.timeline import write_timeline
 
     loaded = HybridModel.load(model) if model else None
-    arm, reports = inspect_paths(sessions, robot, topic, session_file)
+    arm, reports = inspect_in_parts(sessions, robot, topic, session_file)
     if loaded is not None and model is not None:
         loaded.require_robot(arm, model)
     diagnosis, analysis, motions = diagnose_reports(reports, arm, load_catalogue(catalogue), cutoff, seed, loaded)

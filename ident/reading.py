@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ident.bags import METADATA, read_bag
@@ -19,6 +20,8 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat")
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
 TOPIC = "/joint_states"
+# Samples that are read at once by whoever goes through a long session part by part.
+PART_SAMPLES = 1_000_000
 Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
 
 
@@ -41,24 +44,56 @@ def load_session(path: str | Path, topic: str = TOPIC, session_file: str | Path 
     Raises:
         RecordingError: Nothing there, or something that can't be used; says which file, what and the remedy.
     """
+    (session,) = load_parts(path, topic, session_file, most=sys.maxsize)
+    return session
+
+
+def load_parts(
+    path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, most: int = PART_SAMPLES
+) -> Iterator[Session]:
+    """The same as one session or, where it is long, as several of consecutive runs, each read when it is asked for.
+
+    Args:
+        path, topic, session_file: As for `load_session`.
+        most: A part ends with the run that fills so many samples.
+
+    Raises:
+        RecordingError: As `load_session`, when the part's turn comes.
+    """
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
     settings_path = Path(session_file) if session_file else find_session_file(path)
     settings = load_session_file(settings_path) if settings_path else SessionFile()
     files, notes = _find_runs(path, settings)
-    runs = _same_joints([load_recording(file, settings, topic) for file in files])
-    common, clock_notes = _common_clock(runs)
-    return Session(
-        name=path.name if path.is_dir() else path.stem,
-        runs=tuple(runs),
-        payload=settings.payload,
-        robot=settings.robot,
-        common_clock=common,
-        path=path,
-        metadata=dict(settings.metadata),
-        notes=(*notes, *clock_notes),
-    )
+    before: list[Recording] = []
+    for batch in _batches((load_recording(file, settings, topic) for file in files), most):
+        runs = _same_joints([*before, *batch])
+        common, clock_notes = _common_clock(runs)
+        yield Session(
+            name=path.name if path.is_dir() else path.stem,
+            runs=tuple(runs[len(before) :]),
+            payload=settings.payload,
+            robot=settings.robot,
+            common_clock=common,
+            path=path,
+            metadata=dict(settings.metadata),
+            notes=(*notes, *clock_notes),
+        )
+        notes, before = [], runs[-1:]
+        del batch, runs  # a part is let go before the next is read
+
+
+def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
+    batch: list[Recording] = []
+    for run in runs:
+        batch.append(run)
+        if sum(len(one) for one in batch) >= most:
+            yield batch
+            batch = []
+            del run
+    if batch:
+        yield batch
 
 
 def load_recording(path: str | Path, session_file: SessionFile | None = None, topic: str = TOPIC) -> Recording:

@@ -129,7 +129,7 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
         held.append(motion)
         samples += len(motion.time)
         if samples > HELD_SAMPLES:
-            return SpooledMotions(chain(_emptied(held), coming))
+            return SpooledMotions(chain(emptied(held), coming))
     return tuple(held)
 
 
@@ -162,7 +162,7 @@ def _with_channels(motion: Motion, values: dict[str, Array]) -> Motion:
     return replace(motion, **given)  # type: ignore[arg-type]
 
 
-def _emptied(held: list[Motion]) -> Iterator[Motion]:
+def emptied(held: list[T]) -> Iterator[T]:
     """Hands out what a list holds and lets it go."""
     while held:
         yield held.pop(0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ident.arm import ArmModel
@@ -25,7 +26,7 @@ TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 
 def diagnose_reports(
-    reports: Sequence[TelemetryReport],
+    reports: Iterable[TelemetryReport],
     arm: ArmModel,
     catalogue: Sequence[Effect],
     cutoff: float | None = None,
@@ -35,7 +36,7 @@ def diagnose_reports(
     """Diagnoses inspected sessions of one set-up.
 
     Args:
-        reports: The telemetry check of each session.
+        reports: The telemetry check of each session, or of each part of a long one.
         arm: The robot, as `ArmModel.load` gives it.
         catalogue: The effects to be asked for.
         cutoff: Corner of the common filter [Hz].
@@ -49,37 +50,63 @@ def diagnose_reports(
     Raises:
         RecordingError: The sessions have different joints.
     """
-    issues = tuple(issue for report in reports for issue in report.issues)
-    fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
-    if fatal - set(TOO_LITTLE):
-        return _without_analysis("refused", reports, arm, issues), None, ()
+    heard = _Heard()
+    motions = hold(_prepare_in_turn(reports, heard, cutoff or CUTOFF))
+    fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
-        return _without_analysis("not_testable", reports, arm, issues), None, ()
-    joints = reports[0].session.joints
-    for report in reports[1:]:
-        if report.session.joints != joints:
-            where: str | Path = report.session.path or report.session.name
-            raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
-    missing = [name for name in arm.joint_names if name not in joints]
+        verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
+        return Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues)), None, ()
+    missing = [name for name in arm.joint_names if name not in heard.joints]
     arm = arm.locked(missing) if missing else arm
-    motions = hold(motion for report in reports for motion in prepare_slower(report.session, cutoff or CUTOFF))
-    clock = len(reports) == 1 and reports[0].session.common_clock
     share = INERTIA_SHARE
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, KNOWN_SHARE
-    analysis = diagnose(motions, arm, catalogue, clock, issues, seed, share)
+    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share)
     if model is not None:
         analysis = with_own_model(analysis, model)
     return analysis.diagnosis, analysis, motions
 
 
-def _without_analysis(
-    verdict: str, reports: Sequence[TelemetryReport], arm: ArmModel, issues: tuple[TelemetryIssue, ...]
-) -> Diagnosis:
-    sessions = [report.session for report in reports]
-    facts = {
-        "runs": sum(len(session.runs) for session in sessions),
-        "samples": sum(session.samples for session in sessions),
-        "duration_s": sum(session.duration for session in sessions),
-    }
-    return Diagnosis(arm.name, arm.joint_names, verdict, facts, issues)
+@dataclass(eq=False)
+class _Heard:
+    """What the reports say together, once all have come.
+
+    Attributes:
+        joints: The joints.
+        issues: All that the telemetry checks found.
+        facts: Runs, samples, duration.
+        common_clock: Whether time goes on from run to run of a single session.
+    """
+
+    joints: tuple[str, ...] = ()
+    issues: list[TelemetryIssue] = field(default_factory=list)
+    facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
+    common_clock: bool = True
+    _session: Path | str | None = None
+
+    def take(self, report: TelemetryReport) -> None:
+        """One more session, or one more part of a session.
+
+        Raises:
+            RecordingError: Its joints are others.
+        """
+        session = report.session
+        where: str | Path = session.path or session.name
+        self.joints = self.joints or session.joints
+        if session.joints != self.joints:
+            raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
+        self.common_clock &= session.common_clock and (self._session is None or self._session == where)
+        self._session = where
+        self.issues += report.issues
+        self.facts["runs"] += len(session.runs)
+        self.facts["samples"] += session.samples
+        self.facts["duration_s"] += session.duration
+
+
+def _prepare_in_turn(reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float) -> Iterator[Motion]:
+    """Motions of sessions that are all fit for use; from the first that is not, the rest is only heard."""
+    for report in reports:
+        heard.take(report)
+        if not any(issue.severity == "fatal" for issue in heard.issues):
+            yield from prepare_slower(report.session, cutoff)
+        del report  # a part is let go before the next is read

@@ -1,9 +1,9 @@
 """Time and memory of a diagnosis. Run: pytest <this file> -s, or python <this file> --full for ten hours at 1 kHz.
 
 1. 24,000 samples × 6 joints with the whole catalogue: processor time, and where it goes.
-2. Sessions of 1 kHz that grow: the motions of a session are repeated on one clock, each piece prepared and decimated
-   in turn as a session is, then diagnosed. Each length runs in a process of its own, which tells its largest memory.
-   Reading files is not part of it.
+2. Sessions of 1 kHz that grow: the runs of a session are repeated on one clock, each smoothed, decimated and held as a
+   session's are, in memory or on disk, then diagnosed. Each length runs in a process of its own, which tells its
+   largest memory. Reading files is not part of it.
 """
 
 from __future__ import annotations
@@ -37,9 +37,11 @@ STAGES = (
     "fit_baseline", "build_layout", "gather", "run", "compute_residuals", "measure_ceiling", "estimate_effects",
     "measure_reach", "map_gap",
 )  # fmt: skip
-MINUTES = (5, 10, 20)
+MINUTES = (10, 20, 40, 60)  # the last two wait on disk
 FULL_MINUTES = 600
 MOST_SECONDS, MOST_BYTES = 600.0, 2 * 1024**3
+# Memory may differ by so much between lengths that wait on disk.
+MOST_GROWTH = 1.1
 
 
 def recorded(rate: float, runs: int, duration: float) -> Session:
@@ -120,17 +122,16 @@ def test_whole_catalogue_on_24000_samples() -> None:
 
 
 def test_time_is_linear_in_length() -> None:
-    """Sessions of 1 kHz: the last added minutes cost no more than the first did, and ten hours keep to the bounds."""
+    """Sessions of 1 kHz: the last added minutes cost no more than the first did, and no memory."""
     found = [in_process(minutes) for minutes in MINUTES]
     for one in found:
         tell(one)
     minutes = np.array([one["minutes"] for one in found])
     slope, base = np.polyfit(minutes, [one["seconds"] for one in found], 1)
-    size, ground = np.polyfit(minutes, [one["bytes"] for one in found], 1)
-    hours = f"{base + slope * FULL_MINUTES:.0f} s, {(ground + size * FULL_MINUTES) / 1024**2:.0f} MiB"
-    print(f"{1e6 * slope / 60e3:.1f} µs a sample; ten hours at this rate: {hours}")
+    print(f"{1e6 * slope / 60e3:.1f} µs a sample; ten hours at this rate: {base + slope * FULL_MINUTES:.0f} s")
     steps = np.diff([one["seconds"] for one in found]) / np.diff(minutes)
     assert steps[-1] <= 1.5 * steps[0]
+    assert found[-1]["bytes"] <= MOST_GROWTH * found[-2]["bytes"]
 
 
 def main() -> None:
