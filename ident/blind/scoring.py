@@ -19,6 +19,8 @@ SIMULATED = tuple(FULL_MIX)
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
 SHOWN_SHARE = 1.0 / 3.0
+# Error over noise from which on a joint's gap is one.
+STANDS_OUT = 1.15
 # Effects that a diagnosis names without a joint, even where the cause has one (a push at a link).
 OF_THE_ARM = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
 
@@ -206,11 +208,25 @@ def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool
 
 
 def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
-    """Whether the joint of the largest gap, or that of the first name, is a true one."""
-    gap = {j: one["rms_Nm"] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
+    """Whether the joint of the largest gap, or that of the first name, is a true one.
+
+    Of a gap that was tuned away the size is what had to be tuned; where no joint's error lies above its noise, the
+    candidate that came nearest to a name says where.
+    """
+    hidden = any(one.get("tuned_away_Nm") for one in record["gap"].values())
+    size = "tuned_away_Nm" if hidden else "rms_Nm"
+    gap = {j: one[size] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
     told = [max(gap, key=lambda j: gap[j])] if gap else []
-    told += record["findings"][0]["joints"] if record["findings"] else []
+    if record["findings"]:
+        told += record["findings"][0]["joints"]
+    elif record.get("nearest") and not hidden and not _stands_out(record):
+        told = record["nearest"]["joints"]
     return any(joint in told for joint in true_joints(true, answer))
+
+
+def _stands_out(record: Mapping[str, Any]) -> bool:
+    """Whether the error of some joint lies above its noise, so that the gap speaks for itself."""
+    return any(one["rms_Nm"] > STANDS_OUT * (one["noise_floor_Nm"] or np.inf) for one in record["gap"].values())
 
 
 def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:

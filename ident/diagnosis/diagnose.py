@@ -23,6 +23,7 @@ from ident.diagnosis.refine import refine
 from ident.diagnosis.residuals import RunResidual, compute_residuals
 from ident.diagnosis.runs import build_session, leftover_torque
 from ident.diagnosis.search import Named, Search, SearchResults
+from ident.diagnosis.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.tuned import tuned_record
 from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
@@ -187,16 +188,17 @@ def diagnose(
     floors = _floors(evidence, ceilings, found.ladder[-1])
     judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors)
+    tolerance = measure_tolerance(evidence, prior, after)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     rng = np.random.default_rng(seed)
     places = map_gap(series, arm.joint_names, evidence.whitening, rng)
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
-        verdict=_verdict(found, left, judged),
+        verdict=_verdict(found, left, judged, tolerance),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
-        gap=_gap(arm.joint_names, search, found, judged, ceilings, series),
+        gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
         where=told(places, PLACES_TOLD),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
@@ -209,6 +211,7 @@ def diagnose(
             for item in layout.silent
         ),
         extra={
+            "nearest": _nearest(found, arm.joint_names),
             "maps": maps_record(places),
             "maps_fixed": maps_record(map_gap(series, arm.joint_names, evidence.whitening, rng, "fixed")),
             "baseline": tuned_record(baseline, evidence, after),
@@ -224,7 +227,7 @@ def _sure(search: Search, session: SessionContext, baseline: Baseline) -> tuple[
     found = search.run()
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
-        estimates = estimate_effects(search, refine(search, session, baseline, groups), session, groups)
+        estimates = estimate_effects(search, refine(search, session, baseline, groups), session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
         if len(kept) == len(groups):
             return found, estimates
@@ -255,10 +258,10 @@ def _unexplained(
     return left, np.minimum(whitening.level, usual * whitening.innovation)
 
 
-def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"]) -> str:
+def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"], tolerance: Tolerance) -> str:
     """How much of the gap at the joints in question the names close, above the noise."""
     if not found.named:
-        return "none_of_catalogue" if left.any() else "no_gap"
+        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
     joints = left.copy()
     for item in found.named:
         own = item.group.effect.rows == "own"
@@ -267,10 +270,25 @@ def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array,
     unit = np.maximum(floors[joints], 1e-9) ** 2
     share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
     if any(item.absorbed for item in found.named) and not left.any():
-        return "named"  # held-out errors of the tuned model can't judge what tuning absorbs
+        share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
     if share >= NAMED_FROM:
-        return "named"
+        return "partial" if tolerance.exceeded else "named"
     return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
+
+
+def _nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
+    """The candidate that came nearest to a name, where chance alone doesn't explain it."""
+    if found.named or found.hint is None:
+        return None
+    item = found.hint
+    acts = [item.group.joint] if item.group.effect.rows == "own" else _shown(item.before.rms, item.after.rms)
+    return {
+        "effect": item.group.effect.id,
+        "joints": [joints[j] for j in acts],
+        "p_value": item.gates.p_value,
+        "log_evidence": item.gates.evidence,
+        "rms_fall": item.gates.rms_fall,
+    }
 
 
 def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
@@ -288,6 +306,7 @@ def _gap(
     floors: Float[Array, " n"],
     ceilings: Sequence[Ceiling],
     series: Sequence[RunResidual],
+    tolerance: Tolerance,
 ) -> dict[str, dict[str, Any]]:
     start, fixed = found.ladder[0].rms, search.fixed.score().rms
     energy = np.array([run_energy(item, item.unseen_before) for item in series])
@@ -298,6 +317,7 @@ def _gap(
             "noise_floor_Nm": float(floors[j]),
             "ceiling_rms_Nm": float(max(floors[j], ceilings[j].rms)),
             "unexplained": ceilings[j].kind,
+            "tuned_away_Nm": float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
             "energy_error_J": {"mean": float(energy[:, j].mean()), "std": float(energy[:, j].std())},
         }
         for j, name in enumerate(joints)

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.diagnosis.evidence import Evidence
 from ident.diagnosis.layout import Group
 from ident.diagnosis.projection import Projection, project
 from ident.diagnosis.refine import Refined
-from ident.diagnosis.search import Key, Search
+from ident.diagnosis.search import Key, Named, Search
 from ident.effects.base import Interval, SessionContext
 
 # Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
 INTERVAL_FALL = 1.92
 # No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
 # (95 %, from a development set of simulated arms whose laws are others than the catalogue's).
-LAW_SHARE, LAW_ANGLE = 0.1, 0.35
+LAW_SHARE, LAW_ANGLE = 0.15, 0.4
+# A gear has more than one time constant.
+LOOSE_FIGURES = {"time_constant_s": 0.35}
 EXACT_FIGURES = frozenset({"order", "link", "other_joint", "start_s", "end_s"})
 # Names that are less than this many times less probable than the holder can't be told from it.
 CLASS_ODDS = 10.0
@@ -76,16 +78,17 @@ def inflation(evidence: Evidence, projection: Projection) -> float:
     return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
 
 
-def estimate_effects(search: Search, fine: Refined, session: SessionContext, groups: Sequence[Group]) -> list[Estimate]:
+def estimate_effects(search: Search, fine: Refined, session: SessionContext, named: Sequence[Named]) -> list[Estimate]:
     """Figures, probability and rivals of every named effect.
 
     Args:
         search: Of the first pass: all rivals.
         fine: Second pass: the named effects alone, on finer grids.
         session: The runs.
-        groups: The named effects in the first pass.
+        named: The named effects in the first pass.
     """
-    figures = _figures(fine, session)
+    groups = [item.group for item in named]
+    figures = _figures(fine, session, [item.absorbed for item in named])
     gram = search.evidence.gram()
     spare = inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
@@ -97,20 +100,28 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, gro
     return estimates
 
 
-def _figures(fine: Refined, session: SessionContext) -> list[dict[str, Interval]]:
-    """Physical figures of every effect with their intervals."""
+def _figures(fine: Refined, session: SessionContext, absorbed: Sequence[bool]) -> list[dict[str, Interval]]:
+    """Physical figures of every effect with their intervals.
+
+    What tuning absorbs is told against the URDF held fast, as it was judged; how uncertain that is follows from the
+    tuned model, which knows the URDF's tolerance.
+    """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
-    full = project(gram, evidence, fine.search.prior, fine.groups)
+    priors = fine.search.prior, fine.search.fixed.prior
+    views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
+    free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
+    full, held_fast = (project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors)
     covariance = robust_covariance(evidence, full)
     spare = inflation(evidence, full)
     at = evidence.layout.tuned
     found = []
-    for slot, group in enumerate(fine.groups):
-        k = len(group.columns)
+    for slot, (group, kept) in enumerate(zip(fine.groups, free, strict=True)):
+        part = slice(at, at + int(kept.sum()))
+        at = part.stop
         scale = evidence.scale[group.columns]
-        beta = full.estimate[at : at + k] / scale
-        cells = covariance[at : at + k, at : at + k] / np.outer(scale, scale)
-        at += k
+        beta, cells = np.zeros(len(scale)), np.zeros((len(scale), len(scale)))
+        beta[kept] = (held_fast if absorbed[slot] else full).estimate[part] / scale[kept]
+        cells[np.ix_(kept, kept)] = covariance[part, part] / np.outer(scale[kept], scale[kept])
         parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
@@ -118,11 +129,26 @@ def _figures(fine: Refined, session: SessionContext) -> list[dict[str, Interval]
     return found
 
 
+def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
+    """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
+    columns = np.concatenate([group.columns for group in groups])
+    signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.effect.nonnegative) for g in groups])
+    beta = baseline.solve(columns, signed)
+    free = np.split(~signed | (beta > 0.0), np.cumsum([len(group.columns) for group in groups])[:-1])
+    return [kept if kept.any() else np.ones_like(kept) for kept in free]
+
+
+def _with_columns(groups: Sequence[Group], kept: Sequence[Bool[Array, " k"]]) -> list[Group]:
+    """The groups with some of their columns."""
+    return [replace(group, columns=group.columns[columns]) for group, columns in zip(groups, kept, strict=True)]
+
+
 def widened(name: str, interval: Interval) -> Interval:
     """An interval that also holds what an arm's own law of an effect may differ from the catalogue's."""
     if name in EXACT_FIGURES or not np.isfinite(interval.value):
         return interval
-    doubt = LAW_ANGLE if name == "phase_rad" else LAW_SHARE * abs(interval.value)
+    share = LOOSE_FIGURES.get(name, LAW_SHARE)
+    doubt = LAW_ANGLE if name == "phase_rad" else share * abs(interval.value)
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
     return Interval(interval.value, interval.value - low, interval.value + high)
 
@@ -169,8 +195,10 @@ def weigh_rivals(
     best = search.best_by_key(projection, others)
     least = best[group.key][0] - RIVAL_NATS * spare
     near_it = [rival for score, rival in best.values() if score > least]
-    # What a single block of misfit speaks for is no rival.
+    # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
     allowed = search.significant_keys(projection, near_it) | {group.key}
+    ahead = [rival for score, rival in best.values() if score > best[group.key][0] and rival.key in allowed]
+    allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(others, rival)}
     scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
     own = scores[group.key]
     best_of_effect: dict[str, float] = {}

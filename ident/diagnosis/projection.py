@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import nnls
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.evidence import Evidence
 from ident.diagnosis.layout import Group
 
@@ -79,18 +79,20 @@ class Projection:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
         return self._fall(group.columns, group.effect.nonnegative)
 
-    def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
+    def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
+        """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
         power = np.diag(self.total)[columns]
         seen = (self.visibility(columns) > LEAST_VISIBLE) & (power > 0)
         beta = np.zeros(len(columns))
-        if not seen.any():
-            return 0.0, beta
-        at = columns[seen]
-        matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
-        target = self.rest[at, -1]
-        signed = np.isin(np.flatnonzero(seen), nonnegative)
-        beta[seen] = _solve_signed(matrix, target, signed)
-        fall = 2 * target @ beta[seen] - beta[seen] @ self.rest[np.ix_(at, at)] @ beta[seen]
+        if seen.any():
+            at = columns[seen]
+            matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
+            beta[seen] = _solve_signed(matrix, self.rest[at, -1], signed[seen])
+        return beta
+
+    def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
+        beta = self.solve(columns, np.isin(np.arange(len(columns)), nonnegative))
+        fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
         return float(max(fall, 0.0)), beta
 
 

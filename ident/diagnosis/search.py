@@ -3,7 +3,8 @@
 1. The sign-flip test over all candidates: family-wise error 5 %.
 2. The log score on held-out runs gains more than one standard error.
 3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
-   10 % or more of what was above the noise before anything was named.
+   10 % or more of what is left above the noise. What comes in bursts drowns in a mean over the session: there the
+   evidence must make up for the 2 %.
 
 An effect that acts like wrong inertias (a payload, another link's mass, a scaled torque) is no gap at all once every
 inertia may be tuned: the tuned model explains it, by changes that are too large to be believed. Such an effect is
@@ -28,14 +29,20 @@ from ident.diagnosis.significance import block_scores, family_p_values, group_p_
 FAMILY_ERROR = 0.05
 LEAST_RMS_FALL = 0.02
 LEAST_GAP_FALL = 0.10
-# An effect beside others must close this share of what could be closed before anything was named.
-LEAST_SHARE = 0.003
+# An effect beside others must close these shares of what could be closed before anything was named, at all joints and
+# at its own: less is what is left of a cause whose law is not quite the catalogue's.
+LEAST_SHARE, LEAST_OWN_SHARE = 0.003, 0.015
 MOST_EFFECTS = 5
 # An effect of which tuned inertias leave less than this share is absorbed; it needs this much evidence [nats].
 ABSORBED_BELOW, ABSORBED_NATS = 0.25, 12.0
 FIXED_FACTOR = 20.0
 # What happens once can't be held out: it needs this much evidence [nats], and to be half of its joint's gap.
 EVENT_NATS, EVENT_GAP_FALL = 20.0, 0.5
+BURST_NATS = 20.0
+# What the columns that make an effect what it is must add to its others [nats].
+ESSENTIAL_NATS = 10.0
+# Too small or too unlike the truth for a name, and yet beyond chance: family-wise p-value, evidence [nats].
+UNLIKELY, UNLIKELY_NATS = 0.01, 5.0
 # Effects that act on whole runs: blocks of one run are no independent witnesses to them.
 SLOW_EFFECTS = frozenset({"thermal_friction"})
 # Candidates that are tried on held-out runs at each step: names beyond these have no chance.
@@ -52,11 +59,13 @@ class Gates:
         p_value: Family-wise, of the sign-flip test.
         log_score: Gain on held-out runs [nats], and its standard error.
         rms_fall: Largest share by which a joint's held-out error falls.
-        gap_fall: The same as a share of the mean square above the noise.
+        gap_fall: The same as a share of the mean square above the noise that was left; of an event, that there was.
         share: Share of all joints' gap that it closes, each joint in units of its noise.
+        own_share: Share of its joint's gap that it closes, of what there was before anything was named.
         evidence: Log evidence, for an absorbed effect the only gate [nats].
         absorbed: Whether it is one.
         event: Whether it happened once.
+        bursts: Whether it comes in bursts.
     """
 
     p_value: float
@@ -64,9 +73,11 @@ class Gates:
     rms_fall: float
     gap_fall: float
     share: float
+    own_share: float
     evidence: float
     absorbed: bool
     event: bool = False
+    bursts: bool = False
 
     @property
     def passed(self) -> bool:
@@ -75,7 +86,9 @@ class Gates:
         if self.absorbed:
             return self.evidence >= ABSORBED_NATS and self.share >= LEAST_SHARE
         gain, error = self.log_score
-        sized = self.rms_fall >= LEAST_RMS_FALL and self.gap_fall >= LEAST_GAP_FALL and self.share >= LEAST_SHARE
+        large = self.rms_fall >= LEAST_RMS_FALL or (self.bursts and self.evidence >= BURST_NATS)
+        sized = large and self.gap_fall >= LEAST_GAP_FALL
+        sized = sized and self.share >= LEAST_SHARE and self.own_share >= LEAST_OWN_SHARE
         return self.p_value <= FAMILY_ERROR and gain > error and sized
 
 
@@ -110,6 +123,12 @@ class SearchResults:
     named: tuple[Named, ...]
     ladder: tuple[HeldOutScore, ...]
     refused: Named | None
+
+    @property
+    def hint(self) -> Named | None:
+        """The best candidate that got no name, if chance alone would hardly have made it so good."""
+        gates = self.refused.gates if self.refused else None
+        return self.refused if gates and gates.p_value <= UNLIKELY and gates.evidence >= UNLIKELY_NATS else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,15 +178,31 @@ class Search:
         hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and _least_seen(projection, g))}
         return hidden | {key for key, value in p_values.items() if value <= FAMILY_ERROR}
 
+    def helps(self, others: Sequence[Group], group: Group) -> bool:
+        """Whether a group beside others lowers the error of some joint that it acts on, on held-out runs.
+
+        Events can't be held out, and of what tuning absorbs held-out runs tell nothing.
+        """
+        if group.effect.event or group.effect.inertia_like:
+            return True
+        joints = [group.joint] if group.effect.rows == "own" else list(range(self.evidence.layout.n))
+        before, after = self.held_out.score(others).rms, self.held_out.score([*others, group]).rms
+        return bool(np.any(after[joints] < before[joints]))
+
     def score_of(self, projection: Projection, group: Group) -> float:
-        """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost."""
+        """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost.
+
+        Columns that make a group what it is must earn their own place; until they do, they alone count.
+        """
         gain, _ = projection.gain(group)
-        samples = self._samples(group)
+        column = 0.5 * float(np.log(self._samples(group)))
         essential = group.effect.essential(group.variant)
         if essential:
-            gain -= projection.gain_without(group, essential)
+            own = gain - projection.gain_without(group, essential)
+            if 0.5 * own - len(essential) * column < ESSENTIAL_NATS:
+                gain = own
         grid = group.effect.screens * sum(1 for other in self.evidence.layout.groups if other.key == group.key)
-        return 0.5 * gain - 0.5 * len(group.columns) * float(np.log(samples)) - float(np.log(grid))
+        return 0.5 * gain - len(group.columns) * column - float(np.log(grid))
 
     def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
         """For each effect and joint its best inner figures and their log evidence."""
@@ -243,15 +278,19 @@ class Search:
         joints = [group.joint] if group.effect.rows == "own" else list(range(self.evidence.layout.n))
         start, old, new = first.rms[joints], before.rms[joints], after.rms[joints]
         fall = 1.0 - new / np.maximum(old, 1e-12)
-        reducible = np.maximum(start**2 - floor[joints] ** 2, 1e-3 * start**2)
+        whole = start if group.effect.event else old
+        reducible = np.maximum(whole**2 - floor[joints] ** 2, 1e-3 * whole**2)
         gap = (old**2 - new**2) / reducible
+        closed = (old**2 - new**2) / np.maximum(start**2 - floor[joints] ** 2, 1e-3 * start**2)
         most = int(np.argmax(fall))
         everywhere = np.maximum(first.rms**2 - floor**2, 1e-3 * first.rms**2) / floor**2
         share = float(np.sum((old**2 - new**2) / floor[joints] ** 2) / np.sum(everywhere))
         if group.effect.event:
             p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
         gain = after.gain_over(before)
-        return Gates(p_value, gain, float(fall[most]), float(gap[most]), share, score, absorbed, group.effect.event)
+        kind = group.effect.event, group.effect.bursts
+        sizes = float(fall[most]), float(gap[most]), share, float(closed[most])
+        return Gates(p_value, gain, *sizes, score, absorbed, *kind)
 
     def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
         """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.

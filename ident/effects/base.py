@@ -143,6 +143,7 @@ class Effect(ABC):
         nonnegative: Indices of columns whose coefficients can't be negative.
         inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
         event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
+        bursts: Whether it acts in short bursts, so that a mean over the session says little of its size.
         remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
         summary: One line for reports: what happens and where to look.
     """
@@ -153,6 +154,7 @@ class Effect(ABC):
     nonnegative: ClassVar[tuple[int, ...]] = ()
     inertia_like: ClassVar[bool] = False
     event: ClassVar[bool] = False
+    bursts: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""

@@ -24,12 +24,11 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.levels import coefficient_interval, high_passed, rated_torque, root_mean_square, sampled_states
 
-STIFFNESSES = (1.5e3, 5e3, 2e4)  # [N m/rad]
-SOFTEST, STIFFEST = 3e2, 2e5  # [N m/rad]
-# Above this resonance the deflection follows the load at once, and one point of the grid serves all [Hz].
-HIGHEST_RESONANCE = 30.0
-DAMPING_RATIO = 0.1
-# Damping is not estimated; this many times the assumed one still looks the same.
+# Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
+RESONANCES = (4.5, 6.5, 9.0, 12.5, 18.0, 30.0)
+SOFTEST, STIFFEST = 1e2, 2e5  # [N m/rad]
+# Damping ratios: of the search, and of the finer grid; beyond that, this many times more or less looks the same.
+DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
 DAMPING_DOUBT = 4.0
 GAPS = (0.0005, 0.002)  # full width [rad]
 LARGEST_GAP = 0.01  # [rad]
@@ -49,7 +48,7 @@ FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
 class JointElasticity(Effect):
     """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the compliance 1/K.
 
-    Each point of the grid is exact at its own stiffness and follows 1/K around it. Damping is a tenth of critical.
+    Each point of the grid is exact at its own stiffness and follows 1/K around it.
     """
 
     id = "joint_elasticity"
@@ -67,19 +66,15 @@ class JointElasticity(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         inertia = _mean_inertia(session, joint)
-        resonance = np.sqrt(np.array(STIFFNESSES) / inertia) / (2 * np.pi)
-        count = max(1, int(np.searchsorted(resonance, HIGHEST_RESONANCE)) + 1)
-        return tuple(
-            Variant(shape={"stiffness_Nm_rad": k, "damping_Nms_rad": 2 * DAMPING_RATIO * float(np.sqrt(k * inertia))})
-            for k in STIFFNESSES[:count]
-        )
+        found = np.unique(np.clip(inertia * (2 * np.pi * np.array(RESONANCES)) ** 2, SOFTEST, STIFFEST))
+        return tuple(_elastic(float(k), inertia, DAMPING_RATIO) for k in found)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         inertia = _mean_inertia(session, joint)
-        found = [factor * variant.shape["stiffness_Nm_rad"] for factor in FINE_FACTORS]
         return tuple(
-            Variant(shape={"stiffness_Nm_rad": k, "damping_Nms_rad": 2 * DAMPING_RATIO * float(np.sqrt(k * inertia))})
-            for k in found
+            _elastic(factor * variant.shape["stiffness_Nm_rad"], inertia, ratio)
+            for ratio in FINE_DAMPING_RATIOS
+            for factor in FINE_FACTORS
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -100,7 +95,7 @@ class JointElasticity(Effect):
         damping = variant.shape["damping_Nms_rad"]
         return {
             "stiffness_Nm_rad": Interval(value, low, high),
-            "damping_Nms_rad": Interval(damping, 0.0, DAMPING_DOUBT * damping),
+            "damping_Nms_rad": Interval(damping, damping / DAMPING_DOUBT, damping * DAMPING_DOUBT),
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
@@ -115,6 +110,7 @@ class Backlash(Effect):
     """
 
     id = "backlash"
+    bursts = True
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
@@ -154,6 +150,12 @@ class Backlash(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_GAP])
+
+
+def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
+    """A point of the grid: a spring with a share of its critical damping."""
+    damping = 2 * ratio * float(np.sqrt(stiffness * inertia))
+    return Variant(shape={"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
 
 
 def _mean_inertia(session: SessionContext, joint: int) -> float:

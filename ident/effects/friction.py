@@ -34,7 +34,7 @@ FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 POSITION_ORDERS = (1.0, 2.0)
 LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
 # A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
-LEAST_LOAD_RANGE = 0.01
+LEAST_LOAD_RANGE = 0.004
 # Speeds below this leave nothing of a curve over speed [rad/s].
 LEAST_TOP_SPEED = 0.05
 LEAST_POSITION_RANGE = 0.5  # [rad]

@@ -24,6 +24,8 @@ LEAST_TEMPERATURE_RANGE = 1.0  # [K]
 # Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
 TEMPERATURE_AVERAGE = 5.0
 DISPLACEMENTS = (0.0006, 0.002, 0.006, 0.018, 0.05)  # [rad]
+# Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted by its area.
+SMOOTH_SHARE = 2.0 / 3.0
 # Position noise that a stop operator bears, as a share of its range.
 LARGEST_NOISE_SHARE = 0.3
 
@@ -31,9 +33,10 @@ LARGEST_NOISE_SHARE = 0.3
 class ThermalFriction(Effect):
     """Friction that changes as the gear warms up: τ = −θ c_v v + θ c_s s, θ from 0 (cold) to 1 (warmest here).
 
-    θ is the measured temperature, or else follows the modelled friction power P over the session's clock, pauses
-    included: θ' = P − θ / τ_θ. Viscous friction falls with warmth; Coulomb friction may do either. Both changes are
-    shares of the cold level, between the coldest and the warmest moment of the session.
+    θ is the measured temperature; where there is none, or the sensor sits where it hardly warms, θ follows the modelled
+    friction power P over the session's clock, pauses included: θ' = P − θ / τ_θ. Viscous friction falls with warmth;
+    Coulomb friction may do either. Both changes are shares of the cold level, between the coldest and the warmest
+    moment of the session.
 
     Source: Wolf and Iskandar 2018; Simoni 2017.
     """
@@ -48,20 +51,18 @@ class ThermalFriction(Effect):
         if reason is not None:
             return reason
         measured = _measured(session, joint)
-        if measured is not None:
-            low, high = min(values.min() for values in measured), max(values.max() for values in measured)
-            if high - low < LEAST_TEMPERATURE_RANGE:
-                return f"temperature of {session.joint_names[joint]} varies by {high - low:.1f} K only"
+        if _warms(measured):
             return None
+        why = "no temperature" if measured is None else f"temperature of {session.joint_names[joint]} hardly varies"
         if not session.common_clock:
-            return "no temperature, and the runs share no clock"
+            return f"{why}, and the runs share no clock"
         if _span(session) < LEAST_SESSION:
-            return f"no temperature, and the session lasts {_span(session):.0f} s only"
+            return f"{why}, and the session lasts {_span(session):.0f} s only"
         return None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         measured = _measured(session, joint)
-        if measured is not None:
+        if measured is not None and _warms(measured):
             return (Variant(shape=_scale(measured)),)
         longest = LONGEST_TIME_CONSTANT * max(_span(session), LEAST_SESSION)
         found = []
@@ -82,7 +83,7 @@ class ThermalFriction(Effect):
         return tuple(found)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        measured = _measured(session, joint)
+        measured = None if "time_constant_s" in variant.inner else _measured(session, joint)
         if measured is None:
             measured, _ = _warmth(session, joint, variant.inner["time_constant_s"], variant.shape)
         found = []
@@ -119,7 +120,9 @@ class PreslidingHysteresis(Effect):
     """Friction that builds up over a displacement after each reversal: τ = Σ k_i stop_i[q] / r_i, k_i ≥ 0.
 
     Stop operators of several ranges side by side bend the build-up, as contacts that slip one after the other do. Each
-    run starts unstressed.
+    run starts unstressed. The shortest ranges can't be told from dry friction that turns round at once, and their share
+    of the amplitude is anybody's guess; so amplitude A and displacement d are those of the smooth build-up
+    A (1 − 2 e^(−x/d)) with the same area Σ k_i r_i = A d and the same second moment Σ k_i r_i² = 3/2 A d².
 
     Source: Al-Bender 2005 (generalised Maxwell slip, without the dynamics of slip).
     """
@@ -156,13 +159,16 @@ class PreslidingHysteresis(Effect):
         sizes = np.array(list(variant.shape.values()))
 
         def displacement(k: Array) -> float:
-            weights = np.maximum(k, 0.0)
-            return float(weights @ sizes / weights.sum()) if weights.sum() > 0.0 else float(np.sqrt(sizes.prod()))
+            area = np.maximum(k, 0.0) @ sizes
+            return SMOOTH_SHARE * float(np.maximum(k, 0.0) @ sizes**2 / area) if area > 0.0 else float(sizes[0])
+
+        def amplitude(k: Array) -> float:
+            return float(np.maximum(k, 0.0) @ sizes) / displacement(k)
 
         where = delta_interval(displacement, coefficients, covariance)
         reach = grid_interval(where.value, DISPLACEMENTS)
         return {
-            "amplitude_Nm": delta_interval(lambda k: float(np.sum(k)), coefficients, covariance),
+            "amplitude_Nm": delta_interval(amplitude, coefficients, covariance),
             "displacement_rad": Interval(
                 where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
             ),
@@ -210,6 +216,14 @@ def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] |
         width = max(1, round(TEMPERATURE_AVERAGE / run.interval))
         found.append(uniform_filter1d(run.temperature[:, joint], min(width, len(run.temperature)), mode="nearest"))
     return found
+
+
+def _warms(measured: Sequence[Float[Array, " T"]] | None) -> bool:
+    """Whether a measured temperature varies enough to tell warm from cold."""
+    if measured is None:
+        return False
+    coldest, warmest = min(values.min() for values in measured), max(values.max() for values in measured)
+    return bool(warmest - coldest >= LEAST_TEMPERATURE_RANGE)
 
 
 def _scale(values: Sequence[Float[Array, " T"]]) -> dict[str, float]:

@@ -21,13 +21,15 @@ from ident.effects.levels import (
 
 LARGEST_GAIN_ERROR = 0.2
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
-LEAST_TORQUE_VARIATION = 0.01
+LEAST_TORQUE_VARIATION = 0.004
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
 DELAYS = (0.002, 0.008, 0.02)  # [s]
 LARGEST_DELAY = 0.05  # [s]
 # What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
 TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
 SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
+# Drives bend into their limit: it may lie this share above the largest reading.
+KNEE_SHARE = 0.05
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
 LEAST_PEAK_SHARE = 0.1  # of the rated torque
 LARGEST_ENCODER_OFFSET = 0.07  # [rad]
@@ -153,7 +155,11 @@ def shifted(values: Float[Array, "T n"], delay: float) -> Float[Array, "T n"]:
 
 
 class TorqueSaturation(Effect):
-    """Torque that stays flat above a limit L: τ = −c sign(τ_model) (|τ_model| − L)₊; c is 1 where it is quite flat."""
+    """Torque that flattens above a knee L: τ = −c sign(τ_model) (|τ_model| − L)₊; c is 1 where it is quite flat.
+
+    The limit that is told is the reading at the largest modelled torque P: L + (1 − c) (P − L). Where the reading still
+    grows there, the limit may lie as far beyond.
+    """
 
     id = "torque_saturation"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
@@ -167,20 +173,22 @@ class TorqueSaturation(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         peak = _peak(session, joint)
-        return tuple(Variant({"limit_Nm": knee * peak}) for knee in SATURATION_KNEES)
+        return tuple(Variant(shape={"knee_Nm": knee * peak}) for knee in SATURATION_KNEES)
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        return tuple(Variant({"limit_Nm": factor * variant.inner["limit_Nm"]}) for factor in FINE_KNEE_FACTORS)
+        return tuple(Variant(shape={"knee_Nm": factor * variant.shape["knee_Nm"]}) for factor in FINE_KNEE_FACTORS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        limit = variant.inner["limit_Nm"]
-        return [-_excess(run, joint, limit)[:, None] for run in session.runs]
+        return [-_excess(run, joint, variant.shape["knee_Nm"])[:, None] for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        peak = _peak(session, joint)
-        return {"limit_Nm": grid_interval(variant.inner["limit_Nm"], [knee * peak for knee in SATURATION_KNEES])}
+        peak, knee = _peak(session, joint), variant.shape["knee_Nm"]
+        growing = (1.0 - float(np.clip(coefficients[0], 0.0, 1.0))) * max(peak - knee, 0.0)
+        lowest = grid_interval(knee, [share * peak for share in SATURATION_KNEES]).low
+        limit = knee + growing
+        return {"limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + KNEE_SHARE) * limit + growing)}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0])

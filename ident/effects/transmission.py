@@ -25,6 +25,7 @@ LARGEST_CORRELATION = 0.98
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 LEAST_CYCLES = 3.0
 LARGEST_PHASE_NOISE = 0.7  # [rad]
+STRAIGHT, BENT, PERIODIC = range(3)
 LEAST_SPRING_RANGE = 0.2  # [rad]
 LARGEST_SPRING_SHARE = 0.1  # of the rated torque, over a radian
 
@@ -170,9 +171,10 @@ def _ripple_shows(session: SessionContext, joint: int, order: float) -> bool:
 
 
 class SpringTorque(Effect):
-    """A spring across the joint (hoses, cables, a balancer): τ = k (q − q₀), or k sin(2 (q − q₀)) / 2.
+    """A spring across the joint (hoses, cables, a balancer).
 
-    The second form has two rests a turn. Stiffness k is that at rest in both.
+    Three laws: straight, τ = k (q − q₀); bent, a cubic in q (hoses get stiffer as they stretch); and with two rests a
+    turn, τ = k sin(2 (q − q₀)) / 2. Stiffness k is that at rest in all.
     """
 
     id = "spring_torque"
@@ -187,20 +189,21 @@ class SpringTorque(Effect):
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
-        return tuple(Variant(shape={"centre_rad": centre, "harmonic": harmonic}) for harmonic in (0.0, 1.0))
+        return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in (STRAIGHT, BENT, PERIODIC))
 
     def essential(self, variant: Variant) -> tuple[int, ...]:
         """A line without a slope is an offset."""
-        return (0,) if variant.shape["harmonic"] == 0.0 else ()
+        return {STRAIGHT: (0,), BENT: (0, 2, 3)}.get(int(variant.shape["law"]), ())
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []
         for run in session.runs:
             q = run.motion.q[:, joint]
-            if variant.shape["harmonic"] == 0.0:
-                columns = [q - variant.shape["centre_rad"], np.ones_like(q)]
-            else:
+            x = q - variant.shape["centre_rad"]
+            if variant.shape["law"] == PERIODIC:
                 columns = [0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q)]
+            else:
+                columns = [x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else [])
             found.append(np.stack(columns, axis=1))
         return found
 
@@ -208,7 +211,13 @@ class SpringTorque(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         centre = variant.shape["centre_rad"]
-        if variant.shape["harmonic"] == 0.0:
+        if variant.shape["law"] == BENT:
+            reach = max(np.ptp(travel(session, joint)), LEAST_SPRING_RANGE)
+            return {
+                "stiffness_Nm_rad": delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance),
+                "rest_rad": delta_interval(lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance),
+            }
+        if variant.shape["law"] == STRAIGHT:
             stiffness = coefficient_interval(0, coefficients, covariance)
             slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)
             rest = delta_interval(lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance)
@@ -224,4 +233,21 @@ class SpringTorque(Effect):
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint)))
+        largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))
+        return np.full(4 if variant.shape["law"] == BENT else 2, largest)
+
+
+def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:
+    """Where a cubic c₀ x + c₁ + c₂ x² + c₃ x³ is zero, nearest to the middle, and its slope there.
+
+    A cubic that has no zero within a range's width is at rest where it comes nearest to one.
+    """
+    cubic = np.polynomial.Polynomial(coefficients[[1, 0, 2, 3]])
+    slope = cubic.deriv()
+    roots = [float(root.real) for root in cubic.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
+    if roots:
+        rest = min(roots, key=abs)
+    else:
+        grid = np.linspace(-reach, reach, 201)
+        rest = float(grid[np.argmin(np.abs(cubic(grid)))])
+    return rest, float(slope(rest))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from smooth_motion import Recover, make_session
 
 from ident.arm import ArmModel
@@ -48,7 +49,8 @@ def recover() -> Recover:
             columns = effect.columns(session, joint, variant)
             rows = [run.motion.filtered(c) for run, c in zip(session.runs, columns, strict=True)]
             x = np.concatenate([row.reshape(-1, row.shape[-1]) for row in rows])
-            estimate, *_ = np.linalg.lstsq(x, target, rcond=None)
+            least = np.where(np.isin(np.arange(x.shape[1]), effect.nonnegative), 0.0, -np.inf)
+            estimate = lsq_linear(x, target, (least, np.inf)).x
             misfit = float(np.sum((target - x @ estimate) ** 2))
             if best is None or misfit < best[0]:
                 variance = misfit / (len(target) - x.shape[1])

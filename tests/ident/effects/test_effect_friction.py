@@ -173,7 +173,22 @@ def test_warmth_needs_a_clock_time_and_change(session: SessionContext, arm: ArmM
     def mild(run: RunContext) -> RunContext:
         return replace(run, temperature=np.full_like(run.motion.q, 30.0))
 
-    assert "0.0 K only" in str(effect.untestable(edit_runs(session, mild), 0))
+    unclocked = replace(edit_runs(session, mild), common_clock=False)
+    assert "hardly varies, and the runs share no clock" in str(effect.untestable(unclocked, 0))
+
+
+def test_warmth_follows_the_friction_power_where_the_sensor_stays_cold(session: SessionContext) -> None:
+    """A sensor on the housing that never warms says nothing of the gear: its work does."""
+    effect = find_effect("thermal_friction")
+
+    def mild(run: RunContext) -> RunContext:
+        return replace(run, temperature=np.full_like(run.motion.q, 30.0))
+
+    without = edit_runs(session, lambda run: replace(run, temperature=None))
+    cold = edit_runs(session, mild)
+    assert effect.untestable(cold, 0) == effect.untestable(without, 0)
+    for one, other in zip(effect.variants(cold, 0), effect.variants(without, 0), strict=True):
+        np.testing.assert_array_equal(effect.columns(cold, 0, one)[0], effect.columns(without, 0, other)[0])
 
 
 def test_hysteresis_is_found_with_its_displacement(session: SessionContext, recover: Recover) -> None:
@@ -188,8 +203,27 @@ def test_hysteresis_is_found_with_its_displacement(session: SessionContext, reco
             values.append(2.0 * state / 0.004)
         torque.append(np.array(values))
     found = recover(effect, session, 4, torque)
-    np.testing.assert_allclose(found["amplitude_Nm"].value, 2.0, rtol=0.02)
+    # Amplitude times displacement is the area that the build-up lacks; a sharp one counts as two thirds as long.
+    area = found["amplitude_Nm"].value * found["displacement_rad"].value
+    np.testing.assert_allclose(area, 2.0 * 0.004, rtol=0.15)
     assert found["displacement_rad"].low < 0.004 < found["displacement_rad"].high
+
+
+def test_a_smooth_build_up_is_found_with_its_figures(session: SessionContext, recover: Recover) -> None:
+    """2 N m that build up as 1 − 2 exp(−x/d) with d = 8 mrad, by Dahl's equation, step by step."""
+    effect = find_effect("presliding_hysteresis")
+    torque = []
+    for run in session.runs:
+        q, state, values = run.motion.q[:, 4], 0.0, []
+        for k in range(len(q)):
+            step = q[k] - q[k - 1] if k else 0.0
+            goal = np.sign(step)
+            state = goal + (state - goal) * np.exp(-abs(step) / 0.008)
+            values.append(2.0 * state)
+        torque.append(np.array(values))
+    found = recover(effect, session, 4, torque)
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 2.0, rtol=0.25)
+    np.testing.assert_allclose(found["displacement_rad"].value, 0.008, rtol=0.25)
 
 
 def test_hysteresis_is_full_friction_far_from_reversals(session: SessionContext) -> None:

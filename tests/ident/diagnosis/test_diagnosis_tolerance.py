@@ -1,0 +1,61 @@
+"""What tuning takes away: a load that the tuned inertias swallow is still told to be there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arm import ArmModel
+from ident.arrays import Array
+from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.projection import Prior, project
+from ident.diagnosis.tolerance import Tolerance, measure_tolerance
+from ident.effects.catalogue import find_effect
+from ident.recording import Payload
+from tests.ident.diagnosis.planted import analyse
+
+# At the elbow's link: far more than the URDF's numbers may be off.
+MASS = 12.0  # [kg]
+LOAD = Payload(MASS, (0.0, 0.0, 0.3))
+
+
+def loaded(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """What a load at the last link adds."""
+    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+
+
+def tolerance_of(analysis: Analysis) -> Tolerance:
+    """Of the baseline with all that was named."""
+    evidence, prior = analysis.evidence, Prior.of(analysis.evidence, analysis.baseline.prior)
+    groups = [item.group for item in analysis.search.named]
+    return measure_tolerance(evidence, prior, project(evidence.gram(), evidence, prior, groups))
+
+
+def test_an_arm_as_drawn_is_within_tolerance(healthy: Analysis) -> None:
+    """Law: inertias that are right are tuned no farther than noise takes them."""
+    tolerance = tolerance_of(healthy)
+    assert not tolerance.exceeded
+    assert tolerance.deviation < 4.0
+    assert all(gap["tuned_away_Nm"] == 0.0 for gap in healthy.diagnosis.gap.values())
+
+
+def test_a_load_without_a_name_is_not_tuned_away(short_arm: ArmModel) -> None:
+    """Law: with no word for loads the residual is noise, and yet the verdict is that something is there, at the joints
+    that feel gravity.
+    """
+    analysis = analyse(short_arm, loaded, [find_effect("stribeck_friction"), find_effect("torque_delay")])
+    tolerance = tolerance_of(analysis)
+    assert tolerance.exceeded
+    assert np.argmax(tolerance.torque) != 0  # the first axis is vertical
+    assert analysis.diagnosis.verdict == "none_of_catalogue"
+    gaps = analysis.diagnosis.gap
+    assert gaps["joint_2"]["tuned_away_Nm"] > 5.0 * gaps["joint_2"]["noise_floor_Nm"]
+    assert gaps["joint_2"]["rms_Nm"] < 1.2 * gaps["joint_2"]["noise_floor_Nm"]
+
+
+def test_a_load_with_a_name_leaves_nothing_to_tune(short_arm: ArmModel) -> None:
+    """Law: once the load is named, the inertias are those of the drawing again."""
+    analysis = analyse(short_arm, loaded, [find_effect("payload"), find_effect("stribeck_friction")])
+    assert [f.estimate.group.effect.id for f in analysis.diagnosis.findings] == ["payload"]
+    assert not tolerance_of(analysis).exceeded
+    mass = analysis.diagnosis.findings[0].estimate.parameters["mass_kg"]
+    assert mass.low <= MASS <= mass.high
