@@ -18,6 +18,8 @@ from ident.diagnosis.projection import Projection
 from ident.inertia import lift_base, parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
+# Effects whose law has more figures than are reported.
+SHAPED = ("load_dependent_friction", "presliding_hysteresis", "spring_torque", "torque_ripple")
 # Order of a link's ten inertial numbers, about its joint's frame.
 LINK_KEYS = (
     "mass_kg",
@@ -35,22 +37,40 @@ def tuned_record(baseline: Baseline, evidence: Evidence, projection: Projection)
         projection: The solved model: the baseline alone, or with effects.
 
     Returns:
-        For each joint `LOSS_KEYS`, none negative; `transition_rad_s`, the width of the sign of Coulomb friction; and
-        `link_change`, by `LINK_KEYS`, the smallest change of the URDF's link inertias that gives the tuned ones.
+        For each joint `LOSS_KEYS`, none negative; how its friction turns round, `sliding_range_rad`, or over
+        `transition_rad_s` where that is zero; `link_change`, by `LINK_KEYS`, the smallest change of the URDF's link
+        inertias that gives the tuned ones; and `laws`, what the reported figures of its effects leave open, by effect.
     """
     rank, n = evidence.layout.rank, evidence.layout.n
     figures = projection.estimate[: evidence.layout.tuned] / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(figures[rank:].reshape(n, LOSS_FIGURES), 0.0)
     links = _link_changes(baseline, figures[:rank])
-    widths = baseline.loss.transition_speed
+    sliding = baseline.sliding
+    # A simulator without memory takes a smooth sign where friction turns round over a range.
+    widths = np.where(sliding.range > 0.0, baseline.loss.transition_speed, sliding.speed)
+    laws = _laws(evidence, projection)
     return {
         joint: {
             **dict(zip(LOSS_KEYS, map(float, losses[j]), strict=True)),
             "transition_rad_s": float(widths[j]),
+            "sliding_range_rad": float(sliding.range[j]),
             "link_change": dict(zip(LINK_KEYS, map(float, links[j]), strict=True)),
+            "laws": laws[j],
         }
         for j, joint in enumerate(baseline.nominal.joint_names)
     }
+
+
+def _laws(evidence: Evidence, projection: Projection) -> list[dict[str, dict[str, Any]]]:
+    """Coefficients and shape of the model's effects whose reported figures do not say all of their law, by joint."""
+    found: list[dict[str, dict[str, Any]]] = [{} for _ in range(evidence.layout.n)]
+    at = {int(column): k for k, column in enumerate(projection.inside)}
+    for group in evidence.layout.groups:
+        if group.effect.id in SHAPED and all(int(column) in at for column in group.columns):
+            estimate = [projection.estimate[at[int(column)]] / evidence.scale[column] for column in group.columns]
+            shape = {name: float(value) for name, value in group.variant.shape.items()}
+            found[group.joint][group.effect.id] = {"coefficients": list(map(float, estimate)), "shape": shape}
+    return found
 
 
 def _link_changes(baseline: Baseline, change: Array) -> Float[Array, "n 10"]:

@@ -19,8 +19,8 @@ from ident.diagnosis.diagnose import SCHEMA
 from ident.diagnosis.tuned import LINK_KEYS, LOSS_KEYS
 from ident.effects.base import Interval
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.memory import DISPLACEMENTS
 from ident.errors import InputError
+from ident.patch.shaped import shape_figures
 from ident.patch.standalone.chain import Array
 from ident.patch.standalone.motion import Losses
 
@@ -39,22 +39,20 @@ class Change:
         joint: Index of its joint; -1 for the whole arm.
         joints: Names of the joints where it shows.
         figures: The reported figures with their intervals.
+        law: Coefficients and shape of a law that has more figures than are reported, or None.
     """
 
     effect: str
     joint: int
     joints: tuple[str, ...]
     figures: Mapping[str, Interval]
+    law: Mapping[str, Any] | None = None
 
     @property
     def values(self) -> dict[str, float]:
         """The figures' values, and what the law needs besides and follows from them."""
         found = {name: figure.value for name, figure in self.figures.items()}
-        if self.effect == "presliding_hysteresis":
-            # The two neighbours of the grid between which the displacement lies.
-            within = [size for size in DISPLACEMENTS[:-1] if size <= found["displacement_rad"]]
-            at = max(len(within) - 1, 0)
-            found |= {"small_rad": DISPLACEMENTS[at], "large_rad": DISPLACEMENTS[at + 1]}
+        found |= shape_figures(self.effect, found, self.law)
         if self.effect == "joint_coupling":
             # Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign.
             common = self.figures["inertia_kgm2"].low == self.figures["inertia_kgm2"].high == 0.0
@@ -79,11 +77,11 @@ class Tuning:
     def none(cls, n: int) -> Tuning:
         """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
         zero = np.zeros(n)
-        return cls(Losses(zero, zero, zero, np.full(n, 0.01)), freeze(np.zeros((n, len(LINK_KEYS)))))
+        return cls(Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS)))))
 
     def with_losses_of(self, other: Tuning, joints: set[int]) -> Losses:
         """These losses, but those of another tuning at some joints."""
-        names = ("motor_inertia", "viscous", "coulomb", "transition")
+        names = ("motor_inertia", "viscous", "coulomb", "transition", "range")
         mask = np.isin(np.arange(len(self.losses.viscous)), sorted(joints))
         return Losses(*(np.where(mask, getattr(other.losses, name), getattr(self.losses, name)) for name in names))
 
@@ -129,7 +127,7 @@ class Diagnosed:
     @classmethod
     def _of(cls, path: Path, record: dict[str, Any]) -> Diagnosed:
         joints = tuple(record["joints"])
-        changes = tuple(_change(finding, joints) for finding in record["findings"])
+        changes = tuple(_change(finding, joints, record.get("baseline", {})) for finding in record["findings"])
         if not changes:
             what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
             raise InputError(path, what, "give a diagnosis with findings")
@@ -168,14 +166,16 @@ def _read(path: Path) -> dict[str, Any]:
     return record
 
 
-def _change(finding: dict[str, Any], joints: tuple[str, ...]) -> Change:
+def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any]) -> Change:
     effect, where = finding["effect"], tuple(finding["joints"])
     figures = {name: Interval(**value) for name, value in finding["parameters"].items()}
-    return Change(effect, WHOLE_ARM if effect in ARM_WIDE else joints.index(where[0]), where, figures)
+    law = baseline.get(where[0], {}).get("laws", {}).get(effect)
+    return Change(effect, WHOLE_ARM if effect in ARM_WIDE else joints.index(where[0]), where, figures, law)
 
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
     losses = [np.array([float(record[joint][key]) for joint in joints]) for key in (*LOSS_KEYS, "transition_rad_s")]
     links = [[float(record[joint]["link_change"][key]) for key in LINK_KEYS] for joint in joints]
     losses[-1] = np.maximum(losses[-1], 1e-4)
+    losses.append(np.array([float(record[joint].get("sliding_range_rad", 0.0)) for joint in joints]))
     return Tuning(Losses(*losses), freeze(np.array(links)))

@@ -155,6 +155,13 @@ def _describe(change: Change) -> dict[str, Any]:
 def _told(arm: ArmModel, diagnosed: Diagnosed, links: Links) -> list[str]:
     """What a user of the files should know beside the effects."""
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
+    ranges = diagnosed.tuned.losses.range
+    if ranges.any():
+        names = ", ".join(arm.joint_names[j] for j in ranges.nonzero()[0])
+        lines.append(
+            f"{names}: dry friction turns round over a displacement (sliding_range_rad of parameters.toml), for which "
+            "neither file has words: robot.xml sticks and slips at once, robot.urdf leaves it to the simulator"
+        )
     if links.missed > LEAST_MISSED:
         lines.append(f"{links.missed:.1%} of the tuned inertias' torque is left out: no real bodies have it")
     for name, share in zip(arm.links, links.shares, strict=True):

@@ -83,12 +83,8 @@ MJCF: dict[str, Expression] = {
 }
 # What the reported figures leave open; the law that is written takes the simplest.
 OPEN = {
-    "load_dependent_friction": "driving and backdriving are taken alike, and the load's own torque as rigid",
     "thermal_friction": "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)",
-    "presliding_hysteresis": "the build-up bends as between the two ranges of the catalogue next to the displacement",
     "joint_coupling": "whether the joints' sum or difference rubs is read from the sign of the viscous part",
-    "torque_ripple": "taken as independent of the load",
-    "spring_torque": "taken as linear in the angle, with one rest",
     "torque_offset": "the instant to which a drift refers is not reported: only the constant is used",
     "torque_saturation": "taken as quite flat above the limit",
     "external_contact": _EVENT.words,
@@ -102,6 +98,8 @@ def express(change: Change, form: str) -> Expression:
         return _yes("all figures with their intervals")
     if effect == "nonlinear_viscous_friction" and form == "mjcf" and change.values["exponent"] == 2.0:
         return _yes("second coefficient of damping")
+    if effect == "spring_torque" and form == "mjcf" and change.values["harmonic"]:
+        return _no("a joint's spring is linear, this one has two rests a turn; add the module's torque")
     if effect not in KNOWN:
         return _EVENT if effect in OPEN else _no("an effect outside the catalogue, whose law is known to its file only")
     if form == "module":

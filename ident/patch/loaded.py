@@ -6,6 +6,7 @@ Both readers answer the same two questions, so that a file is judged by what is 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.patch.mjcf_joint import SPRING_SUFFIX
 from ident.patch.standalone.log import shifted
+from ident.patch.standalone.motion import Losses
 from ident.recording import Payload
 
 # Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
@@ -60,27 +62,27 @@ class LoadedModel(ABC):
 
 
 class LoadedUrdf(LoadedModel):
-    """A URDF in Pinocchio. Rotor inertia, for which it has no place, comes from the parameter file."""
+    """A URDF in Pinocchio. Rotor inertia, and how friction turns round, stand in the parameter file instead."""
 
     def __init__(
         self,
         path: Path,
         locked: tuple[str, ...],
-        rotors: Float[Array, " n"],
-        transition: Array,
+        losses: Losses,
         payload: Payload | None,
     ) -> None:
         arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
         arm = arm.locked([name for name in locked if name in arm.joint_names])
-        self.viscous, self.coulomb = np.array(arm.model.damping), np.array(arm.model.friction)
-        self.arm = arm.with_payload(payload).with_rotors(rotors)
-        self.transition = transition
+        self.losses = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
+        self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq)
+        single = interval <= 0.0
+        slip = np.tanh(dq / self.losses.transition) if single else self.losses.direction(q, dq)
+        return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq, slip)
 
-    def _friction(self, dq: Array) -> Array:
-        return np.asarray(self.viscous * dq + self.coulomb * np.tanh(dq / self.transition))
+    def _friction(self, dq: Array, slip: Array) -> Array:
+        return np.asarray(self.losses.viscous * dq + self.losses.coulomb * slip)
 
     def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
         return torque
@@ -88,11 +90,15 @@ class LoadedUrdf(LoadedModel):
     def roll_out(
         self, state: tuple[Array, Array], drive: Array, extra: Array, interval: float
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Semi-implicit Euler's method."""
+        """Semi-implicit Euler's method; what slides at the start has slid before."""
         q, dq = (np.array(part) for part in state)
+        slip, stops = np.tanh(dq / self.losses.transition), self.losses.range > 0.0
+        reach = np.where(stops, self.losses.range, 1.0)
         for torque in _at_steps(drive + extra, interval, ROLLOUT_STEP):
-            dq = dq + ROLLOUT_STEP * self.arm.forward_dynamics(q, dq, torque - self._friction(dq))
+            dq = dq + ROLLOUT_STEP * self.arm.forward_dynamics(q, dq, torque - self._friction(dq, slip))
             q = q + ROLLOUT_STEP * dq
+            held = np.clip(slip + ROLLOUT_STEP * dq / reach, -1.0, 1.0)
+            slip = np.where(stops, held, np.tanh(dq / self.losses.transition))
         return q, dq
 
 

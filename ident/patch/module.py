@@ -28,8 +28,9 @@ torque_of_log(log, interval)       joint torque behind a log
 
 Arrays are (T, n), joints in the order of JOINTS, SI units; one state may be given as (n,). A torque is what the motor
 must deliver: a simulator applies it with the sign reversed (MuJoCo: data.qfrc_applied[:] = -missing_torque("mjcf", …)).
-`interval` is the sampling interval of an even run; laws with a memory need it. `slip` is the direction of sliding in
-[-1, 1], tanh(dq / v0) if not given; `warmth` goes from 0 (cold) to 1 (as warm as the diagnosed session became).
+`interval` is the sampling interval of an even run; laws with a memory need it, dry friction that turns round over a
+displacement too. `slip` is the direction of sliding in [-1, 1], where it is known better than from the run; single
+states take tanh(dq / v0). `warmth` goes from 0 (cold) to 1 (as warm as the diagnosed session became).
 
 Written by `ident patch`; patch.json beside this file says what the figures leave open.
 """
@@ -50,9 +51,9 @@ def _motion(q, dq, ddq, interval, slip, warmth):
     return Motion(ARM, LOSSES, *states, interval, None if slip is None else np.atleast_2d(slip), warmth)
 
 
-def modelled_torque(q, dq, ddq, slip=None):
+def modelled_torque(q, dq, ddq, interval=0.0, slip=None):
     """Rigid torque and losses of the tuned arm, without the effects [N m]."""
-    motion = _motion(q, dq, ddq, 0.0, slip, 0.5)
+    motion = _motion(q, dq, ddq, interval, slip, 0.5)
     return (motion.rigid + LOSSES.torque(motion.dq, motion.ddq, motion.direction)).reshape(np.shape(q))
 
 

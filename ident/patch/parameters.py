@@ -9,7 +9,7 @@ import tomli_w
 from ident.arm import ArmModel
 from ident.diagnosis.tuned import LINK_KEYS
 from ident.patch.bodies import Links
-from ident.patch.change import Diagnosed
+from ident.patch.change import Change, Diagnosed
 from ident.patch.standalone.motion import Losses
 
 
@@ -29,6 +29,7 @@ def write_parameters(diagnosed: Diagnosed, arm: ArmModel, links: Links) -> str:
                 "id": change.effect,
                 "joints": list(change.joints),
                 **{name: figure.to_dict() for name, figure in change.figures.items()},
+                **({} if change.law is None else {"law": _plain(change)}),
             }
             for change in diagnosed.changes
         ],
@@ -36,10 +37,17 @@ def write_parameters(diagnosed: Diagnosed, arm: ArmModel, links: Links) -> str:
     return _HEAD + tomli_w.dumps(record)
 
 
+def _plain(change: Change) -> dict[str, float]:
+    """Figures of a law beside the reported ones."""
+    return {name: value for name, value in change.values.items() if name not in change.figures}
+
+
 _HEAD = """\
 # Units stand in the names; `low` and `high` bound the 95 % interval. `losses` go with the effects, and
 # `losses_without_effects` are what fits best where none of them is modelled. `link_change` is what tuning adds to the
-# inertial numbers of the link that a joint moves, about the joint's frame.
+# inertial numbers of the link that a joint moves, about the joint's frame. Dry friction turns round over the
+# displacement `sliding_range_rad`, as a spring in series with a slider does; where that is zero, over the speed
+# `transition_rad_s`. `law` has what the law of an effect needs beside its reported figures.
 
 """
 
@@ -51,6 +59,7 @@ def _losses(arm: ArmModel, losses: Losses) -> dict[str, dict[str, float]]:
             "viscous_Nms_rad": float(losses.viscous[j]),
             "coulomb_Nm": float(losses.coulomb[j]),
             "transition_rad_s": float(losses.transition[j]),
+            "sliding_range_rad": float(losses.range[j]),
         }
         for j, name in enumerate(arm.joint_names)
     }

@@ -54,7 +54,7 @@ class Written:
         if form == "mjcf":
             return LoadedMjcf(self.folder / "robot.xml", self.arm.joint_names, payload)
         path = self.folder / "robot.urdf"
-        return LoadedUrdf(path, self.locked, losses.motor_inertia, losses.transition, payload)
+        return LoadedUrdf(path, self.locked, losses, payload)
 
 
 def load_module(path: Path) -> ModuleType:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.patch.standalone.chain import Array
-from ident.patch.standalone.motion import Motion
+from ident.patch.standalone.motion import Motion, stop
 
 
 def stribeck(m: Motion, j: int, p: dict[str, float]) -> Array:
@@ -18,7 +18,11 @@ def nonlinear_viscous(m: Motion, j: int, p: dict[str, float]) -> Array:
 
 
 def load_dependent(m: Motion, j: int, p: dict[str, float]) -> Array:
-    return m.at(j, p["mu"] * m.direction[:, j] * np.abs(m.rigid[:, j]))
+    """More while driving than while backdriving; with curvature over the load, and a share that grows with speed."""
+    load, slip = m.rigid[:, j], m.direction[:, j]
+    torque = p["level"] * slip * np.abs(load) + p["driving"] * slip**2 * load
+    torque = torque + p["curvature_1_Nm"] * slip * load**2 + p["viscous_s_rad"] * m.dq[:, j] * np.abs(load)
+    return m.at(j, torque)
 
 
 def thermal(m: Motion, j: int, p: dict[str, float]) -> Array:
@@ -28,20 +32,11 @@ def thermal(m: Motion, j: int, p: dict[str, float]) -> Array:
 
 
 def hysteresis(m: Motion, j: int, p: dict[str, float]) -> Array:
-    """Two stop operators, z⁺ = clip(z + Δq, −r, r), whose mean range is the displacement."""
+    """Stop operators of several ranges side by side, Σ k_i stop_i[q] / r_i."""
     m.sampled("presliding hysteresis")
-    small, large, where = p["small_rad"], p["large_rad"], p["displacement_rad"]
-    share = min(1.0, max(0.0, (where - small) / (large - small)))
-    torque = (1.0 - share) * _stop(m.q[:, j], small) + share * _stop(m.q[:, j], large)
-    return m.at(j, p["amplitude_Nm"] * torque)
-
-
-def _stop(q: Array, size: float) -> Array:
-    out, state = np.zeros(len(q)), 0.0
-    for k, step in enumerate(np.diff(q), start=1):
-        state = min(size, max(-size, state + step))
-        out[k] = state / size
-    return out
+    parts = [name.removeprefix("part_") for name in p if name.startswith("part_")]
+    stops = [p[f"part_{i}"] * stop(m.q[:, j], p[f"range_{i}_rad"]) for i in parts]
+    return m.at(j, np.sum(stops, axis=0))
 
 
 def position_dependent(m: Motion, j: int, p: dict[str, float]) -> Array:
@@ -62,10 +57,14 @@ def coupling(m: Motion, j: int, p: dict[str, float]) -> Array:
 
 
 def ripple(m: Motion, j: int, p: dict[str, float]) -> Array:
+    """A wave a turn of the motor, as it is or as a share of the load."""
     if m.arm.gears is None:
         raise ValueError("torque ripple needs gear ratios: set gears of ARM")
-    return m.at(j, p["amplitude_Nm"] * np.cos(p["order"] * m.arm.gears[j] * m.q[:, j] - p["phase_rad"]))
+    share = m.rigid[:, j] / p["load_Nm"] if p["loaded"] else 1.0
+    return m.at(j, share * p["amplitude_Nm"] * np.cos(p["order"] * m.arm.gears[j] * m.q[:, j] - p["phase_rad"]))
 
 
 def spring(m: Motion, j: int, p: dict[str, float]) -> Array:
-    return m.at(j, p["stiffness_Nm_rad"] * (m.q[:, j] - p["rest_rad"]))
+    """Linear in the angle, or with two rests a turn; the stiffness is that at rest."""
+    away = m.q[:, j] - p["rest_rad"]
+    return m.at(j, p["stiffness_Nm_rad"] * (0.5 * np.sin(2.0 * away) if p["harmonic"] else away))

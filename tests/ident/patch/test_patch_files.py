@@ -21,8 +21,9 @@ from ident.patch.command import FILES, write_patch
 from ident.patch.loaded import LoadedMjcf
 from ident.patch.mjcf_joint import fit_polynomial
 from ident.patch.verify import load_module
+from ident.presliding import stop_operator
 from tests.ident.made_up import random_states
-from tests.ident.patch.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, write_diagnosis
+from tests.ident.patch.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, baseline, write_diagnosis
 
 
 def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **changes: Any) -> dict[str, Any]:
@@ -106,8 +107,31 @@ def test_losses_and_intervals_stand_in_the_parameter_file(tmp_path: Path, arm: A
         "viscous_Nms_rad": VISCOUS[1],
         "coulomb_Nm": COULOMB[1],
         "transition_rad_s": 0.01,
+        "sliding_range_rad": 0.0,
     }
     assert record["effect"][0]["mass_kg"] == {"value": 1.5, "low": 1.35, "high": 1.65}
+
+
+def test_what_the_reported_figures_leave_open_is_carried_along(tmp_path: Path, arm: ArmModel) -> None:
+    """All ranges of a hysteresis, and the displacement of dry friction, come from the diagnosis into every part."""
+    tuned = baseline(arm)
+    tuned["joint_2"]["sliding_range_rad"] = 2e-4
+    shape = {"range_0_rad": 0.001, "range_1_rad": 0.01, "range_2_rad": 0.05}
+    tuned["joint_2"]["laws"] = {"presliding_hysteresis": {"coefficients": [1.0, 3.0, 2.0], "shape": shape}}
+    make_patch(tmp_path, arm, "presliding_hysteresis", baseline=tuned)
+    q = np.zeros((400, 6))
+    q[:, 1] = 0.03 * np.sin(np.linspace(0.0, 9.0, 400))
+    ladder = [stop_operator(np.ascontiguousarray(q[:, 1]), size) / size for size in (2e-4, *shape.values())]
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    states = q, np.gradient(q, 0.01, axis=0), np.zeros_like(q)
+    amplitude = FIGURES["presliding_hysteresis"]["amplitude_Nm"]
+    wanted = amplitude / 6.0 * (np.array([1.0, 3.0, 2.0]) @ np.array(ladder[1:]))
+    np.testing.assert_allclose(module.extra_torque(*states, 0.01)[:, 1], wanted, atol=1e-9)
+    friction = module.modelled_torque(*states, 0.01) - module.modelled_torque(*states, 0.01, slip=np.zeros_like(q))
+    np.testing.assert_allclose(friction[:, 1], COULOMB[1] * ladder[0], atol=1e-9)
+    record = tomllib.loads((tmp_path / "patch" / "parameters.toml").read_text())
+    assert record["losses"]["joint_2"]["sliding_range_rad"] == 2e-4
+    assert record["effect"][0]["law"]["range_2_rad"] == 0.05
 
 
 def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from ident.arm import ArmModel
 from ident.arrays import Array
+from ident.diagnosis.tuned import SHAPED
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.patch.change import Change
@@ -15,6 +16,7 @@ from ident.patch.standalone.chain import rigid_torque
 from ident.patch.standalone.laws import KNOWN, acting_torque
 from ident.patch.standalone.log import Effect, read_log, undo_log
 from ident.patch.standalone.motion import Losses, Motion
+from ident.presliding import Sliding
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 from tests.ident.made_up import random_states, sliding_arm
 
@@ -22,15 +24,18 @@ from tests.ident.made_up import random_states, sliding_arm
 CASES = [
     ("stribeck_friction", 1, [3.0], 3, 1e-9),
     ("nonlinear_viscous_friction", 1, [2.0], 1, 1e-9),
-    ("load_dependent_friction", 1, [0.05, 0.05], 0, 1e-9),
-    ("presliding_hysteresis", 1, [1.5, 0.5], 0, 1e-9),
+    ("load_dependent_friction", 1, [0.07, 0.02], 0, 1e-9),
+    ("load_dependent_friction", 1, [0.05, 0.03, 0.02, 0.1], 1, 1e-9),
+    ("presliding_hysteresis", 1, [1.5, 0.5, 0.0, 2.0, 0.7], 0, 1e-9),
     ("position_dependent_friction", 2, [1.0, 2.0], 1, 1e-9),
     ("asymmetric_friction", 2, [1.0, 0.5], 0, 1e-9),
     ("joint_coupling", 2, [1.0, 2.0, 0.3], 0, 1e-9),
     ("joint_elasticity", 1, [1 / 5e3], 1, 1e-3),
     ("backlash", 1, [5e-4], 0, 1e-2),
     ("torque_ripple", 1, [1.0, 0.5], 0, 1e-9),
+    ("torque_ripple", 1, [1.0, 0.5], 1, 1e-9),
     ("spring_torque", 2, [2.0, 1.0], 0, 1e-9),
+    ("spring_torque", 2, [2.0, 1.0], 1, 1e-9),
     ("payload", -1, [1.0, 0.002, -0.003, 0.001], 0, 1e-3),
     ("link_inertial_error", 2, [0.3, 0.01, -0.02, 0.01], 0, 1e-9),
     ("gravity_misalignment", -1, [1e-3, -2e-3], 0, 5e-3),
@@ -46,7 +51,7 @@ def states_of(session: SessionContext, k: int, losses: Losses | None = None) -> 
     """A run as the module sees it."""
     run = session.runs[k]
     zero = np.zeros(run.n)
-    known = losses or Losses(zero, VISCOUS, COULOMB, np.full(run.n, 0.01))
+    known = losses or Losses(zero, VISCOUS, COULOMB, np.full(run.n, 0.01), zero)
     motion = run.motion
     return Motion(describe_arm(run.arm), known, motion.q, motion.dq, motion.ddq, run.interval, run.direction)
 
@@ -56,7 +61,8 @@ def as_named(session: SessionContext, name: str, joint: int, variant: Variant, b
     effect = find_effect(name)
     figures = effect.parameters(session, max(joint, 0), variant, beta, np.zeros((len(beta), len(beta))))
     figures |= {key: Interval(value, value, value) for key, value in variant.inner.items()}
-    return name, joint, Change(name, joint, (), figures).values
+    law = {"coefficients": list(beta), "shape": dict(variant.shape)} if name in SHAPED else None
+    return name, joint, Change(name, joint, (), figures, law).values
 
 
 def predicted(effect: Effect, motion: Motion) -> Array:
@@ -97,6 +103,15 @@ def test_the_other_laws_are_told_apart() -> None:
     assert {*KNOWN, "external_contact"} == {effect.id for effect in CATALOGUE}
 
 
+def test_friction_turns_round_as_the_diagnosis_has_it(session: SessionContext) -> None:
+    """Over a displacement at some joints, over a speed at the others: the module's direction is the diagnosis's."""
+    sliding = Sliding(np.array([0.0, 2e-4, 0.0, 5e-5, 4e-4, 0.0]), np.array([0.01, 1.0, 0.03, 1.0, 1.0, 0.005]))
+    losses = Losses(np.zeros(6), VISCOUS, COULOMB, np.where(sliding.range > 0.0, 0.01, sliding.speed), sliding.range)
+    run = session.runs[1]
+    states = Motion(describe_arm(run.arm), losses, run.motion.q, run.motion.dq, run.motion.ddq, run.interval)
+    np.testing.assert_allclose(states.direction, sliding.direction(run.motion), atol=1e-12)
+
+
 @pytest.mark.parametrize("mix", [1.0, -1.0])
 def test_friction_of_two_joints_together(session: SessionContext, mix: float) -> None:
     """The sign of the viscous part says whether the sum or the difference of two joints rubs."""
@@ -114,7 +129,7 @@ def test_warm_friction_is_a_share_of_the_cold(session: SessionContext) -> None:
     variant, beta = thermal.variants(session, 1)[0], np.array([4.0, 1.0])
     columns = thermal.columns(session, 1, variant)[1]
     run, mean = session.runs[1], variant.shape["mean"]
-    cold = Losses(np.zeros(6), VISCOUS + mean * beta[0], COULOMB - mean * beta[1], np.full(6, 0.01))
+    cold = Losses(np.zeros(6), VISCOUS + mean * beta[0], COULOMB - mean * beta[1], np.full(6, 0.01), np.zeros(6))
     warmth = columns[:, 1] / np.where(run.direction[:, 1] == 0.0, 1.0, run.direction[:, 1])
     states = states_of(session, 1, cold)
     warm = Motion(states.arm, cold, states.q, states.dq, states.ddq, states.interval, states.slip, warmth)
@@ -146,10 +161,6 @@ def test_laws_with_a_memory_ask_for_a_run(session: SessionContext) -> None:
     """One state does not say what went before."""
     states = states_of(session, 0)
     one = Motion(states.arm, states.losses, states.q[:1], states.dq[:1], states.ddq[:1])
-    effect = (
-        "presliding_hysteresis",
-        1,
-        {"amplitude_Nm": 1.0, "displacement_rad": 0.01, "small_rad": 0.008, "large_rad": 0.03},
-    )
+    effect = ("presliding_hysteresis", 1, {"part_0": 1.0, "range_0_rad": 0.01})
     with pytest.raises(ValueError, match="give a whole run"):
         acting_torque([effect], one)
