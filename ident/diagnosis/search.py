@@ -83,13 +83,12 @@ class Gates:
     def passed(self) -> bool:
         if self.event:
             return self.evidence >= EVENT_NATS and self.gap_fall >= EVENT_GAP_FALL and self.share >= LEAST_SHARE
+        counts = self.share >= LEAST_SHARE and self.own_share >= LEAST_OWN_SHARE
         if self.absorbed:
-            return self.evidence >= ABSORBED_NATS and self.share >= LEAST_SHARE
+            return self.evidence >= ABSORBED_NATS and counts
         gain, error = self.log_score
         large = self.rms_fall >= LEAST_RMS_FALL or (self.bursts and self.evidence >= BURST_NATS)
-        sized = large and self.gap_fall >= LEAST_GAP_FALL
-        sized = sized and self.share >= LEAST_SHARE and self.own_share >= LEAST_OWN_SHARE
-        return self.p_value <= FAMILY_ERROR and gain > error and sized
+        return self.p_value <= FAMILY_ERROR and gain > error and large and self.gap_fall >= LEAST_GAP_FALL and counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,8 +200,14 @@ class Search:
             own = gain - projection.gain_without(group, essential)
             if 0.5 * own - len(essential) * column < ESSENTIAL_NATS:
                 gain = own
-        grid = group.effect.screens * sum(1 for other in self.evidence.layout.groups if other.key == group.key)
-        return 0.5 * gain - len(group.columns) * column - float(np.log(grid))
+        return 0.5 * gain - len(group.columns) * column - self._choices[group.effect.id]
+
+    @cached_property
+    def _choices(self) -> dict[str, float]:
+        """For each effect the log of all its points and places: effects are as likely as each other beforehand."""
+        groups = self.evidence.layout.groups
+        counts = {effect.id: effect.screens for effect in (group.effect for group in groups)}
+        return {name: float(np.log(n * sum(g.effect.id == name for g in groups))) for name, n in counts.items()}
 
     def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
         """For each effect and joint its best inner figures and their log evidence."""

@@ -26,7 +26,7 @@ class DiagnosisVerdictSection(Section):
         session = record.get("session", {})
         return {
             "headline": diagnosis_headline(record),
-            "lead": glue(describe_findings(record)),
+            "lead": glue(describe_findings(record) or describe_nameless(record)),
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
             "motion": glue(describe_motion(record)),
             "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
@@ -63,6 +63,28 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     ]
     closes = f"On runs that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
+
+
+def describe_nameless(record: Mapping[str, Any]) -> str:
+    """What speaks for a gap where no effect got a name."""
+    if record.get("findings"):
+        return ""
+    parts = []
+    hidden = {joint: gap.get("tuned_away_Nm", 0.0) for joint, gap in record.get("gap", {}).items()}
+    if any(hidden.values()):
+        sizes = join_words([f"{fixed(size)} N m at {joint}" for joint, size in hidden.items() if size > 0.0])
+        parts.append(
+            "Once tuned, the model fits, but with inertias that lie beyond the URDF's tolerance: tuning hides "
+            f"{sizes}. A load, another link or a wrong gain would look like this."
+        )
+    nearest = record.get("nearest")
+    if nearest:
+        parts.append(
+            f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
+            f"chance (p = {nearest['p_value']:.3f}), but it lowers the error on unseen runs by "
+            f"{percent(nearest['rms_fall'])} only."
+        )
+    return " ".join(parts)
 
 
 def describe_motion(record: Mapping[str, Any]) -> str:

@@ -13,6 +13,9 @@ from ident.report.page import Section
 from ident.report.source import DiagnosisInput
 from ident.report.words import effect_name, join_words, parameter_name
 
+# Figures that are counted, not measured.
+COUNTED = frozenset({"order", "link", "other_joint"})
+
 
 @dataclass(frozen=True, eq=False)
 class FindingsSection(Section):
@@ -54,6 +57,8 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
 
 def _parameter(name: str, value: Any) -> dict[str, str]:
     words, unit = parameter_name(name)
+    if isinstance(value, Mapping) and name in COUNTED:
+        return {"name": words, "unit": unit, "value": f"{value['value']:.0f}", "interval": ""}
     if not isinstance(value, Mapping):
         return {"name": words, "unit": unit, "value": str(value), "interval": ""}
     interval = f"{significant(value.get('low'), 3)} to {significant(value.get('high'), 3)}"

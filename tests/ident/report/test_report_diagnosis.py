@@ -93,6 +93,22 @@ def test_page_without_findings(tmp_path: Path, verdict: str, words: str) -> None
     assert "What causes it" not in written(tmp_path, bare)
 
 
+def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
+    """What tuning hides, and the candidate that came nearest, stand under the verdict."""
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
+    record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
+    record["nearest"] = {
+        "effect": "torque_delay",
+        "joints": ["joint_2", "joint_3"],
+        "p_value": 0.001,
+        "rms_fall": 0.012,
+    }
+    text = written(tmp_path, record).replace("\xa0", " ")
+    assert "tuning hides 1.25 N m at joint_2" in text
+    assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
+    assert "1.2 % only" in text
+
+
 def test_refusal_shows_the_remedy_first(tmp_path: Path) -> None:
     """A refused session's fatal issue and its remedy stand right under the verdict."""
     record = {**copy.deepcopy(RECORD), "verdict": "refused", "findings": [], "gap": {}, "where": []}
