@@ -19,7 +19,13 @@ from ident.inertia import lift_base, parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
 # Effects whose law has more figures than are reported.
-SHAPED = ("load_dependent_friction", "presliding_hysteresis", "spring_torque", "torque_ripple")
+SHAPED = (
+    "load_dependent_friction",
+    "presliding_hysteresis",
+    "spring_torque",
+    "torque_ripple",
+    "torque_saturation",
+)
 # Order of a link's ten inertial numbers, about its joint's frame.
 LINK_KEYS = (
     "mass_kg",

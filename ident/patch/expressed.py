@@ -81,12 +81,13 @@ MJCF: dict[str, Expression] = {
     "torque_saturation": _yes("cutoff of the motor's force sensor: the log is flat, the joint gets more"),
     "external_contact": _EVENT,
 }
+# Figures of a spring that is no straight one.
+BENT = ("square_Nm_rad2", "cube_Nm_rad3", "cosine_Nm", "sine_Nm")
 # What the reported figures leave open; the law that is written takes the simplest.
 OPEN = {
     "thermal_friction": "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)",
     "joint_coupling": "whether the joints' sum or difference rubs is read from the sign of the viscous part",
     "torque_offset": "the instant to which a drift refers is not reported: only the constant is used",
-    "torque_saturation": "taken as quite flat above the limit",
     "external_contact": _EVENT.words,
 }
 
@@ -98,8 +99,10 @@ def express(change: Change, form: str) -> Expression:
         return _yes("all figures with their intervals")
     if effect == "nonlinear_viscous_friction" and form == "mjcf" and change.values["exponent"] == 2.0:
         return _yes("second coefficient of damping")
-    if effect == "spring_torque" and form == "mjcf" and change.values["harmonic"]:
-        return _no("a joint's spring is linear, this one has two rests a turn; add the module's torque")
+    if form == "mjcf" and effect == "spring_torque" and any(change.values[name] for name in BENT):
+        return _no("a joint's spring is written as linear, this one is bent; add the module's torque")
+    if form == "mjcf" and effect == "torque_saturation" and change.values["lost"] != 1.0:
+        return _near("cutoff of the motor's force sensor: flat from the limit on, without the bend before it")
     if effect not in KNOWN:
         return _EVENT if effect in OPEN else _no("an effect outside the catalogue, whose law is known to its file only")
     if form == "module":

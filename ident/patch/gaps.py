@@ -108,11 +108,12 @@ def _roll_run(
     else:
         drive = shifted(np.array(motion.tau), -model.delay, motion.interval)
     length = max(2, round(WINDOW / motion.interval))
+    twists = model.deflections(motion.q, motion.dq, motion.ddq, motion.interval)
     starts = np.linspace(length, len(motion.time) - 2 * length, count).astype(int)
     found = []
     for start in np.unique(starts[starts >= 0]):
         span = slice(start, start + length + 1)
         state = motion.q[start], motion.dq[start]
-        q, dq = model.roll_out(state, drive[span], -missing[span], motion.interval)
+        q, dq = model.roll_out(state, twists[start, :2], drive[span], -missing[span], motion.interval)
         found.append(np.stack([q - motion.q[start + length], dq - motion.dq[start + length]]))
     return found

@@ -42,6 +42,7 @@ class LoadedModel(ABC):
     def roll_out(
         self,
         state: tuple[Float[Array, " n"], Float[Array, " n"]],
+        twist: Float[Array, "2 s"],
         drive: Float[Array, "T n"],
         extra: Float[Array, "T n"],
         interval: float,
@@ -50,10 +51,17 @@ class LoadedModel(ABC):
 
         Args:
             state: Position and velocity at its start.
+            twist: What the springs' deflections and their rates are there (`deflections`).
             drive: Logged torque, already earlier by the log's delay [N m].
             extra: Joint torque added to it [N m].
             interval: Sampling interval of both [s].
         """
+
+    def deflections(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
+    ) -> Float[Array, "T 3 s"]:
+        """Deflection, rate and acceleration of the model's s springs along a motion, of which no log tells."""
+        return np.zeros((len(q), 3, 0))
 
     @property
     def delay(self) -> float:
@@ -88,7 +96,7 @@ class LoadedUrdf(LoadedModel):
         return torque
 
     def roll_out(
-        self, state: tuple[Array, Array], drive: Array, extra: Array, interval: float
+        self, state: tuple[Array, Array], twist: Array, drive: Array, extra: Array, interval: float
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Semi-implicit Euler's method; what slides at the start has slid before."""
         q, dq = (np.array(part) for part in state)
@@ -129,14 +137,23 @@ class LoadedMjcf(LoadedModel):
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
         out = np.empty_like(q)
-        twist = np.zeros((3, len(self.springs)))
+        twists = self.deflections(q, dq, ddq, interval)
         for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-            if len(self.springs):
-                twist = self._deflect(state, twist, interval if k else 0.0)
-            self._place(*state, *twist)
+            self._place(*state, *twists[k])
             mujoco.mj_inverse(self.model, self.data)
             out[k] = self.data.qfrc_inverse[self.main]
         return out
+
+    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
+        """From rest under the load, in small steps, the joints' motion on straight lines between samples."""
+        found = np.zeros((len(q), 3, len(self.springs)))
+        if len(self.springs) == 0 or interval <= 0.0:
+            return found
+        states = np.stack([q, dq, ddq], axis=1)
+        found[0] = self._sag(q[0])
+        for k in range(1, len(q)):
+            found[k] = self._deflect(states[k - 1], states[k], found[k - 1], interval)
+        return found
 
     def _place(self, q: Array, dq: Array, ddq: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
         for target, values, behind in (
@@ -147,27 +164,29 @@ class LoadedMjcf(LoadedModel):
             target[self.main] = values
             target[self.springs] = behind
 
-    def _deflect(self, state: tuple[Array, Array, Array], twist: Array, interval: float) -> Float[Array, "3 s"]:
-        """Deflections, rates and accelerations one sample on; from rest under the load where no time lies between."""
-        if interval == 0.0:
-            self._place(state[0], np.zeros_like(state[1]), np.zeros_like(state[2]), *np.zeros_like(twist))
-            mujoco.mj_inverse(self.model, self.data)
-            stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
-            twist[0] = -self.data.qfrc_inverse[self.springs] / stiffness
-            return twist
+    def _sag(self, q: Array) -> Float[Array, "3 s"]:
+        """Deflections at rest under gravity."""
+        rest, none = np.zeros_like(q), np.zeros(len(self.springs))
+        self._place(q, rest, rest, none, none)
+        mujoco.mj_inverse(self.model, self.data)
+        stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
+        return np.stack([-self.data.qfrc_inverse[self.springs] / stiffness, none, none])
+
+    def _deflect(self, before: Array, after: Array, twist: Array, interval: float) -> Float[Array, "3 s"]:
+        """Deflections, rates and accelerations one sample on."""
         steps = max(1, int(np.ceil(interval / SPRING_STEP)))
         x, v, change = twist
-        for _ in range(steps):
+        for step in range(1, steps + 1):
             v = v + interval / steps * change
             x = x + interval / steps * v
-            change = self._spring_acceleration(state, x, v)
+            change = self._spring_acceleration(before + step / steps * (after - before), x, v)
         return np.stack([x, v, change])
 
-    def _spring_acceleration(self, state: tuple[Array, Array, Array], x: Array, v: Array) -> Array:
+    def _spring_acceleration(self, state: Array, x: Array, v: Array) -> Array:
         """By what two inverse dynamics leave on the springs; each spring feels its own acceleration only."""
         left = []
         for change in (0.0, 1.0):
-            self._place(*state, x, v, change)
+            self._place(state[0], state[1], state[2], x, v, change)
             mujoco.mj_inverse(self.model, self.data)
             left.append(np.array(self.data.qfrc_inverse[self.springs]))
         return np.asarray(-left[0] / (left[1] - left[0]))
@@ -177,13 +196,11 @@ class LoadedMjcf(LoadedModel):
         return np.clip(log, -self.cutoff, self.cutoff)
 
     def roll_out(
-        self, state: tuple[Array, Array], drive: Array, extra: Array, interval: float
+        self, state: tuple[Array, Array], twist: Array, drive: Array, extra: Array, interval: float
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """MuJoCo's own steps, the log as `ctrl`."""
         mujoco.mj_resetData(self.model, self.data)
-        rest = np.zeros_like(state[1])
-        twist = self._deflect((state[0], rest, rest), np.zeros((3, len(self.springs))), 0.0)
-        self._place(*state, rest, *twist)
+        self._place(*state, np.zeros_like(state[1]), *twist)
         step = float(self.model.opt.timestep)
         torques = zip(_at_steps(drive, interval, step), _at_steps(extra, interval, step), strict=True)
         for logged, added in torques:

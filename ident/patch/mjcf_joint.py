@@ -90,7 +90,11 @@ def _apply(draft: _Draft, arm: ArmModel, j: int, effect: str, figures: dict[str,
     elif effect == "encoder_offset":
         draft.ref -= figures["offset_rad"]  # qpos is the logged angle, the true one is qpos − ref
     elif effect == "spring_torque":
-        spring = {"stiffness": figures["stiffness_Nm_rad"], "springref": figures["rest_rad"]}
+        stiffness, shift = figures["linear_Nm_rad"], figures["constant_Nm"]
+        spring = {
+            "stiffness": stiffness,
+            "springref": figures["centre_rad"] - (shift / stiffness if stiffness else 0.0),
+        }
         draft.joint |= {key: repr(value) for key, value in spring.items()}
     elif effect == "nonlinear_viscous_friction":
         dry, damping = fit_polynomial(figures["coefficient"], figures["exponent"], _top_speed(arm, j))

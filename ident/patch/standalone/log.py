@@ -29,7 +29,8 @@ def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array
     log = shifted(log, total_delay(effects), interval)
     for name, joint, figures in effects:
         if name == "torque_saturation":
-            log[:, joint] = np.clip(log[:, joint], -figures["limit_Nm"], figures["limit_Nm"])
+            above = np.maximum(np.abs(log[:, joint]) - figures["knee_Nm"], 0.0)
+            log[:, joint] -= figures["lost"] * np.sign(log[:, joint]) * above
     return log
 
 

@@ -34,8 +34,8 @@ def thermal(m: Motion, j: int, p: dict[str, float]) -> Array:
 def hysteresis(m: Motion, j: int, p: dict[str, float]) -> Array:
     """Stop operators of several ranges side by side, Σ k_i stop_i[q] / r_i."""
     m.sampled("presliding hysteresis")
-    parts = [name.removeprefix("part_") for name in p if name.startswith("part_")]
-    stops = [p[f"part_{i}"] * stop(m.q[:, j], p[f"range_{i}_rad"]) for i in parts]
+    parts = [name.split("_")[1] for name in p if name.startswith("part_")]
+    stops = [p[f"part_{i}_Nm"] * stop(m.q[:, j], p[f"range_{i}_rad"]) for i in parts]
     return m.at(j, np.sum(stops, axis=0))
 
 
@@ -65,6 +65,8 @@ def ripple(m: Motion, j: int, p: dict[str, float]) -> Array:
 
 
 def spring(m: Motion, j: int, p: dict[str, float]) -> Array:
-    """Linear in the angle, or with two rests a turn; the stiffness is that at rest."""
-    away = m.q[:, j] - p["rest_rad"]
-    return m.at(j, p["stiffness_Nm_rad"] * (0.5 * np.sin(2.0 * away) if p["harmonic"] else away))
+    """A cubic about an angle, or a wave with two rests a turn."""
+    q = m.q[:, j]
+    x = q - p["centre_rad"]
+    cubic = p["constant_Nm"] + x * (p["linear_Nm_rad"] + x * (p["square_Nm_rad2"] + x * p["cube_Nm_rad3"]))
+    return m.at(j, cubic + p["cosine_Nm"] * np.cos(2.0 * q) + p["sine_Nm"] * np.sin(2.0 * q))

@@ -30,12 +30,13 @@ CASES = [
     ("position_dependent_friction", 2, [1.0, 2.0], 1, 1e-9),
     ("asymmetric_friction", 2, [1.0, 0.5], 0, 1e-9),
     ("joint_coupling", 2, [1.0, 2.0, 0.3], 0, 1e-9),
-    ("joint_elasticity", 1, [1 / 5e3], 1, 1e-3),
+    ("joint_elasticity", 1, [1.0], 1, 1e-3),
     ("backlash", 1, [5e-4], 0, 1e-2),
     ("torque_ripple", 1, [1.0, 0.5], 0, 1e-9),
     ("torque_ripple", 1, [1.0, 0.5], 1, 1e-9),
     ("spring_torque", 2, [2.0, 1.0], 0, 1e-9),
-    ("spring_torque", 2, [2.0, 1.0], 1, 1e-9),
+    ("spring_torque", 2, [2.0, 1.0, 0.5, -0.4], 1, 1e-9),
+    ("spring_torque", 2, [2.0, 1.0], 2, 1e-9),
     ("payload", -1, [1.0, 0.002, -0.003, 0.001], 0, 1e-3),
     ("link_inertial_error", 2, [0.3, 0.01, -0.02, 0.01], 0, 1e-9),
     ("gravity_misalignment", -1, [1e-3, -2e-3], 0, 5e-3),
@@ -43,6 +44,7 @@ CASES = [
     ("torque_offset", 1, [0.7, 0.0], 0, 1e-9),
     ("torque_delay", -1, [0.008], 1, 1e-9),
     ("torque_saturation", 1, [1.0], 1, 1e-9),
+    ("torque_saturation", 1, [0.6], 0, 1e-9),
     ("encoder_offset", 1, [1e-4], 0, 1e-3),
 ]
 
@@ -91,6 +93,8 @@ def test_the_module_says_what_the_columns_say(
     variant = find_effect(name).variants(session, max(joint, 0))[index]
     width = find_effect(name).columns(session, max(joint, 0), variant)[0].shape[-1]
     beta = np.pad(np.array(coefficients), (0, width - len(coefficients)))
+    if name == "joint_elasticity":
+        beta /= variant.shape["stiffness_Nm_rad"]  # a point of the grid is exact at its own stiffness
     effect = as_named(session, name, joint, variant, beta)
     wanted = by_columns(session, name, joint, variant, beta, 1)
     found = predicted(effect, states_of(session, 1))
@@ -161,6 +165,6 @@ def test_laws_with_a_memory_ask_for_a_run(session: SessionContext) -> None:
     """One state does not say what went before."""
     states = states_of(session, 0)
     one = Motion(states.arm, states.losses, states.q[:1], states.dq[:1], states.ddq[:1])
-    effect = ("presliding_hysteresis", 1, {"part_0": 1.0, "range_0_rad": 0.01})
+    effect = ("presliding_hysteresis", 1, {"part_0_Nm": 1.0, "range_0_rad": 0.01})
     with pytest.raises(ValueError, match="give a whole run"):
         acting_torque([effect], one)
