@@ -21,7 +21,7 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat")
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
 TOPIC = "/joint_states"
 # Samples that are read at once by whoever goes through a long session part by part.
-PART_SAMPLES = 1_000_000
+PART_SAMPLES = 500_000
 Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
 
 
