@@ -11,7 +11,7 @@ from rich.console import Console
 from ident.diagnosis.axes import Axis, session_axes
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
 from ident.diagnosis.where import SIGNIFICANT
-from ident.report.diagnosis_verdict import describe_nameless
+from ident.report.diagnosis_verdict import describe_unnamed
 from ident.report.words import axis_name, interval_words
 from ident.timeline import Curve, Mark
 
@@ -40,8 +40,8 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(f"[bold]{diagnosis.verdict}[/]: {VERDICTS[diagnosis.verdict]}")
     for finding in diagnosis.findings:
         console.print(describe(finding), soft_wrap=True, highlight=False)
-    if nameless := describe_nameless(diagnosis.to_dict()):
-        console.print(f"  {nameless}", soft_wrap=True, highlight=False)
+    if unnamed := describe_unnamed(diagnosis.to_dict()):
+        console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""
         console.print(f"  {name}: {gap['rms_Nm']:.3f} N m against {gap['noise_floor_Nm']:.3f} of noise{left}")

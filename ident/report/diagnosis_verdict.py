@@ -26,7 +26,7 @@ class DiagnosisVerdictSection(Section):
         session = record.get("session", {})
         return {
             "headline": diagnosis_headline(record),
-            "lead": glue(describe_findings(record) or describe_nameless(record)),
+            "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
             "motion": glue(describe_motion(record)),
             "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
@@ -38,6 +38,8 @@ class DiagnosisVerdictSection(Section):
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence."""
+    if record["verdict"] == "none_of_catalogue" and record.get("nearest"):
+        return "There is a small gap: more than chance, and too little for a name."
     named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
     more = len(record.get("findings", [])) - 3
     named += f", and {more} more" if more > 0 else ""
@@ -65,17 +67,19 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
 
 
-def describe_nameless(record: Mapping[str, Any]) -> str:
-    """What speaks for a gap where no effect got a name."""
-    if record.get("findings"):
-        return ""
+def describe_unnamed(record: Mapping[str, Any]) -> str:
+    """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that came near."""
     parts = []
-    hidden = {joint: gap.get("tuned_away_Nm", 0.0) for joint, gap in record.get("gap", {}).items()}
-    if any(hidden.values()):
-        sizes = join_words([f"{fixed(size)} N m at {joint}" for joint, size in hidden.items() if size > 0.0])
+    hidden = {
+        joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
+        for joint, gap in record.get("gap", {}).items()
+        if gap.get("tuned_away_Nm")
+    }
+    if hidden:
+        most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
         parts.append(
-            "Once tuned, the model fits, but with inertias that lie beyond the URDF's tolerance: tuning hides "
-            f"{sizes}. A load, another link or a wrong gain would look like this."
+            f"The tuned inertias lie beyond the URDF's tolerance; what they hide acts most on {most}. "
+            "Wrong links in the URDF, a load or a wrong gain look like this."
         )
     nearest = record.get("nearest")
     if nearest:

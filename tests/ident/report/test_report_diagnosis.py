@@ -104,9 +104,10 @@ def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
         "rms_fall": 0.012,
     }
     text = written(tmp_path, record).replace("\xa0", " ")
-    assert "tuning hides 1.25 N m at joint_2" in text
+    assert "what they hide acts most on joint_2" in text
     assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
     assert "1.2 % only" in text
+    assert "There is a small gap" in text
 
 
 def test_refusal_shows_the_remedy_first(tmp_path: Path) -> None:
