@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -218,18 +219,25 @@ def prepare(session: Session, cutoff: float | None = None, oversampling: float =
     Raises:
         RecordingError: No run is long enough.
     """
-    return tuple(prepare_each(session, cutoff, oversampling))
+    motions = tuple(prepare_each(session, cutoff, oversampling))
+    if not motions:
+        raise no_motion(session.path or session.name)
+    return motions
 
 
 def prepare_each(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Iterator[Motion]:
-    """The same one after the other, for whoever needn't have them all at once."""
+    """The same one after the other, for whoever needn't have them all at once; none where no run is long enough."""
     long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
     if not long:
-        where = str(session.path or session.name)
-        raise RecordingError(where, f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+        return
     levels = session_noise(session.replace(runs=long))
     for run in long:
         yield prepare_run(run, levels, session.payload, cutoff, oversampling)
+
+
+def no_motion(where: str | Path) -> RecordingError:
+    """The error of recordings whose runs are all too short."""
+    return RecordingError(str(where), f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
 
 
 def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:

@@ -15,14 +15,13 @@ from ident.effects.base import Effect
 from ident.errors import RecordingError
 from ident.hybrid import HybridModel
 from ident.recording import TelemetryIssue
-from ident.signals import Motion
+from ident.signals import Motion, no_motion
 from ident.spooling import hold
 from ident.telemetry import TelemetryReport
+from ident.telemetry.report import TOO_LITTLE
 
 # Effects live up to here; beyond it drives and structure answer [Hz].
 CUTOFF = 25.0
-# These findings mean that there is nothing wrong with the recordings but that they say too little.
-TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 
 def diagnose_reports(
@@ -36,7 +35,7 @@ def diagnose_reports(
     """Diagnoses inspected sessions of one set-up.
 
     Args:
-        reports: The telemetry check of each session, or of each part of a long one.
+        reports: The telemetry check of each session, or of each part of a long one; one without runs only tells more.
         arm: The robot, as `ArmModel.load` gives it.
         catalogue: The effects to be asked for.
         cutoff: Corner of the common filter [Hz].
@@ -48,7 +47,7 @@ def diagnose_reports(
         The diagnosis; all that was computed on the way, if anything was; the motions.
 
     Raises:
-        RecordingError: The sessions have different joints.
+        RecordingError: The sessions have different joints, or no run is long enough.
     """
     heard = _Heard()
     motions = hold(_prepare_in_turn(reports, heard, cutoff or CUTOFF))
@@ -56,6 +55,8 @@ def diagnose_reports(
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
         return Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues)), None, ()
+    if not motions:
+        raise no_motion(heard.session)
     missing = [name for name in arm.joint_names if name not in heard.joints]
     arm = arm.locked(missing) if missing else arm
     share = INERTIA_SHARE
@@ -76,13 +77,14 @@ class _Heard:
         issues: All that the telemetry checks found.
         facts: Runs, samples, duration.
         common_clock: Whether time goes on from run to run of a single session.
+        session: Path or name of the session heard last.
     """
 
     joints: tuple[str, ...] = ()
     issues: list[TelemetryIssue] = field(default_factory=list)
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
     common_clock: bool = True
-    _session: Path | str | None = None
+    session: Path | str = ""
 
     def take(self, report: TelemetryReport) -> None:
         """One more session, or one more part of a session.
@@ -92,11 +94,12 @@ class _Heard:
         """
         session = report.session
         where: str | Path = session.path or session.name
-        self.joints = self.joints or session.joints
-        if session.joints != self.joints:
-            raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
-        self.common_clock &= session.common_clock and (self._session is None or self._session == where)
-        self._session = where
+        if session.runs:
+            self.joints = self.joints or session.joints
+            if session.joints != self.joints:
+                raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
+        self.common_clock &= session.common_clock and self.session in ("", where)
+        self.session = where
         self.issues += report.issues
         self.facts["runs"] += len(session.runs)
         self.facts["samples"] += session.samples

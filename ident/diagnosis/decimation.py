@@ -55,9 +55,8 @@ def decimate(motion: Motion, oversampling: float = CRITICAL_OVERSAMPLING) -> Mot
 
 
 def prepare_slower(session: Session, cutoff: float) -> Iterator[Motion]:
-    """All runs of a session as motions for the diagnosis; each is decimated before the next is smoothed.
+    """All runs of a session that are long enough, as motions for the diagnosis.
 
-    Raises:
-        RecordingError: No run is long enough.
+    Each is decimated before the next is smoothed.
     """
     return map(decimate, prepare_each(session, cutoff, CRITICAL_OVERSAMPLING))
