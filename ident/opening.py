@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,11 @@ from ident.arm import ArmModel
 from ident.errors import RecordingError
 from ident.files import sha256_of
 from ident.hybrid import HybridModel
-from ident.reading import PART_SAMPLES, load_parts, load_sessions
+from ident.reading import PART_SAMPLES, load_parts, load_sessions, robot_named_in
 from ident.recording import Session, TelemetryIssue
 from ident.signals import Motion, prepare
 from ident.spooling import emptied
-from ident.telemetry import TelemetryReport, inspect, inspect_sessions
-from ident.telemetry.report import TOO_LITTLE
+from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,30 +85,19 @@ def inspect_in_parts(
 ) -> tuple[ArmModel, Iterable[TelemetryReport]]:
     """The same; sessions too long to be held come in parts of consecutive runs, each read when its turn comes.
 
-    A part is checked by itself. Whether there is enough motion is not asked of it: of so long a session there is.
+    A part is checked by itself, the amount of motion in all of them at the end: see `ident.telemetry.in_parts`.
     """
+    # Asked of all settings at once: the session that names the robot may be far from its turn.
+    robot = robot or next((name for path in paths if (name := robot_named_in(path, session_file))), None)
     coming = chain.from_iterable(load_parts(path, topic, session_file, PART_SAMPLES) for path in paths)
     parts: list[Session] = []
     for part in coming:
         parts.append(part)
         if sum(each.samples for each in parts) >= PART_SAMPLES:
             arm = ArmModel.load(choose_robot(robot, parts))
-            return arm, _inspect_in_turn(chain(emptied(parts), coming), arm)
+            return arm, inspect_parts(chain(emptied(parts), coming), arm)
     arm = ArmModel.load(choose_robot(robot, parts))
     return arm, inspect_sessions(parts, arm)
-
-
-def _inspect_in_turn(parts: Iterable[Session], arm: ArmModel) -> Iterator[TelemetryReport]:
-    """Reports of parts; what an earlier part showed is not told again."""
-    told: set[tuple[str, tuple[str, ...]]] = set()
-
-    def inspected(part: Session) -> TelemetryReport:
-        report = inspect(part, arm)
-        news = [one for one in report.issues if one.issue not in TOO_LITTLE and (one.issue, one.joints) not in told]
-        told.update((one.issue, one.joints) for one in news)
-        return replace(report, issues=tuple(news))
-
-    return map(inspected, parts)  # a map holds on to nothing that it has handed out
 
 
 def open_sessions(

@@ -63,8 +63,7 @@ def load_parts(
     path = Path(path)
     if not path.exists():
         raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
-    settings_path = Path(session_file) if session_file else find_session_file(path)
-    settings = load_session_file(settings_path) if settings_path else SessionFile()
+    settings = _settings_of(path, session_file)
     files, notes = _find_runs(path, settings)
     before: list[Recording] = []
     for batch in _batches((load_recording(file, settings, topic) for file in files), most):
@@ -82,6 +81,20 @@ def load_parts(
         )
         notes, before = [], runs[-1:]
         del batch, runs  # a part is let go before the next is read
+
+
+def robot_named_in(path: str | Path, session_file: str | Path | None = None) -> str | None:
+    """The robot that a session's settings name, if any; no recording is read.
+
+    Raises:
+        RecordingError: The session.toml can't be used.
+    """
+    return _settings_of(Path(path), session_file).robot
+
+
+def _settings_of(path: Path, session_file: str | Path | None) -> SessionFile:
+    settings_path = Path(session_file) if session_file else find_session_file(path)
+    return load_session_file(settings_path) if settings_path else SessionFile()
 
 
 def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:

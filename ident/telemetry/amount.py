@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.linalg import qr
 
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
+from ident.errors import RecordingError
 from ident.recording import Session, Severity, TelemetryIssue
 from ident.splits import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.telemetry.effort import collect_states
-from ident.telemetry.report import joints_at
 
 # An error of the torque becomes up to this many times larger in the base parameters. Optimised exciting motion
 # reaches 10 to 60; above 100 a torque error of 1 % can double a parameter.
@@ -22,48 +20,87 @@ LEAST_TRAVEL = 0.05
 STATES = 800
 
 
-def check_amount(sessions: Sequence[Session]) -> list[TelemetryIssue]:
-    """Whether the sessions, together, give enough blocks for held-out splits."""
-    found = sum(count_blocks(session) for session in sessions)
-    if found >= FEWEST_BLOCKS:
-        return []
-    seconds = sum(session.duration for session in sessions)
-    runs = sum(len(session.runs) for session in sessions)
-    evidence = f"{sessions[0].name}: {seconds:.1f} s in {runs} runs give {found} blocks of {SHORTEST_BLOCK_S} s"
-    remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
-    return [TelemetryIssue("too_few_runs", (), "fatal", evidence, remedy)]
+class Amount:
+    """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept.
 
+    Args:
+        most: States that are kept of each, where there may be very many sessions; None for all of them.
+    """
 
-def check_excitation(sessions: Sequence[Session], arm: ArmModel | None) -> list[TelemetryIssue]:
-    """Whether the motion of the sessions, together, moves every joint and tells the base parameters apart."""
-    session = sessions[0]
-    q = np.concatenate([run.position for each in sessions for run in each.runs])
-    still = np.flatnonzero(np.ptp(q, axis=0) < LEAST_TRAVEL)
-    remedy = "record motion of all joints over wide poses (`plan excite` proposes one)"
-    issues = []
-    if len(still):
-        travel = np.ptp(q, axis=0)[still].max()
-        names = joints_at(session, still)
-        evidence = f"{session.name}: hardly any motion ({travel:.3f} rad at most) of {', '.join(names)}"
-        severity: Severity = "fatal" if len(still) == len(session.joints) else "warning"
-        issues.append(TelemetryIssue("insufficient_excitation", names, severity, evidence, remedy))
-    if arm is None or len(still) == len(session.joints):
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._name = ""
+        self._joints: tuple[str, ...] = ()
+        self._runs, self._seconds, self._blocks = 0, 0.0, 0
+        self._low: Array = np.array(np.inf)
+        self._high: Array = np.array(-np.inf)
+        self._states: list[Float[Array, "4 T n"]] = []
+        self._arm: ArmModel | None = None
+
+    def take(self, session: Session, arm: ArmModel | None) -> None:
+        """Counts one more session, mended, with the robot as it needs it.
+
+        Raises:
+            RecordingError: It has other joints than the first.
+        """
+        self._name, self._joints = self._name or session.name, self._joints or session.joints
+        if session.joints != self._joints:
+            what = f"has other joints of the robot than {self._name}: {', '.join(session.joints)}"
+            remedy = "give sessions that recorded the same joints"
+            raise RecordingError(session.path or session.name, what, remedy)
+        if not session.samples:
+            return
+        self._runs += len(session.runs)
+        self._seconds += session.duration
+        self._blocks += count_blocks(session)
+        for run in (run for run in session.runs if len(run)):
+            self._low = np.minimum(self._low, run.position.min(axis=0))
+            self._high = np.maximum(self._high, run.position.max(axis=0))
+        self._arm = self._arm or arm
+        if arm is not None and (states := collect_states(session, arm)) is not None:
+            step = slice(None, None, max(1, len(states.q) // self._most) if self._most else 1)
+            self._states.append(np.stack([values[step] for values in (states.q, states.dq, states.ddq, states.tau)]))
+
+    def issues(self) -> list[TelemetryIssue]:
+        """What all that was taken lacks, together; nothing where nothing was recorded."""
+        return [*self._check_blocks(), *self._check_excitation()] if self._runs else []
+
+    def _check_blocks(self) -> list[TelemetryIssue]:
+        """Whether there are enough blocks for held-out splits."""
+        if self._blocks >= FEWEST_BLOCKS:
+            return []
+        what = f"{self._seconds:.1f} s in {self._runs} runs give {self._blocks} blocks of {SHORTEST_BLOCK_S} s"
+        remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
+        return [TelemetryIssue("too_few_runs", (), "fatal", f"{self._name}: {what}", remedy)]
+
+    def _check_excitation(self) -> list[TelemetryIssue]:
+        """Whether the motion moves every joint and tells the base parameters apart."""
+        travel = self._high - self._low
+        still = np.flatnonzero(travel < LEAST_TRAVEL)
+        remedy = "record motion of all joints over wide poses (`plan excite` proposes one)"
+        issues = []
+        if len(still):
+            names = tuple(self._joints[j] for j in still)
+            what = f"hardly any motion ({travel[still].max():.3f} rad at most) of {', '.join(names)}"
+            severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
+            issues.append(TelemetryIssue("insufficient_excitation", names, severity, f"{self._name}: {what}", remedy))
+        if self._arm is None or not self._states or len(still) == len(self._joints):
+            return issues
+        condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
+        if condition > LARGEST_CONDITION:
+            what = f"the base parameters' regressor has a condition number of {condition:.3g}"
+            issues.append(TelemetryIssue("insufficient_excitation", (), "warning", f"{self._name}: {what}", remedy))
         return issues
-    condition = base_condition(sessions, arm)
-    if condition is not None and condition > LARGEST_CONDITION:
-        evidence = f"{session.name}: the base parameters' regressor has a condition number of {condition:.3g}"
-        issues.append(TelemetryIssue("insufficient_excitation", (), "warning", evidence, remedy))
-    return issues
 
 
-def base_condition(sessions: Sequence[Session], arm: ArmModel) -> float | None:
-    """Condition number of the recorded motion's base regressor, rows per torque's spread, columns of unit length."""
-    all_states = [states for session in sessions if (states := collect_states(session, arm)) is not None]
-    if not all_states:
-        return None
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(states, name) for states in all_states]) for name in ("q", "dq", "ddq", "tau")
-    )
+def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
+    """Condition number of some motion's base regressor, rows per torque's spread, columns of unit length.
+
+    Args:
+        states: q, dq, ddq and tau, filtered.
+        arm: The robot.
+    """
+    q, dq, ddq, tau = states
     step = slice(None, None, max(1, len(q) // STATES))
     table = arm.regressor(q[step], dq[step], ddq[step])
     spread = tau.std(axis=0)

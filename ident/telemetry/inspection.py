@@ -8,10 +8,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.arm import ArmModel
-from ident.errors import RecordingError
 from ident.joints import match_joints
 from ident.recording import Recording, Session, TelemetryIssue
-from ident.telemetry.amount import check_amount, check_excitation
+from ident.telemetry.amount import Amount
 from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
 from ident.telemetry.clock import mend_jitter, mend_order, split_at_gaps
@@ -42,31 +41,15 @@ def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -
     """Checks sessions that are to be used together: whether there is enough motion is asked of all of them at once."""
     # The checks' matrices are small: threads of the linear algebra only get into each other's way.
     with threadpool_limits(limits=1, user_api="blas"):
-        reports = [_inspect_alone(session, arm) for session in sessions]
-        _require_same_joints(reports)
-        mended = [report.session for report in reports if report.session.samples]
-        together = [*check_amount(mended), *check_excitation(mended, reports[0].arm)] if mended else []
-        first = TelemetryReport(reports[0].session, (*reports[0].issues, *together), reports[0].arm)
+        reports = [inspect_alone(session, arm) for session in sessions]
+        amount = Amount()
+        for report in reports:
+            amount.take(report.session, report.arm)
+        first = TelemetryReport(reports[0].session, (*reports[0].issues, *amount.issues()), reports[0].arm)
         return (first, *reports[1:])
 
 
-def _require_same_joints(reports: Sequence[TelemetryReport]) -> None:
-    """Sessions that are used together must have the same joints.
-
-    Raises:
-        RecordingError: One has others.
-    """
-    first = reports[0].session
-    for report in reports[1:]:
-        if report.session.joints != first.joints:
-            raise RecordingError(
-                report.session.path or report.session.name,
-                f"has other joints of the robot than {first.name}: {', '.join(report.session.joints)}",
-                "give sessions that recorded the same joints",
-            )
-
-
-def _inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
+def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
     """All checks but those that ask for the amount of data."""
     issues = list(session.issues())
     if arm is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,12 +11,14 @@ import pytest
 
 from ident import opening
 from ident.arrays import Array
+from ident.diagnosis import command
 from ident.diagnosis.command import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.opening import inspect_in_parts, inspect_paths
 from ident.reading import load_parts, load_session
-from ident.recording import Session
+from ident.recording import Recording, Session, TelemetryIssue
+from ident.telemetry import TelemetryReport, in_parts
 from ident.writing import write_session
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
@@ -120,3 +123,113 @@ def test_diagnosis_in_parts_names_the_same(folder: Path) -> None:
     assert expected.session.common_clock
     names = [[(one.estimate.group.effect.id, one.joints) for one in each.findings] for each in (in_parts, whole)]
     assert names[0] == names[1] == [("spring_torque", ("joint_3",))]
+
+
+def written(session: Session, change: Callable[[int, Recording], Recording], folder: Path) -> Path:
+    """A folder of the session with some runs changed, by their number."""
+    write_session(session.replace(runs=[change(k, run) for k, run in enumerate(session.runs)]), folder)
+    return folder
+
+
+def flipped(run: Recording, joints: tuple[int, ...]) -> Recording:
+    """A run whose torque of some joints has the wrong sign."""
+    return run.replace(effort=np.where(np.isin(np.arange(3), joints), -1.0, 1.0) * run.effort)
+
+
+def resting(run: Recording, joints: tuple[int, ...] = (0, 1, 2)) -> Recording:
+    """A run in which some joints stand still but for noise; its torque stays that of the motion."""
+    still = np.isin(np.arange(3), joints)
+    return run.replace(position=np.where(still, 0.3 + 1e-5 * (run.position - run.position.mean(axis=0)), run.position))
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: Path) -> None:
+    """Law: a fault that forbids a fit is told in whatever part it shows, and each session's faults are its own."""
+    late = written(session, lambda k, run: flipped(run, (1,)) if k >= 2 else run, tmp_path / "late")
+    arm, reports = inspect_in_parts([late], None)
+    found = list(reports)
+    assert [[issue.issue for issue in report.fatal] for report in found[:3]] == [
+        [],
+        ["effort_sign_flipped"],
+        ["effort_sign_flipped"],
+    ]
+    assert diagnose_reports(found, arm, ())[0].verdict == "refused"
+
+
+def wrapping(_: int, run: Recording) -> Recording:
+    return run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None])
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path) -> None:
+    """Law: a fault of two sessions is told once for each of them, though both come in parts."""
+    folders = [written(session, wrapping, tmp_path / name) for name in ("one", "other")]
+    _, reports = inspect_in_parts(folders, None)
+    told = [[issue.issue for issue in report.issues].count("position_wraps") for report in reports if report.issues]
+    assert sum(told) == 2
+
+
+def test_a_graver_form_of_a_told_fault_is_told() -> None:
+    """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
+    check = in_parts._Check(load_arm())
+    mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
+    grave = replace(mild, severity="fatal")
+    assert [check._is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+@pytest.mark.parametrize("joints", [(0, 1, 2), (1,)])
+def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joints: tuple[int, ...]) -> None:
+    """Law: joints that stand still in every part are told as those of the whole session; all of them: not testable."""
+    folder = written(session, lambda _, run: resting(run, joints), tmp_path / "resting")
+    arm, reports = inspect_in_parts([folder], None)
+    found = list(reports)
+    _, (whole,) = inspect_paths([folder], None)
+    said = [issue for report in found for issue in report.find("insufficient_excitation")]
+    expected = whole.find("insufficient_excitation")
+    assert expected
+    assert [(one.joints, one.severity) for one in said] == [(one.joints, one.severity) for one in expected]
+    if len(joints) == 3:
+        verdict, _, _ = diagnose_reports(found, arm, ())
+        assert verdict.verdict == "not_testable"
+        assert verdict.session["runs"] == 6
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_parts_together_move_what_none_moves_alone(session: Session, tmp_path: Path) -> None:
+    """Law: a joint that stands elsewhere in each part has travelled; one part at rest forbids nothing."""
+    folder = written(session, lambda k, run: resting(run) if k in (2, 3) else run, tmp_path / "pausing")
+    _, reports = inspect_in_parts([folder], None)
+    assert not [issue for report in reports for issue in report.find("insufficient_excitation") if issue.joints]
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: Path) -> None:
+    """Law: a part without a run of 1 s gives no motion, as the run would have given none in the whole session."""
+    last = session.runs[5].replace(name="run_6", time=session.runs[5].time + 9.0).at(slice(0, 60))
+    write_session(session.replace(runs=[*session.runs, last]), tmp_path / "aborted")
+    _, reports = inspect_in_parts([tmp_path / "aborted"], None)
+    found = list(reports)
+    assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
+    motions = list(command._prepare_in_turn(found, command._Heard(), 25.0))
+    assert [motion.name for motion in motions] == [f"run_{k}" for k in range(6)]
+
+
+def test_short_runs_alone_are_refused(session: Session) -> None:
+    """Law: where no run of any session lasts 1 s the diagnosis says so, in one line."""
+    shorts = [run.at(slice(k, k + 60)) for run in session.runs for k in (0, 100)]
+    reports = [TelemetryReport(session.replace(runs=shorts), ())]
+    with pytest.raises(RecordingError, match="no run lasts 1 s"):
+        diagnose_reports(reports, load_arm(), ())
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_a_later_session_may_name_the_robot(session: Session, tmp_path: Path) -> None:
+    """Law: in parts as in whole, the first session.toml that names a robot names it, however late its turn comes."""
+    write_session(session.replace(robot=None), tmp_path / "first")
+    write_session(session, tmp_path / "second")
+    arm, reports = inspect_in_parts([tmp_path / "first", tmp_path / "second"], None)
+    assert not isinstance(reports, tuple)
+    assert arm.name == inspect_paths([tmp_path / "first", tmp_path / "second"], None)[0].name
+    with pytest.raises(RecordingError, match="no robot is named"):
+        inspect_in_parts([tmp_path / "first"], None)
