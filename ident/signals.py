@@ -83,6 +83,7 @@ class Motion:
         payload: Known body at the flange.
         temperature: Measured joint temperature [degC], or None.
         position_command: Commanded position [rad], or None.
+        continues: Whether it is the next piece of the recorded run that the motion before it is a piece of.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Motion:
     payload: Payload | None = None
     temperature: Float[Array, "T n"] | None = None
     position_command: Float[Array, "T n"] | None = None
+    continues: bool = False
 
     @property
     def n(self) -> int:

@@ -4,7 +4,7 @@ Numbers go to unnamed temporary files, which vanish with the process that made t
 run: what is asked for is read, what is let go is gone. A session that is short enough is held in memory as it is.
 
 Where a few samples say as much as all of them (typical sizes, a model to linearise about, maps, curves), one of every
-so many runs is asked: `HELD_SAMPLES` at most, evenly chosen. Sums of squares see every sample.
+so many runs is asked: about `HELD_SAMPLES` samples, from all over the session. Sums of squares see every sample.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from ident.signals import Motion
 HELD_SAMPLES = 200_000
 # A run of a spooled session that is longer than this is gone through in pieces that share its clock.
 PIECE_SAMPLES = 40_000
+# Of the choice of runs where a few are enough.
+CHOICE_SEED = 0
 CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command")
 
 T = TypeVar("T")
@@ -135,7 +137,27 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
 
 def few(motions: Sequence[Motion]) -> Sequence[Motion]:
     """Enough motions for typical sizes: all that are held in memory, or an even choice of spooled ones."""
-    return motions[:: motions.every] if isinstance(motions, SpooledMotions) else motions
+    if not isinstance(motions, SpooledMotions):
+        return motions
+    return tuple(motions[k] for k in choose_runs(len(motions), motions.every))
+
+
+def choose_runs(count: int, every: int) -> list[int]:
+    """One run out of each stretch of `every`, at a random but always the same place of it; all of them if that is 1.
+
+    Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places that shift by an
+    even step, may all be of the same few kinds; runs at random places are of all kinds in proportion.
+
+    Args:
+        count: Number of runs.
+        every: Length of a stretch; the last may be shorter.
+
+    Returns:
+        Indices of the chosen runs, ascending.
+    """
+    starts = np.arange(0, count, every)
+    places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))
+    return [int(k) for k in starts + places]
 
 
 def runs_recorded(motions: Sequence[Motion]) -> int:
@@ -153,7 +175,8 @@ def cut(motion: Motion, most: int) -> Iterator[Motion]:
     for k, (start, end) in enumerate(pairwise(edges), start=1):
         given = {name: values for name in CHANNELS if (values := getattr(motion, name)) is not None}
         pieces = {name: values[start:end] for name, values in given.items()}
-        yield replace(_with_channels(motion, pieces), name=f"{motion.name} ({k} of {count})")
+        name = f"{motion.name} ({k} of {count})"
+        yield replace(_with_channels(motion, pieces), name=name, continues=motion.continues or k > 1)
 
 
 def _with_channels(motion: Motion, values: dict[str, Array]) -> Motion:

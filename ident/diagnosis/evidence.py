@@ -91,29 +91,50 @@ class Evidence:
 
 
 def build_partition(session: SessionContext, folds: int = 10) -> Partition:
-    """Cuts runs into blocks of equal length; whole runs make a fold, pieces of a run where runs are few.
+    """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
 
     Very many runs share blocks, neighbours with neighbours, so that the sums stay few.
     """
-    motions = [(run.motion.filtered_length, run.motion.interval * run.motion.lowpass.factor) for run in session.runs]
-    lengths, steps = np.array([length for length, _ in motions]), np.array([step for _, step in motions])
+    motions = (run.motion for run in session.runs)
+    figures = [(each.filtered_length, each.interval * each.lowpass.factor, each.continues) for each in motions]
+    lengths, steps, continues = (np.array(values) for values in zip(*figures, strict=True))
+    recorded = np.cumsum(~continues) - 1
     if len(lengths) > MOST_LONE_RUNS:
-        block = np.arange(len(lengths)) * MOST_BLOCKS // len(lengths)
-        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, np.arange(MOST_BLOCKS) % folds)
+        block, run_of_block = _share_blocks(recorded)
+        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds))
     target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
     starts = tuple(
         np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
     )
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    total = int(counts.sum())
-    if len(lengths) >= 5:
-        # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
-        run_of_block = np.repeat(np.arange(len(lengths)), counts)
-        fold = run_of_block % min(folds, len(lengths))
-    else:
-        fold = np.arange(total) * min(folds, total) // max(total, 1)
-    return Partition(starts, first, fold)
+    return Partition(starts, np.cumsum(counts) - counts, _deal_folds(np.repeat(recorded, counts), folds))
+
+
+def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
+    """One block for several runs; no block holds pieces of two recorded runs unless it holds whole ones.
+
+    Args:
+        recorded: Number of the recorded run that each run is, or is a piece of.
+
+    Returns:
+        Block of each run; the recorded run of each block, blocks of several recorded runs counted as one.
+    """
+    pieces = np.bincount(recorded)
+    if len(pieces) > MOST_LONE_RUNS:
+        return recorded * MOST_BLOCKS // len(pieces), np.arange(MOST_BLOCKS)
+    counts = np.maximum(1, np.round(pieces * MOST_BLOCKS / len(recorded)).astype(int))
+    within = np.arange(len(recorded)) - (np.cumsum(pieces) - pieces)[recorded]
+    block = (np.cumsum(counts) - counts)[recorded] + within * counts[recorded] // pieces[recorded]
+    return block, np.repeat(np.arange(len(pieces)), counts)
+
+
+def _deal_folds(run_of_block: Int[Array, " B"], folds: int) -> Int[Array, " B"]:
+    """Fold of each block: that of its recorded run, or, where runs are few, that of its neighbours in time."""
+    runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
+    if runs < 5:
+        return np.arange(total) * min(folds, total) // total
+    # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
+    return np.asarray(run_of_block % min(folds, runs))
 
 
 def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: Whitening | None = None) -> Evidence:

@@ -15,6 +15,7 @@ from ident.diagnosis.layout import Group, Layout
 from ident.diagnosis.projection import Projection
 from ident.diagnosis.rows import compute_tables
 from ident.effects.base import RunContext, SessionContext
+from ident.spooling import choose_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ def compute_residuals(
     by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
     partition = build_partition(session)
     series: list[RunResidual] = []
-    some = range(0, len(session.runs), session.every)
+    some = choose_runs(len(session.runs), session.every)
     for i, _, tables in compute_tables(session, baseline, layout, groups, some):
         # Not the chunk's own context, which holds all that the effects cached with it.
         run, folds = session.survey.runs[len(series)], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]

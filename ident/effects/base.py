@@ -17,6 +17,7 @@ import numpy as np
 from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.signals import Motion
+from ident.spooling import choose_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,10 @@ class SessionContext:
     @cached_property
     def survey(self) -> SessionContext:
         """The session itself, or an even choice of its runs, held in memory, where there are very many."""
-        return self if self.every == 1 else replace(self, runs=tuple(self.runs[:: self.every]), every=1)
+        if self.every == 1:
+            return self
+        chosen = choose_runs(len(self.runs), self.every)
+        return replace(self, runs=tuple(self.runs[k] for k in chosen), every=1)
 
 
 @dataclass(frozen=True)

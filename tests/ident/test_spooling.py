@@ -11,7 +11,7 @@ import pytest
 from ident import spooling
 from ident.errors import InputError
 from ident.signals import Motion
-from ident.spooling import CHANNELS, SpooledArrays, SpooledMotions, cut, few, hold, runs_recorded
+from ident.spooling import CHANNELS, SpooledArrays, SpooledMotions, choose_runs, cut, few, hold, runs_recorded
 from tests.ident.diagnosis.planted import load_arm
 from tests.ident.made_up import made_motions
 
@@ -60,7 +60,8 @@ def test_short_sessions_stay_in_memory(motions: tuple[Motion, ...], monkeypatch:
     spooled = hold(motions)
     assert isinstance(spooled, SpooledMotions)
     assert [one.name for one in spooled] == [one.name for one in motions]
-    assert [one.name for one in few(spooled)] == [one.name for one in motions[::3]]
+    assert [one.name for one in few(spooled)] == [motions[k].name for k in choose_runs(6, 3)]
+    assert few(motions) is motions
 
 
 def test_no_more_than_the_limit_is_held_while_spooling(
@@ -90,10 +91,32 @@ def test_pieces_of_a_long_run_make_it_up(motions: tuple[Motion, ...], monkeypatc
     for name in ("time", "tau", "temperature"):
         assert np.array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(motion, name))
     assert len({piece.name for piece in pieces}) == 3
+    assert [piece.continues for piece in pieces] == [False, True, True]
     monkeypatch.setattr(spooling, "PIECE_SAMPLES", 120)
     spooled = SpooledMotions(motions)
     assert (len(spooled), runs_recorded(spooled)) == (18, 6)
+    assert sum(not piece.continues for piece in spooled) == 6
     assert runs_recorded(motions) == 6
+
+
+@pytest.mark.parametrize("every", [1, 2, 7, 54])
+def test_one_run_of_each_stretch_is_chosen(every: int) -> None:
+    """Law: one run of each stretch, the last of which may be short, in order and always the same one."""
+    chosen = choose_runs(500, every)
+    assert [k // every for k in chosen] == list(range(-(-500 // every)))
+    assert chosen[-1] < 500
+    assert chosen == choose_runs(500, every)
+
+
+@pytest.mark.parametrize("every", [2, 3, 4, 8, 9, 27, 54])
+@pytest.mark.parametrize("kinds", [2, 3, 5, 8, 11])
+def test_all_kinds_of_motion_are_chosen(every: int, kinds: int) -> None:
+    """Law: of a recording that goes through its kinds of motion in turn, every kind is among the chosen runs, and none
+    has more than 2.5 times its part; whether the turn takes as many runs as a stretch, or any other number.
+    """
+    met = np.bincount(np.array(choose_runs(100 * every, every)) % kinds, minlength=kinds)
+    assert met.min() > 0
+    assert met.max() < 2.5 * 100 / kinds
 
 
 def test_full_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

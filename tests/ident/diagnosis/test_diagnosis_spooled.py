@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.evidence import build_partition, gather
 from ident.diagnosis.layout import build_layout
 from ident.diagnosis.runs import build_session, leftover_torque
+from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.signals import Motion
-from ident.spooling import SpooledMotions
+from ident.spooling import SpooledMotions, choose_runs
 from tests.ident.diagnosis.planted import record, stribeck_on_1
 
 
@@ -53,7 +55,8 @@ def test_a_choice_of_runs_is_enough_for_sizes(short_arm: ArmModel, motions: list
     Bound: held-out errors agree within 1 %.
     """
     spooled = diagnose(SpooledMotions(motions, most=2 * len(motions[0].time)), short_arm, CATALOGUE, common_clock=False)
-    assert [item.index for item in spooled.series] == [0, 3]
+    assert [item.index for item in spooled.series] == choose_runs(6, 3)
+    assert [item.run.motion.name for item in spooled.series] == [motions[k].name for k in choose_runs(6, 3)]
     assert names(spooled) == names(held)
     assert np.array_equal(spooled.evidence.weights, held.evidence.weights)
     for name, gap in spooled.diagnosis.gap.items():
@@ -84,6 +87,45 @@ def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch
     gather(session, baseline, layout)
     assert len(spooled) == 12
     assert most <= len(session.survey.runs) + 2
+
+
+def in_pieces(session: SessionContext, pieces: list[int]) -> SessionContext:
+    """The first runs of a session, each as if cut into so many pieces; their length is that of the whole."""
+    runs = [
+        replace(run, motion=replace(run.motion, continues=k > 0))
+        for run, count in zip(session.runs, pieces, strict=False)
+        for k in range(count)
+    ]
+    return replace(session, runs=tuple(runs))
+
+
+def folds_of_pieces(session: SessionContext) -> list[set[int]]:
+    """The folds that each run's, or piece's, blocks lie in."""
+    partition = build_partition(session)
+    lengths = [run.motion.filtered_length for run in session.runs]
+    return [{int(f) for f in partition.folds[partition.blocks_of(k, length)]} for k, length in enumerate(lengths)]
+
+
+@pytest.mark.parametrize("lone", [256, 10, 5])
+def test_pieces_of_a_run_share_its_fold(held: Analysis, monkeypatch: pytest.MonkeyPatch, lone: int) -> None:
+    """Law: what one recorded run was cut into is held out together, whether pieces have blocks of their own or share
+    them, and whether recorded runs do; otherwise what the next piece shows would be known from its neighbour.
+    """
+    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", lone)
+    if lone < 256:
+        monkeypatch.setattr(evidence_module, "MOST_BLOCKS", lone - 2)
+    pieces = [4, 1, 3, 5, 2, 1]
+    folds = folds_of_pieces(in_pieces(held.session, pieces))
+    of_run = [set.union(*folds[end - count : end]) for count, end in zip(pieces, np.cumsum(pieces), strict=True)]
+    assert all(len(each) == 1 for each in of_run)
+    assert len(set.union(*of_run)) >= 3
+
+
+def test_a_long_run_alone_is_held_out_in_stretches(held: Analysis) -> None:
+    """Law: of fewer than five recorded runs, folds are stretches of time, however many pieces these lie in."""
+    folds = folds_of_pieces(in_pieces(held.session, [6, 6]))
+    assert set.union(*folds) == set(range(10))
+    assert [min(each) for each in folds] == sorted(min(each) for each in folds)
 
 
 def test_very_many_runs_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
