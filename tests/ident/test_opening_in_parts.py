@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ident.errors import RecordingError
 from ident.opening import inspect_in_parts, inspect_paths
 from ident.reading import load_parts, load_session
 from ident.recording import Recording, Session, TelemetryIssue
-from ident.telemetry import TelemetryReport, in_parts
+from ident.telemetry import TelemetryReport, in_parts, inspect_parts
 from ident.writing import write_session
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
@@ -84,6 +85,25 @@ def test_parts_share_joints_and_clock(session: Session, tmp_path: Path) -> None:
     next(parts_of_both)
     with pytest.raises(RecordingError, match="has other joints than run_1"):
         next(parts_of_both)
+
+
+def test_parts_are_let_go(session: Session) -> None:
+    """Law: when a part is read, the check holds none of the parts before it, nor what it made of them."""
+    alive: weakref.WeakSet[Session] = weakref.WeakSet()
+    left: list[int] = []
+
+    def coming() -> Iterator[Session]:
+        for k in range(3):
+            left.append(len(alive))
+            part = session.replace(runs=[run.replace() for run in session.runs[2 * k : 2 * k + 2]])
+            alive.add(part)
+            yield part
+            del part
+
+    for report in inspect_parts(coming(), load_arm()):
+        alive.add(report.session)
+        del report
+    assert left == [0, 0, 0]
 
 
 def test_short_sessions_come_whole(folder: Path) -> None:
