@@ -11,7 +11,7 @@ from rich.console import Console
 from ident.diagnosis.axes import Axis, session_axes
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
 from ident.diagnosis.where import SIGNIFICANT
-from ident.report.diagnosis_verdict import describe_unnamed
+from ident.report.diagnosis_verdict import describe_unnamed, is_small
 from ident.report.words import axis_name, interval_words
 from ident.timeline import Curve, Mark
 
@@ -23,6 +23,7 @@ VERDICTS = {
     "not_testable": "these recordings can't tell",
     "refused": "the recordings are unfit; nothing was fitted",
 }
+SMALL_GAP = "there is a small gap: more than chance, and too little for a name"
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
 # Mean square of a stretch that is marked, in units of the noise's.
@@ -37,10 +38,12 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     for issue in diagnosis.telemetry:
         if issue.severity != "note":
             console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
-    console.print(f"[bold]{diagnosis.verdict}[/]: {VERDICTS[diagnosis.verdict]}")
+    record = diagnosis.to_dict()
+    words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
+    console.print(f"[bold]{diagnosis.verdict}[/]: {words}")
     for finding in diagnosis.findings:
         console.print(describe(finding), soft_wrap=True, highlight=False)
-    if unnamed := describe_unnamed(diagnosis.to_dict()):
+    if unnamed := describe_unnamed(record):
         console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""

@@ -12,19 +12,19 @@ from ident.arm import ArmModel
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
-from ident.diagnosis.evidence import Evidence, Whitening, gather
+from ident.diagnosis.evidence import Evidence, gather
 from ident.diagnosis.heldout import HeldOut, HeldOutScore
 from ident.diagnosis.how_far import Reach, measure_reach, run_energy
-from ident.diagnosis.inference import Estimate, estimate_effects
+from ident.diagnosis.inference import Estimate, estimate_effects, inflation
 from ident.diagnosis.layout import build_layout
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
-from ident.diagnosis.refine import refine
+from ident.diagnosis.refine import Refined, refine
 from ident.diagnosis.residuals import RunResidual, compute_residuals
 from ident.diagnosis.runs import build_session, leftover_torque
 from ident.diagnosis.search import Named, Search, SearchResults
 from ident.diagnosis.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.tuned import tuned_record
+from ident.diagnosis.tuned import tuned_beside, tuned_record
 from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
 from ident.recording import TelemetryIssue
@@ -174,7 +174,7 @@ def diagnose(
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
     search = Search(evidence, prior, HeldOut(evidence, prior), seed)
-    found, estimates = _sure(search, session, baseline)
+    found, estimates, fine = _sure(search, session, baseline)
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
@@ -184,11 +184,11 @@ def diagnose(
         measure_ceiling(series, j) if _stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
-    left, noise = _unexplained(found, ceilings, evidence.whitening)
+    left, noise = _unexplained(found, ceilings, evidence)
     floors = _floors(evidence, ceilings, found.ladder[-1])
     judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors)
-    tolerance = measure_tolerance(evidence, prior, after)
+    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after))
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     rng = np.random.default_rng(seed)
     places = map_gap(series, arm.joint_names, evidence.whitening, rng)
@@ -214,7 +214,7 @@ def diagnose(
             "nearest": _nearest(found, arm.joint_names),
             "maps": maps_record(places),
             "maps_fixed": maps_record(map_gap(series, arm.joint_names, evidence.whitening, rng, "fixed")),
-            "baseline": tuned_record(baseline, evidence, after),
+            "baseline": _beside(baseline, fine, estimates) if fine else tuned_record(baseline, evidence, after),
             "baseline_alone": tuned_record(baseline, evidence, before),
             "baseline_urdf": tuned_record(baseline, evidence, fixed),
         },
@@ -222,17 +222,28 @@ def diagnose(
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
-def _sure(search: Search, session: SessionContext, baseline: Baseline) -> tuple[SearchResults, list[Estimate]]:
-    """The effects that the search named, without those that a rival beats by far."""
+def _sure(
+    search: Search, session: SessionContext, baseline: Baseline
+) -> tuple[SearchResults, list[Estimate], Refined | None]:
+    """The effects that the search named, without those that a rival beats by far; and their finer grids, if any."""
     found = search.run()
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
-        estimates = estimate_effects(search, refine(search, session, baseline, groups), session, found.named)
+        fine = refine(search, session, baseline, groups)
+        estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
         if len(kept) == len(groups):
-            return found, estimates
+            return found, estimates, fine
         found = search.only(found, kept)
-    return found, []
+    return found, [], None
+
+
+def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
+    """The tuned baseline that goes with the figures that are told."""
+    evidence = fine.search.evidence
+    alone = project(evidence.gram(), evidence, fine.search.prior)
+    told, coefficients = [e.told for e in estimates], [e.coefficients for e in estimates]
+    return tuned_beside(baseline, evidence, alone, told, coefficients)
 
 
 def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
@@ -247,14 +258,15 @@ def _stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
 
 
 def _unexplained(
-    found: SearchResults, ceilings: Sequence[Ceiling], whitening: Whitening
+    found: SearchResults, ceilings: Sequence[Ceiling], evidence: Evidence
 ) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
     """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
+    whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
-    usual = float(np.median(colour))
+    usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
     much = found.ladder[-1].rms ** 2 > MUCH_LEFT * whitening.level**2
-    left = np.array(learnt) | (colour > STANDS_OUT * usual) | much
+    left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
     return left, np.minimum(whitening.level, usual * whitening.innovation)
 
 
@@ -277,14 +289,15 @@ def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array,
 
 
 def _nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
-    """The candidate that came nearest to a name, where chance alone doesn't explain it."""
+    """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
     if found.named or found.hint is None:
         return None
     item = found.hint
-    acts = [item.group.joint] if item.group.effect.rows == "own" else _shown(item.before.rms, item.after.rms)
+    own = item.group.effect.rows == "own"
+    most = item.group.joint if own else int(np.argmax(1.0 - item.after.rms / np.maximum(item.before.rms, 1e-12)))
     return {
         "effect": item.group.effect.id,
-        "joints": [joints[j] for j in acts],
+        "joints": [joints[most]],
         "p_value": item.gates.p_value,
         "log_evidence": item.gates.evidence,
         "rms_fall": item.gates.rms_fall,

@@ -10,9 +10,9 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.evidence import Evidence
 from ident.diagnosis.layout import Group
-from ident.diagnosis.projection import Projection, project
+from ident.diagnosis.projection import Prior, Projection, project
 from ident.diagnosis.refine import Refined
-from ident.diagnosis.search import Key, Named, Search
+from ident.diagnosis.search import FIXED_FACTOR, Key, Named, Search
 from ident.effects.base import Interval, SessionContext
 
 # Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
@@ -22,6 +22,8 @@ INTERVAL_FALL = 1.92
 LAW_SHARE, LAW_ANGLE = 0.15, 0.4
 # A gear has more than one time constant.
 LOOSE_FIGURES = {"time_constant_s": 0.35}
+# Figures of place have no size of their own: they are off by so much [rad].
+PLACES = {"phase_rad": LAW_ANGLE, "rest_rad": 0.15}
 EXACT_FIGURES = frozenset({"order", "link", "other_joint", "start_s", "end_s"})
 # Names that are less than this many times less probable than the holder can't be told from it.
 CLASS_ODDS = 10.0
@@ -42,12 +44,16 @@ class Estimate:
         parameters: Physical figures with 95 % intervals.
         probability: That this effect, and none of its rivals, is the cause.
         rivals: Ids of the effects that the recordings can't tell from it, itself first.
+        told: The effect at the point of the finer grid that the figures are those of.
+        coefficients: Its coefficients there.
     """
 
     group: Group
     parameters: dict[str, Interval]
     probability: float
     rivals: tuple[str, ...]
+    told: Group
+    coefficients: Float[Array, " k"]
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
@@ -72,7 +78,7 @@ def inflation(evidence: Evidence, projection: Projection) -> float:
 
     Median over the tuned coefficients of sandwich to model variance.
     """
-    tuned = slice(projection.inside.size - 1) if projection.inside.size else slice(0)
+    tuned = slice(evidence.layout.tuned)
     model = np.diag(projection.spread)[tuned]
     robust = np.diag(robust_covariance(evidence, projection))[tuned]
     return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
@@ -92,26 +98,33 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
     gram = search.evidence.gram()
     spare = inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
     estimates = []
-    for slot, group in enumerate(groups):
+    for slot, (group, told) in enumerate(zip(groups, fine.groups, strict=True)):
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
         probability, rivals = weigh_rivals(search, projection, group, others, spare)
-        estimates.append(Estimate(group, figures[slot], probability, rivals))
+        parameters, coefficients = figures[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients))
     return estimates
 
 
-def _figures(fine: Refined, session: SessionContext, absorbed: Sequence[bool]) -> list[dict[str, Interval]]:
-    """Physical figures of every effect with their intervals.
+def _figures(
+    fine: Refined, session: SessionContext, absorbed: Sequence[bool]
+) -> list[tuple[dict[str, Interval], Float[Array, " k"]]]:
+    """Physical figures of every effect with their intervals, and its coefficients.
 
-    What tuning absorbs is told against the URDF held fast, as it was judged; how uncertain that is follows from the
-    tuned model, which knows the URDF's tolerance.
+    What tuning absorbs is told against the URDF held fast, as it was judged. What the URDF's own tolerance then does to
+    the figures counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the prior that
+    holds them fast, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
     priors = fine.search.prior, fine.search.fixed.prior
     views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     full, held_fast = (project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors)
-    covariance = robust_covariance(evidence, full)
+    covariances = (
+        robust_covariance(evidence, full),
+        robust_covariance(evidence, held_fast) + _of_tolerance(fine.search.prior, held_fast),
+    )
     spare = inflation(evidence, full)
     at = evidence.layout.tuned
     found = []
@@ -121,12 +134,21 @@ def _figures(fine: Refined, session: SessionContext, absorbed: Sequence[bool]) -
         scale = evidence.scale[group.columns]
         beta, cells = np.zeros(len(scale)), np.zeros((len(scale), len(scale)))
         beta[kept] = (held_fast if absorbed[slot] else full).estimate[part] / scale[kept]
-        cells[np.ix_(kept, kept)] = covariance[part, part] / np.outer(scale[kept], scale[kept])
+        signed = [k for k in group.effect.nonnegative if k < len(beta)]
+        beta[signed] = np.maximum(beta[signed], 0.0)
+        cells[np.ix_(kept, kept)] = covariances[absorbed[slot]][part, part] / np.outer(scale[kept], scale[kept])
         parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
-        found.append({name: widened(name, value) for name, value in parameters.items()})
+        found.append(({name: widened(name, value) for name, value in parameters.items()}, beta))
     return found
+
+
+def _of_tolerance(prior: Prior, held_fast: Projection) -> Float[Array, "z z"]:
+    """Covariance of coefficients that were solved with the URDF held fast, from the URDF's tolerance."""
+    rank = len(prior.base)
+    reach = held_fast.spread[:, :rank]
+    return FIXED_FACTOR**4 * reach @ prior.base @ reach.T
 
 
 def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
@@ -147,8 +169,7 @@ def widened(name: str, interval: Interval) -> Interval:
     """An interval that also holds what an arm's own law of an effect may differ from the catalogue's."""
     if name in EXACT_FIGURES or not np.isfinite(interval.value):
         return interval
-    share = LOOSE_FIGURES.get(name, LAW_SHARE)
-    doubt = LAW_ANGLE if name == "phase_rad" else share * abs(interval.value)
+    doubt = PLACES.get(name, LOOSE_FIGURES.get(name, LAW_SHARE) * abs(interval.value))
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
     return Interval(interval.value, interval.value - low, interval.value + high)
 
@@ -198,7 +219,7 @@ def weigh_rivals(
     # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
     allowed = search.significant_keys(projection, near_it) | {group.key}
     ahead = [rival for score, rival in best.values() if score > best[group.key][0] and rival.key in allowed]
-    allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(others, rival)}
+    allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(projection, others, rival)}
     scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
     own = scores[group.key]
     best_of_effect: dict[str, float] = {}

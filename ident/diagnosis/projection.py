@@ -87,7 +87,7 @@ class Projection:
         if seen.any():
             at = columns[seen]
             matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
-            beta[seen] = _solve_signed(matrix, self.rest[at, -1], signed[seen])
+            beta[seen] = solve_signed(matrix, self.rest[at, -1], signed[seen])
         return beta
 
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
@@ -96,7 +96,7 @@ class Projection:
         return float(max(fall, 0.0)), beta
 
 
-def _solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
+def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
     """Least squares from normal equations; unknowns marked `signed` are not negative."""
     if not signed.any():
         return np.linalg.solve(matrix, target)

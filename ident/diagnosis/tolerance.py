@@ -5,6 +5,9 @@ numbers lie where no arm of this drawing lies. With δ the change of the base pa
 covariance Σ, an arm within tolerance has δ̂ ~ N(0, Λ⁻¹ − Σ). Along the eigenvectors of I − Lᵀ Σ L (Λ = L Lᵀ) that gives
 independent standard normal figures, of which the largest is asked.
 
+Recordings hold more misfit than the noise model knows. Where it is k times as much, a direction of which the recordings
+tell the share w varies by w (w + k (1 − w)) instead of w.
+
 Source: Box 1980 (prior predictive check), in the coordinates of the tuned baseline.
 """
 
@@ -48,14 +51,22 @@ class Tolerance:
         return self.p_value < MOST_LIKELY
 
 
-def measure_tolerance(evidence: Evidence, prior: Prior, projection: Projection) -> Tolerance:
-    """How far a solved model's inertias lie from the URDF's, against what its tolerance and the data allow."""
+def measure_tolerance(evidence: Evidence, prior: Prior, projection: Projection, spare: float = 1.0) -> Tolerance:
+    """How far a solved model's inertias lie from the URDF's, against what its tolerance and the data allow.
+
+    Args:
+        evidence: Sums of the session.
+        prior: The URDF's tolerance.
+        projection: The model, solved with it.
+        spare: How many times the modelled variance the misfit has.
+    """
     rank = evidence.layout.rank
     root = np.linalg.cholesky(prior.base)
     share, vectors = np.linalg.eigh(np.eye(rank) - root.T @ projection.spread[:rank, :rank] @ root)
     told = share > LEAST_TOLD
     along = vectors.T @ (root.T @ projection.estimate[:rank])
-    distance = np.where(told, np.abs(along) / np.sqrt(np.maximum(share, LEAST_TOLD)), 0.0)
+    seen = np.maximum(share, LEAST_TOLD)
+    distance = np.where(told, np.abs(along) / np.sqrt(seen * (seen + spare * (1.0 - seen))), 0.0)
     change = solve_triangular(root.T, vectors @ np.where(distance > FAR, along, 0.0), lower=False)
     squares = [change @ sums.sum(axis=0)[:rank, :rank] @ change for sums in evidence.plain]
     torque = np.sqrt(np.maximum(squares, 0.0) / np.maximum(evidence.weights.sum(axis=0), 1.0))

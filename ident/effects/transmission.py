@@ -245,9 +245,6 @@ def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, flo
     cubic = np.polynomial.Polynomial(coefficients[[1, 0, 2, 3]])
     slope = cubic.deriv()
     roots = [float(root.real) for root in cubic.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
-    if roots:
-        rest = min(roots, key=abs)
-    else:
-        grid = np.linspace(-reach, reach, 201)
-        rest = float(grid[np.argmin(np.abs(cubic(grid)))])
+    turns = [float(root.real) for root in slope.roots() if abs(root.imag) < 1e-9 and abs(root.real) < reach]
+    rest = min(roots, key=abs) if roots else min([*turns, -reach, reach], key=lambda x: abs(cubic(x)))
     return rest, float(slope(rest))

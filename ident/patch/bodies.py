@@ -2,7 +2,7 @@
 
 A simulator integrates what identification only solves for: a link whose inertia no body has makes motion unstable or is
 refused. Tuning says only which combinations of inertial numbers act on the torques, so that among all links of the same
-torques those nearest to the URDF's that are bodies can be taken. A named error is written as far as it leaves a body.
+torques those nearest to the URDF's that are bodies can be taken. The same holds for a named error.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from ident.inertia import base_parameters, parameter_scale
 from ident.patch.change import Change, Diagnosed
 from ident.patch.standalone.chain import link_change
 
-# Shares of a change that are tried.
-SHARES = np.linspace(1.0, 0.0, 21)
 # How much more the torques count than the numbers behind them, when bodies are sought.
 TORQUE_WEIGHT = 1e6
 # Least eigenvalue of a sought body's pseudo-inertia, as a share of its mass [m²].
@@ -36,13 +34,11 @@ class Links:
     Attributes:
         tuned: By tuning, shape (n, 10).
         named: By named link errors, shape (n, 10).
-        shares: Share of each link's named error that could be written, shape (n,).
-        missed: Share of the tuned torque's size that no bodies give, 0 where tuning could be written whole.
+        missed: Share of the changes' torque that no bodies give, 0 where they could be written whole.
     """
 
     tuned: Float[Array, "n 10"]
     named: Float[Array, "n 10"]
-    shares: Float[Array, " n"]
     missed: float
 
     @property
@@ -69,15 +65,10 @@ def is_body(link: Float[Array, " 10"]) -> bool:
     return bool(link[0] > 0.0 and np.linalg.eigvalsh(pseudo_inertia(link))[0] >= LEAST_EIGENVALUE)
 
 
-def largest_share(link: Float[Array, " 10"], change: Float[Array, " 10"]) -> float:
-    """The largest share of a change that leaves a body; all of it where the link was none before."""
-    if not is_body(link):
-        return 1.0
-    return float(next(share for share in SHARES if is_body(link + share * change)))
-
-
 def change_links(arm: ArmModel, tuning: Float[Array, "n 10"], changes: Sequence[Change]) -> Links:
     """What becomes of the links.
+
+    A named error is told as a change of one link. Where that alone leaves no body, the links together give its torque.
 
     Args:
         arm: The arm as its URDF describes it.
@@ -86,14 +77,14 @@ def change_links(arm: ArmModel, tuning: Float[Array, "n 10"], changes: Sequence[
     """
     nominal = arm.inertial_parameters.reshape(arm.n, 10)
     tuned, missed = nearest_bodies(arm, tuning)
-    named, shares = np.zeros((arm.n, 10)), np.ones(arm.n)
+    named = np.zeros((arm.n, 10))
     for change in changes:
         if change.effect == "link_inertial_error":
-            j = change.joint
-            wanted = link_change(nominal[j] + tuned[j], change.values)
-            shares[j] = largest_share(nominal[j] + tuned[j] + named[j], wanted)
-            named[j] += shares[j] * wanted
-    return Links(freeze(tuned), freeze(named), freeze(shares), missed)
+            named[change.joint] += link_change(nominal[change.joint] + tuned[change.joint], change.values)
+    if named.any():
+        whole, missed = nearest_bodies(arm, tuning + named)
+        named = whole - tuned
+    return Links(freeze(tuned), freeze(named), missed)
 
 
 def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[Array, "n 10"], float]:

@@ -163,10 +163,7 @@ def _told(arm: ArmModel, diagnosed: Diagnosed, links: Links) -> list[str]:
             "neither file has words: robot.xml sticks and slips at once, robot.urdf leaves it to the simulator"
         )
     if links.missed > LEAST_MISSED:
-        lines.append(f"{links.missed:.1%} of the tuned inertias' torque is left out: no real bodies have it")
-    for name, share in zip(arm.links, links.shares, strict=True):
-        if share < 1.0:
-            lines.append(f"{name}: {share:.0%} of its named error is written: more would leave no body")
+        lines.append(f"{links.missed:.1%} of the changed inertias' torque is left out: no real bodies have it")
     for name, position in arm.locked_joints.items():
         lines.append(f"robot.xml: {name} is fixed at {position:g}, as it was not in the recordings or is a finger")
     for form in ("urdf", "mjcf"):

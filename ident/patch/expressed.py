@@ -83,7 +83,9 @@ MJCF: dict[str, Expression] = {
 }
 # Figures of a spring that is no straight one.
 BENT = ("square_Nm_rad2", "cube_Nm_rad3", "cosine_Nm", "sine_Nm")
-# What the reported figures leave open; the law that is written takes the simplest.
+# A reading that loses all but this share of what lies above its knee is flat there.
+FLAT = 0.05
+# What the reported figures leave open, and what is written then.
 OPEN = {
     "thermal_friction": "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)",
     "joint_coupling": "whether the joints' sum or difference rubs is read from the sign of the viscous part",
@@ -101,7 +103,7 @@ def express(change: Change, form: str) -> Expression:
         return _yes("second coefficient of damping")
     if form == "mjcf" and effect == "spring_torque" and any(change.values[name] for name in BENT):
         return _no("a joint's spring is written as linear, this one is bent; add the module's torque")
-    if form == "mjcf" and effect == "torque_saturation" and change.values["lost"] != 1.0:
+    if form == "mjcf" and effect == "torque_saturation" and abs(change.values["lost"] - 1.0) > FLAT:
         return _near("cutoff of the motor's force sensor: flat from the limit on, without the bend before it")
     if effect not in KNOWN:
         return _EVENT if effect in OPEN else _no("an effect outside the catalogue, whose law is known to its file only")

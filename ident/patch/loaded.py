@@ -1,6 +1,6 @@
 """A patched file as its simulator reads it back: predicted torque log, and motion under a logged torque.
 
-Both readers answer the same two questions, so that a file is judged by what is in it and not by what was meant.
+Both readers answer the same questions, so that a file is judged by what is in it and not by what was meant.
 """
 
 from __future__ import annotations

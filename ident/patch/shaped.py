@@ -15,7 +15,7 @@ from ident.effects.transmission import PERIODIC
 
 Figures = dict[str, float]
 Coefficients = tuple[float, ...]
-NONE = (0.0,) * 6
+PADDING = (0.0,) * 6
 
 
 def shape_figures(effect: str, reported: Figures, law: Mapping[str, Any] | None) -> Figures:
@@ -82,13 +82,24 @@ def _spring(reported: Figures, coefficients: Coefficients, shape: Mapping[str, f
         values = (0.0, 0.0, 0.0, 0.0, 0.5 * coefficients[0], 0.5 * coefficients[1])
     else:
         values = coefficients
-    return {"centre_rad": centre, **dict(zip(names, (*values, *NONE), strict=False))}
+    return {"centre_rad": centre, **dict(zip(names, (*values, *PADDING), strict=False))}
+
+
+def _curve(name: str) -> Callable[[Figures, Coefficients, Mapping[str, float]], Figures]:
+    """A curve over speed at the point of the grid that its coefficient was found at."""
+
+    def figures(reported: Figures, coefficients: Coefficients, shape: Mapping[str, float]) -> Figures:
+        return {name: coefficients[0], **shape} if coefficients else {}
+
+    return figures
 
 
 _SHAPES: dict[str, Callable[[Figures, Coefficients, Mapping[str, float]], Figures]] = {
     "load_dependent_friction": _load,
+    "nonlinear_viscous_friction": _curve("coefficient"),
     "presliding_hysteresis": _hysteresis,
     "spring_torque": _spring,
+    "stribeck_friction": _curve("amplitude_Nm"),
     "torque_ripple": _ripple,
     "torque_saturation": _saturation,
 }

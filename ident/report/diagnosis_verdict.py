@@ -11,6 +11,9 @@ from ident.report.page import Section
 from ident.report.source import DiagnosisInput
 from ident.report.words import effect_name, join_words
 
+# Error over noise from which on a gap is no small one.
+LOUD = 1.15
+
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisVerdictSection(Section):
@@ -38,7 +41,7 @@ class DiagnosisVerdictSection(Section):
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
     """The verdict as a sentence."""
-    if record["verdict"] == "none_of_catalogue" and record.get("nearest"):
+    if is_small(record):
         return "There is a small gap: more than chance, and too little for a name."
     named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
     more = len(record.get("findings", [])) - 3
@@ -51,6 +54,16 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
         "refused": "Refused: the recordings are unfit for a diagnosis.",
     }.get(record["verdict"], record["verdict"].replace("_", " "))
+
+
+def is_small(record: Mapping[str, Any]) -> bool:
+    """Whether the only thing that speaks for a gap is a candidate that came near to a name."""
+    gaps = record.get("gap", {}).values()
+    loud = any(
+        gap.get("unexplained") or gap.get("tuned_away_Nm") or gap["rms_Nm"] > LOUD * gap["noise_floor_Nm"]
+        for gap in gaps
+    )
+    return record["verdict"] == "none_of_catalogue" and bool(record.get("nearest")) and not loud
 
 
 def describe_findings(record: Mapping[str, Any]) -> str:
@@ -85,8 +98,8 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
     if nearest:
         parts.append(
             f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
-            f"chance (p = {nearest['p_value']:.3f}), but it lowers the error on unseen runs by "
-            f"{percent(nearest['rms_fall'])} only."
+            f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen runs by "
+            f"{percent(nearest['rms_fall'])}."
         )
     return " ".join(parts)
 

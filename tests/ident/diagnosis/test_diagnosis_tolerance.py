@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 from ident.arm import ArmModel
 from ident.arrays import Array
@@ -58,4 +61,26 @@ def test_a_load_with_a_name_leaves_nothing_to_tune(short_arm: ArmModel) -> None:
     assert [f.estimate.group.effect.id for f in analysis.diagnosis.findings] == ["payload"]
     assert not tolerance_of(analysis).exceeded
     mass = analysis.diagnosis.findings[0].estimate.parameters["mass_kg"]
+    assert mass.value == pytest.approx(MASS, rel=0.03)
     assert mass.low <= MASS <= mass.high
+
+
+@pytest.mark.parametrize("spare", [1.0, 3.0])
+def test_arms_within_tolerance_are_told_so(spare: float) -> None:
+    """Law: of arms whose inertias err as the prior says, no more than 5 % lie beyond the 5 % point, also where the
+    misfit has three times the variance that the noise model knows.
+    """
+    rng = np.random.default_rng(8)
+    rank = 6
+    root = rng.normal(size=(rank, rank)) + 2.0 * np.eye(rank)
+    prior = Prior(root @ root.T)
+    data = np.diag([1e4, 300.0, 30.0, 5.0, 1.0, 1e-4])
+    spread = np.linalg.inv(data + prior.base)
+    evidence = SimpleNamespace(layout=SimpleNamespace(rank=rank), plain=(data[None],), weights=np.ones((1, 1)))
+    alarms = 0
+    for _ in range(400):
+        change = np.linalg.solve(root.T, rng.normal(size=rank))
+        noise = np.sqrt(spare * np.diag(data)) * rng.normal(size=rank)
+        model = SimpleNamespace(estimate=spread @ (data @ change + noise), spread=spread)
+        alarms += measure_tolerance(evidence, prior, model, spare).p_value < 0.05  # type: ignore[arg-type]
+    assert alarms <= 33

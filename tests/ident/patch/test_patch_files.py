@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 
 from ident.arm import ArmModel
+from ident.effects.base import Interval
 from ident.effects.rigid_body import point_mass
 from ident.errors import InputError
 from ident.inertia import base_parameters, lift_base, parameter_scale
-from ident.patch.bodies import is_body, largest_share, nearest_bodies
-from ident.patch.change import Diagnosed
+from ident.patch.bodies import change_links, is_body, nearest_bodies
+from ident.patch.change import Change, Diagnosed
 from ident.patch.command import FILES, write_patch
 from ident.patch.loaded import LoadedMjcf
 from ident.patch.mjcf_joint import fit_polynomial
+from ident.patch.standalone.chain import link_change
 from ident.patch.verify import load_module
 from ident.presliding import stop_operator
 from tests.ident.made_up import random_states
@@ -179,15 +181,22 @@ def test_a_payload_lifted_by_the_motors_weighs_what_it_weighs(tmp_path: Path, ar
     np.testing.assert_allclose(gained, payload["mass_kg"])
 
 
-def test_a_change_that_leaves_no_body_is_written_as_far_as_it_does() -> None:
-    """Half a kilogram can't be taken from a link of 0.3 kg; a share of it can."""
-    link = np.array([0.3, 0.0, 0.0, 0.0, 1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3])
-    change = np.zeros(10)
-    change[0] = -0.5
-    share = largest_share(link, change)
-    assert 0.0 < share < 0.6
-    assert is_body(link + share * change)
-    assert not is_body(link + (share + 0.1) * change)
+def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmModel) -> None:
+    """A kilogram can't be taken from a link of less: bodies that together act as if it were are written instead."""
+    error = {"mass_change_kg": -1.0, "moment_change_x_kgm": 0.0, "moment_change_y_kgm": 0.0, "moment_change_z_kgm": 0.0}
+    figures = {name: Interval(value, value, value) for name, value in error.items()}
+    change = Change("link_inertial_error", 5, ("joint_6",), figures)
+    wanted = link_change(arm.inertial_parameters.reshape(6, 10)[5], error)
+    assert not is_body(arm.inertial_parameters.reshape(6, 10)[5] + wanted)
+    links = change_links(arm, np.zeros((6, 10)), [change])
+    bodies = arm.inertial_parameters.reshape(6, 10) + links.total
+    assert all(is_body(body) for body in bodies)
+    rng = np.random.default_rng(2)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 50, 6))
+    regressor = arm.regressor(q, dq, ddq)
+    torque = regressor[:, :, 50:] @ wanted
+    left = regressor @ links.total.ravel() - torque
+    assert np.sqrt(np.mean(left**2)) < 0.05 * np.sqrt(np.mean(torque**2))
 
 
 def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:

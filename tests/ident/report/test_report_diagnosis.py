@@ -96,18 +96,24 @@ def test_page_without_findings(tmp_path: Path, verdict: str, words: str) -> None
 def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
     """What tuning hides, and the candidate that came nearest, stand under the verdict."""
     record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
+    where = ["joint_2", "joint_3"]
+    record["nearest"] = {"effect": "torque_delay", "joints": where, "p_value": 0.001, "rms_fall": 0.012}
     record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
-    record["nearest"] = {
-        "effect": "torque_delay",
-        "joints": ["joint_2", "joint_3"],
-        "p_value": 0.001,
-        "rms_fall": 0.012,
-    }
     text = written(tmp_path, record).replace("\xa0", " ")
     assert "what they hide acts most on joint_2" in text
     assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
-    assert "1.2 % only" in text
-    assert "There is a small gap" in text
+    assert "by 1.2 %" in text
+    assert "no effect of the catalogue explains it" in text
+
+
+def test_a_gap_is_small_where_nothing_else_speaks_for_it(tmp_path: Path) -> None:
+    """A candidate that came near, and errors that are noise: that is a small gap, and not told of any other."""
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
+    record["nearest"] = {"effect": "torque_offset", "joints": ["joint_2"], "p_value": 0.001, "rms_fall": 0.01}
+    assert "There is a small gap" not in written(tmp_path, record)
+    for gap in record["gap"].values():
+        gap |= {"rms_Nm": 0.5, "noise_floor_Nm": 0.48, "unexplained": None}
+    assert "There is a small gap" in written(tmp_path, record)
 
 
 def test_refusal_shows_the_remedy_first(tmp_path: Path) -> None:
