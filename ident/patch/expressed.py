@@ -81,8 +81,8 @@ MJCF: dict[str, Expression] = {
     "torque_saturation": _yes("cutoff of the motor's force sensor: the log is flat, the joint gets more"),
     "external_contact": _EVENT,
 }
-# Figures of a spring that is no straight one.
-BENT = ("square_Nm_rad2", "cube_Nm_rad3", "cosine_Nm", "sine_Nm")
+# Figures of a spring with two rests a turn.
+PERIODIC = ("cosine_Nm", "sine_Nm")
 # A reading that loses all but this share of what lies above its knee is flat there.
 FLAT = 0.05
 # What the reported figures leave open, and what is written then.
@@ -101,8 +101,8 @@ def express(change: Change, form: str) -> Expression:
         return _yes("all figures with their intervals")
     if effect == "nonlinear_viscous_friction" and form == "mjcf" and change.values["exponent"] == 2.0:
         return _yes("second coefficient of damping")
-    if form == "mjcf" and effect == "spring_torque" and any(change.values[name] for name in BENT):
-        return _no("a joint's spring is written as linear, this one is bent; add the module's torque")
+    if form == "mjcf" and effect == "spring_torque" and any(change.values[name] for name in PERIODIC):
+        return _no("a joint's spring is a cubic, this one has two rests a turn; add the module's torque")
     if form == "mjcf" and effect == "torque_saturation" and abs(change.values["lost"] - 1.0) > FLAT:
         return _near("cutoff of the motor's force sensor: flat from the limit on, without the bend before it")
     if effect not in KNOWN:

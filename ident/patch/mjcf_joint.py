@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import factorial
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -20,6 +21,8 @@ SPRING_SUFFIX = "_spring"
 UNLIMITED = 1e8
 # Speeds at which a curved friction law is fitted, and the largest of them where a joint has no limit [rad/s].
 FIT_SPEEDS, FIT_TOP_SPEED = 200, 3.0
+# Imaginary part below which a root is real [rad].
+REAL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +93,8 @@ def _apply(draft: _Draft, arm: ArmModel, j: int, effect: str, figures: dict[str,
     elif effect == "encoder_offset":
         draft.ref -= figures["offset_rad"]  # qpos is the logged angle, the true one is qpos − ref
     elif effect == "spring_torque":
-        stiffness, shift = figures["linear_Nm_rad"], figures["constant_Nm"]
-        spring = {
-            "stiffness": stiffness,
-            "springref": figures["centre_rad"] - (shift / stiffness if stiffness else 0.0),
-        }
-        draft.joint |= {key: repr(value) for key, value in spring.items()}
+        rest, stiffness = spring_at_rest(figures)
+        draft.joint |= {"springref": repr(rest), "stiffness": " ".join(map(repr, stiffness))}
     elif effect == "nonlinear_viscous_friction":
         dry, damping = fit_polynomial(figures["coefficient"], figures["exponent"], _top_speed(arm, j))
         draft.frictionloss += dry
@@ -119,6 +118,21 @@ def fit_polynomial(coefficient: float, exponent: float, top: float) -> tuple[flo
     columns = np.stack([np.ones_like(v), v, v**2, v**3], axis=1)
     fit = lsq_linear(columns, coefficient * v**exponent, bounds=([0.0, 0.0, -np.inf, -np.inf], np.inf), tol=1e-14)
     return float(fit.x[0]), fit.x[1:]
+
+
+def spring_at_rest(figures: Mapping[str, float]) -> tuple[float, tuple[float, ...]]:
+    """Rest angle of a cubic spring and its coefficients there, as MuJoCo reads them: k₀ x + k₁ x² + k₂ x³.
+
+    A spring without a rest, which no cubic with a cube is, counts as none.
+    """
+    names = ("constant_Nm", "linear_Nm_rad", "square_Nm_rad2", "cube_Nm_rad3")
+    law = np.polynomial.Polynomial([figures[name] for name in names]).trim()
+    roots = [float(root.real) for root in np.atleast_1d(law.roots()) if abs(root.imag) < REAL]
+    if not roots:
+        return figures["centre_rad"], (0.0,)
+    rest = min(roots, key=abs)
+    terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
+    return figures["centre_rad"] + rest, tuple(terms)
 
 
 def _finish(draft: _Draft, arm: ArmModel, j: int, rotor: float, delay: float) -> JointFigures:

@@ -20,7 +20,7 @@ from ident.patch.bodies import change_links, is_body, nearest_bodies
 from ident.patch.change import Change, Diagnosed
 from ident.patch.command import FILES, write_patch
 from ident.patch.loaded import LoadedMjcf
-from ident.patch.mjcf_joint import fit_polynomial
+from ident.patch.mjcf_joint import fit_polynomial, spring_at_rest
 from ident.patch.standalone.chain import link_change
 from ident.patch.verify import load_module
 from ident.presliding import stop_operator
@@ -148,6 +148,22 @@ def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> N
         acted.append(float(data.qfrc_actuator[1]))
     assert int(np.argmax(acted)) == 10
     assert int(np.argmax(read)) == 10 + round(FIGURES["torque_delay"]["delay_s"] / model.opt.timestep)
+
+
+def test_a_bent_spring_is_written_as_its_cubic() -> None:
+    """MuJoCo's passive force of the written coefficients is minus the cubic's torque."""
+    figures = {"centre_rad": 0.2, "constant_Nm": 1.5, "linear_Nm_rad": 2.0, "square_Nm_rad2": 0.7, "cube_Nm_rad3": 0.4}
+    rest, stiffness = spring_at_rest(figures)
+    joint = f'<joint name="a" springref="{rest!r}" stiffness="{" ".join(map(repr, stiffness))}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    for q in (-1.2, -0.3, 0.4, 1.1):
+        x = q - 0.2
+        data.qpos[0] = q
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_passive[0], -(1.5 + 2.0 * x + 0.7 * x**2 + 0.4 * x**3), atol=1e-9)
 
 
 def test_an_elastic_joint_swings_as_its_law_says(tmp_path: Path, arm: ArmModel) -> None:
