@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ident.arm import ArmModel
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Float
 from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.evidence import Evidence, gather
-from ident.diagnosis.heldout import HeldOut, HeldOutScore
+from ident.diagnosis.heldout import HeldOut
 from ident.diagnosis.how_far import Reach, measure_reach, run_energy
 from ident.diagnosis.inference import Estimate, estimate_effects, inflation
-from ident.diagnosis.layout import build_layout
+from ident.diagnosis.layout import NotTestable, build_layout
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.refine import Refined, refine
@@ -25,6 +25,15 @@ from ident.diagnosis.runs import build_session, leftover_torque
 from ident.diagnosis.search import Named, Search, SearchResults
 from ident.diagnosis.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.tuned import tuned_beside, tuned_record
+from ident.diagnosis.verdict import (
+    NOISE_MARGIN,
+    decide,
+    find_floors,
+    find_unexplained,
+    nearest_record,
+    shown_joints,
+    stands_out,
+)
 from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
 from ident.recording import TelemetryIssue
@@ -32,16 +41,6 @@ from ident.signals import Motion
 from ident.spooling import runs_recorded
 
 SCHEMA = "ident.diagnosis/1"
-# Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
-# the names tell the whole story.
-PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
-# A joint has a gap where the explainable part of its mean square is at least this share.
-LEAST_GAP_SHARE = 0.06
-# The noise is what all candidates together leave of runs that they were fitted on; no model does as well on others.
-NOISE_MARGIN = 1.08
-# Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
-# next) this many times that of the middle joint, or this many times the noise's mean square.
-STANDS_OUT, MUCH_LEFT = 1.35, 2.5
 # A name less probable than this is not told: something else was going on.
 LEAST_PROBABILITY = 0.05
 PLACES_TOLD = 12
@@ -181,11 +180,11 @@ def diagnose(
     fixed = project(gram, evidence, search.fixed.prior)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     ceilings = tuple(
-        measure_ceiling(series, j) if _stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
+        measure_ceiling(series, j) if stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
-    left, noise = _unexplained(found, ceilings, evidence)
-    floors = _floors(evidence, ceilings, found.ladder[-1])
+    left, noise = find_unexplained(found, ceilings, evidence)
+    floors = find_floors(evidence, ceilings, found.ladder[-1])
     judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors)
     tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after))
@@ -195,23 +194,16 @@ def diagnose(
     diagnosis = Diagnosis(
         robot=arm.name,
         joints=arm.joint_names,
-        verdict=_verdict(found, left, judged, tolerance),
+        verdict=decide(found, left, judged, tolerance),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
         where=told(places, PLACES_TOLD),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
-        not_testable=tuple(
-            {
-                "effect": item.effect.id,
-                "joints": [arm.joint_names[item.joint]] if item.effect.scope == "joint" else list(arm.joint_names),
-                "reason": item.reason,
-            }
-            for item in layout.silent
-        ),
+        not_testable=tuple(_silent(item, arm.joint_names) for item in layout.silent),
         extra={
-            "nearest": _nearest(found, arm.joint_names),
+            "nearest": nearest_record(found, arm.joint_names),
             "maps": maps_record(places),
             "maps_fixed": maps_record(map_gap(series, arm.joint_names, evidence.whitening, rng, "fixed")),
             "baseline": _beside(baseline, fine, estimates) if fine else tuned_record(baseline, evidence, after),
@@ -246,61 +238,12 @@ def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) ->
     return tuned_beside(baseline, evidence, alone, told, coefficients)
 
 
-def _floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
-    """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
-    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
-    return np.minimum(np.maximum(NOISE_MARGIN * evidence.whitening.level, ratio * last.rms), last.rms)
-
-
-def _stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
-    """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
-    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.whitening.level[joint] ** 2)
-
-
-def _unexplained(
-    found: SearchResults, ceilings: Sequence[Ceiling], evidence: Evidence
-) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
-    """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
-    whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
-    colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
-    usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
-    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
-    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * whitening.level**2
-    left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
-    return left, np.minimum(whitening.level, usual * whitening.innovation)
-
-
-def _verdict(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"], tolerance: Tolerance) -> str:
-    """How much of the gap at the joints in question the names close, above the noise."""
-    if not found.named:
-        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
-    joints = left.copy()
-    for item in found.named:
-        own = item.group.effect.rows == "own"
-        joints[[item.group.joint] if own else _shown(item.before.rms, item.after.rms)] = True
-    start, end = found.ladder[0].rms[joints] ** 2, found.ladder[-1].rms[joints] ** 2
-    unit = np.maximum(floors[joints], 1e-9) ** 2
-    share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
-    if any(item.absorbed for item in found.named) and not left.any():
-        share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
-    if share >= NAMED_FROM:
-        return "partial" if tolerance.exceeded else "named"
-    return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
-
-
-def _nearest(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
-    """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
-    if found.named or found.hint is None:
-        return None
-    item = found.hint
-    own = item.group.effect.rows == "own"
-    most = item.group.joint if own else int(np.argmax(1.0 - item.after.rms / np.maximum(item.before.rms, 1e-12)))
+def _silent(item: NotTestable, joints: Sequence[str]) -> dict[str, Any]:
+    own = item.effect.scope == "joint"
     return {
-        "effect": item.group.effect.id,
-        "joints": [joints[most]],
-        "p_value": item.gates.p_value,
-        "log_evidence": item.gates.evidence,
-        "rms_fall": item.gates.rms_fall,
+        "effect": item.effect.id,
+        "joints": [joints[item.joint]] if own else list(joints),
+        "reason": item.reason,
     }
 
 
@@ -347,8 +290,8 @@ def _findings(
     findings = []
     for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
         old, new = item.before.rms, item.after.rms
-        own = [item.group.joint] if item.group.effect.scope == "joint" else _shown(old, new)
-        acts = own if item.group.effect.rows == "own" else _shown(old, new)
+        own = [item.group.joint] if item.group.effect.scope == "joint" else shown_joints(old, new)
+        acts = own if item.group.effect.rows == "own" else shown_joints(old, new)
         names = tuple(joints[j] for j in own)
         findings.append(
             Finding(
@@ -368,12 +311,6 @@ def _findings(
 
 def _closed(finding: Finding) -> float:
     return sum(finding.rms_before[j] ** 2 - finding.rms_after[j] ** 2 for j in finding.rms_before)
-
-
-def _shown(old: Array, new: Array) -> list[int]:
-    """Joints at which an effect of several joints shows: those whose error falls by at least a third of the most."""
-    fall = 1.0 - new / np.maximum(old, 1e-12)
-    return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
 
 
 def _shrink(old: Array, new: Array, floor: Array) -> float:

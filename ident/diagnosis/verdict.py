@@ -1,0 +1,90 @@
+"""What the evidence amounts to: no gap, a name, part of one, none of the catalogue; and what else must be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.ceiling import Ceiling
+from ident.diagnosis.evidence import Evidence
+from ident.diagnosis.heldout import HeldOutScore
+from ident.diagnosis.search import SearchResults
+from ident.diagnosis.tolerance import Tolerance
+
+# Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
+# the names tell the whole story.
+PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
+# A joint has a gap where the explainable part of its mean square is at least this share.
+LEAST_GAP_SHARE = 0.06
+# The noise is what all candidates together leave of runs that they were fitted on; no model does as well on others.
+NOISE_MARGIN = 1.08
+# Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
+# next) this many times that of the middle joint, or this many times the noise's mean square.
+STANDS_OUT, MUCH_LEFT = 1.35, 2.5
+
+
+def find_floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
+    """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
+    ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
+    return np.minimum(np.maximum(NOISE_MARGIN * evidence.whitening.level, ratio * last.rms), last.rms)
+
+
+def stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
+    """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
+    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.whitening.level[joint] ** 2)
+
+
+def find_unexplained(
+    found: SearchResults, ceilings: Sequence[Ceiling], evidence: Evidence
+) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
+    """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
+    whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
+    colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
+    usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
+    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
+    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * whitening.level**2
+    left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
+    return left, np.minimum(whitening.level, usual * whitening.innovation)
+
+
+def decide(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"], tolerance: Tolerance) -> str:
+    """How much of the gap at the joints in question the names close, above the noise."""
+    if not found.named:
+        return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
+    joints = left.copy()
+    for item in found.named:
+        own = item.group.effect.rows == "own"
+        joints[[item.group.joint] if own else shown_joints(item.before.rms, item.after.rms)] = True
+    start, end = found.ladder[0].rms[joints] ** 2, found.ladder[-1].rms[joints] ** 2
+    unit = np.maximum(floors[joints], 1e-9) ** 2
+    share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
+    if any(item.absorbed for item in found.named) and not left.any():
+        share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
+    if share >= NAMED_FROM:
+        return "partial" if tolerance.exceeded else "named"
+    return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
+
+
+def nearest_record(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
+    """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
+    if found.named or found.hint is None:
+        return None
+    item = found.hint
+    own = item.group.effect.rows == "own"
+    most = item.group.joint if own else int(np.argmax(1.0 - item.after.rms / np.maximum(item.before.rms, 1e-12)))
+    return {
+        "effect": item.group.effect.id,
+        "joints": [joints[most]],
+        "p_value": item.gates.p_value,
+        "log_evidence": item.gates.evidence,
+        "rms_fall": item.gates.rms_fall,
+    }
+
+
+def shown_joints(old: Array, new: Array) -> list[int]:
+    """Joints at which an effect of several joints shows: those whose error falls by at least a third of the most."""
+    fall = 1.0 - new / np.maximum(old, 1e-12)
+    return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
