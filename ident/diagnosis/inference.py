@@ -117,31 +117,47 @@ def _figures(
     holds them fast, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
-    priors = fine.search.prior, fine.search.fixed.prior
-    views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
-    free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
-    full, held_fast = (project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors)
-    covariances = (
-        robust_covariance(evidence, full),
-        robust_covariance(evidence, held_fast) + _of_tolerance(fine.search.prior, held_fast),
-    )
-    spare = inflation(evidence, full)
-    at = evidence.layout.tuned
+    solved, spare = solve_effects(fine, absorbed)
     found = []
-    for slot, (group, kept) in enumerate(zip(fine.groups, free, strict=True)):
-        part = slice(at, at + int(kept.sum()))
-        at = part.stop
-        scale = evidence.scale[group.columns]
-        beta, cells = np.zeros(len(scale)), np.zeros((len(scale), len(scale)))
-        beta[kept] = (held_fast if absorbed[slot] else full).estimate[part] / scale[kept]
-        signed = [k for k in group.effect.nonnegative if k < len(beta)]
-        beta[signed] = np.maximum(beta[signed], 0.0)
-        cells[np.ix_(kept, kept)] = covariances[absorbed[slot]][part, part] / np.outer(scale[kept], scale[kept])
+    for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
         parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
         others = [other for i, other in enumerate(fine.groups) if i != slot]
         parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
         found.append(({name: widened(name, value) for name, value in parameters.items()}, beta))
     return found
+
+
+def solve_effects(
+    fine: Refined, absorbed: Sequence[bool]
+) -> tuple[list[tuple[Float[Array, " k"], Float[Array, "k k"]]], float]:
+    """Coefficients of every effect with their covariance, each in its own view; and by how much misfit exceeds noise.
+
+    A coefficient that its sign holds at zero is as uncertain as if it were free.
+
+    Args:
+        fine: The effects on their finer grids.
+        absorbed: Whether each is told against the URDF held fast.
+    """
+    evidence, gram = fine.search.evidence, fine.search.evidence.gram()
+    priors = fine.search.prior, fine.search.fixed.prior
+    views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
+    free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
+    models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors]
+    covariances = [robust_covariance(evidence, model) for model in models]
+    covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1])
+    bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
+    at = first = evidence.layout.tuned
+    solved = []
+    for group, kept, hidden in zip(fine.groups, free, absorbed, strict=True):
+        part, whole = slice(at, at + int(kept.sum())), slice(first, first + len(kept))
+        at, first = part.stop, whole.stop
+        scale = evidence.scale[group.columns]
+        beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[whole] / scale**2))
+        beta[kept] = models[hidden].estimate[part] / scale[kept]
+        cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
+        signed = np.isin(np.arange(len(beta)), group.effect.nonnegative)
+        solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
+    return solved, inflation(evidence, models[0])
 
 
 def _of_tolerance(prior: Prior, held_fast: Projection) -> Float[Array, "z z"]:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.arm import ArmModel
+from ident.arrays import Array
 from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.inference import EXACT_FIGURES, LAW_SHARE, widened
+from ident.diagnosis.inference import EXACT_FIGURES, LAW_SHARE, solve_effects, widened
 from ident.diagnosis.projection import Prior, project
 from ident.diagnosis.refine import refine
 from ident.diagnosis.search import Search
 from ident.effects.base import Interval
+from ident.effects.catalogue import find_effect
 from ident.effects.friction import STRIBECK_VELOCITIES
-from tests.ident.diagnosis.planted import analyse, stribeck_on_1
+from tests.ident.diagnosis.planted import analyse, load_friction_on_2, stribeck_on_1
 
 
 def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> None:
@@ -42,3 +46,27 @@ def test_intervals_hold_what_laws_may_differ() -> None:
     assert wide.value == 2.0
     assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
     assert all(widened(name, sharp) == sharp for name in EXACT_FIGURES)
+
+
+def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:
+    """Law: whatever signs hold at zero, all coefficients keep a variance, and none is negative that mustn't be."""
+    analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+    groups = [item.group for item in analysis.search.named]
+    fine = refine(search, analysis.session, analysis.baseline, groups)
+    effect = fine.groups[0].effect
+    # A law of the opposite sign: all that may not be negative is held at zero.
+    upside_down = replace(fine.search.evidence, white=tuple(map(mirrored, fine.search.evidence.white)))
+    for evidence in (fine.search.evidence, upside_down):
+        again = replace(fine, search=Search(evidence, fine.search.prior, HeldOut(evidence, fine.search.prior)))
+        ((beta, cells),), _ = solve_effects(again, [False])
+        assert np.all(beta[list(effect.nonnegative)] >= 0.0)
+        assert np.all(np.diag(cells) > 0.0)
+
+
+def mirrored(sums: Array) -> Array:
+    """Sums of the same columns with the torque of the opposite sign."""
+    sign = np.ones(sums.shape[-1])
+    sign[-1] = -1.0
+    return sums * sign[:, None] * sign
