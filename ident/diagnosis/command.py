@@ -78,6 +78,7 @@ class _Heard:
         facts: Runs, samples, duration.
         common_clock: Whether time goes on from run to run of a single session.
         session: Path or name of the session heard last.
+        told: What of each session is among the issues: parts of one that share a fault tell it once.
     """
 
     joints: tuple[str, ...] = ()
@@ -85,6 +86,7 @@ class _Heard:
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
     common_clock: bool = True
     session: Path | str = ""
+    told: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:
         """One more session, or one more part of a session.
@@ -100,7 +102,9 @@ class _Heard:
                 raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
         self.common_clock &= session.common_clock and self.session in ("", where)
         self.session = where
-        self.issues += report.issues
+        keys = [(str(where), issue.issue, issue.joints, issue.severity) for issue in report.issues]
+        self.issues += [issue for key, issue in zip(keys, report.issues, strict=True) if key not in self.told]
+        self.told.update(keys)
         self.facts["runs"] += len(session.runs)
         self.facts["samples"] += session.samples
         self.facts["duration_s"] += session.duration

@@ -181,6 +181,19 @@ def wrapping(_: int, run: Recording) -> Recording:
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
+def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path: Path) -> None:
+    """Law: a diagnosis of parts that are all unfit for the same reason says that reason once."""
+    flipped = [run.replace(effort=-run.effort) for run in session.runs if run.effort is not None]
+    write_session(session.replace(runs=flipped), tmp_path / "flipped")
+    arm, parts = inspect_in_parts([tmp_path / "flipped"], None)
+    diagnosis, _, _ = diagnose_reports(parts, arm, ())
+    assert diagnosis.verdict == "refused"
+    fatal = [(issue.issue, issue.joints) for issue in diagnosis.telemetry if issue.severity == "fatal"]
+    assert fatal
+    assert len(fatal) == len(set(fatal))
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
 def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path) -> None:
     """Law: a fault of two sessions is told once for each of them, though both come in parts."""
     folders = [written(session, wrapping, tmp_path / name) for name in ("one", "other")]
