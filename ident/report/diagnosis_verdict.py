@@ -91,8 +91,8 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
     if hidden:
         most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
         parts.append(
-            f"The tuned inertias lie beyond the URDF's tolerance; what they hide acts most on {most}. "
-            "Wrong links in the URDF, a load or a wrong gain look like this."
+            "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
+            f"on {most}. Wrong links in the URDF, a load or a wrong gain look like this."
         )
     nearest = record.get("nearest")
     if nearest:
