@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.blind.cases import FULL_MIX, Slot
+from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
 
@@ -19,8 +20,6 @@ SIMULATED = tuple(FULL_MIX)
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
 SHOWN_SHARE = 1.0 / 3.0
-# Error over noise from which on a joint's gap is one.
-STANDS_OUT = 1.15
 # Effects that a diagnosis names without a joint, even where the cause has one (a push at a link).
 OF_THE_ARM = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
 
@@ -219,14 +218,9 @@ def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> b
     told = [max(gap, key=lambda j: gap[j])] if gap else []
     if record["findings"]:
         told += record["findings"][0]["joints"]
-    elif record.get("nearest") and not hidden and not _stands_out(record):
+    elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
         told = record["nearest"]["joints"]
     return any(joint in told for joint in true_joints(true, answer))
-
-
-def _stands_out(record: Mapping[str, Any]) -> bool:
-    """Whether the error of some joint lies above its noise, so that the gap speaks for itself."""
-    return any(one["rms_Nm"] > STANDS_OUT * (one["noise_floor_Nm"] or np.inf) for one in record["gap"].values())
 
 
 def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:

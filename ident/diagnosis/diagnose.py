@@ -31,7 +31,6 @@ from ident.diagnosis.verdict import (
     find_floors,
     find_unexplained,
     nearest_record,
-    shown_joints,
     stands_out,
 )
 from ident.diagnosis.where import Place, map_gap, maps_record, told
@@ -290,8 +289,8 @@ def _findings(
     findings = []
     for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
         old, new = item.before.rms, item.after.rms
-        own = [item.group.joint] if item.group.effect.scope == "joint" else shown_joints(old, new)
-        acts = own if item.group.effect.rows == "own" else shown_joints(old, new)
+        acts = item.shown
+        own = [item.group.joint] if item.group.effect.scope == "joint" else acts
         names = tuple(joints[j] for j in own)
         findings.append(
             Finding(

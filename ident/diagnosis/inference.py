@@ -121,8 +121,9 @@ def _figures(
     found = []
     for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
         parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
-        others = [other for i, other in enumerate(fine.groups) if i != slot]
-        parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
+        if group.variant.inner:
+            others = [other for i, other in enumerate(fine.groups) if i != slot]
+            parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
         found.append(({name: widened(name, value) for name, value in parameters.items()}, beta))
     return found
 

@@ -41,6 +41,10 @@ class Group:
         """Effect, joint and other joint: what is named, whatever the inner figures."""
         return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
 
+    def acts_on(self, n: int) -> list[int]:
+        """Those of an arm's n joints whose torque it changes."""
+        return [self.joint] if self.effect.rows == "own" else list(range(n))
+
 
 @dataclass(frozen=True, eq=False)
 class NotTestable:
@@ -108,8 +112,8 @@ def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]
     silent: list[NotTestable] = []
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in catalogue:
+        asked = effect.asked(session)
         for joint in range(session.n if effect.scope == "joint" else 1):
-            asked = effect.asked(session)
             reason = effect.untestable(asked, joint)
             if reason is not None:
                 silent.append(NotTestable(effect, joint, reason))

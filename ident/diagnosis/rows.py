@@ -137,7 +137,7 @@ class _Batch:
         self.waiting, self.width = [], 0
 
     def _write(self, group: Group, columns: Float[Array, "t ..."]) -> None:
-        own = group.effect.rows == "own"
-        for j in [group.joint] if own else range(self.layout.n):
+        for j in group.acts_on(self.layout.n):
             at = self.layout.places[j][int(group.columns[0])]
-            self.tables[j][:, at : at + len(group.columns)] = columns if own else columns[:, j]
+            own = columns if group.effect.rows == "own" else columns[:, j]
+            self.tables[j][:, at : at + len(group.columns)] = own

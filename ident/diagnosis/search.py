@@ -120,6 +120,14 @@ class Named:
     after: HeldOutScore
     absorbed: bool = False
 
+    @property
+    def shown(self) -> list[int]:
+        """Joints at which it shows: its own, or those where the error falls by at least a third of the most."""
+        if self.group.effect.rows == "own":
+            return [self.group.joint]
+        fall = 1.0 - self.after.rms / np.maximum(self.before.rms, 1e-12)
+        return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
+
 
 @dataclass(frozen=True, eq=False)
 class SearchResults:
@@ -175,8 +183,8 @@ class Search:
         if group.key == item.group.key:
             return replace(item, group=group)
         others = [other for k, other in enumerate(groups) if k != slot]
-        score = self.score_of(project(gram, self.evidence, self.prior, others), group)
-        return self._judge(gram, others, [(score, group)])[0]
+        projection = project(gram, self.evidence, self.prior, others)
+        return self._judge(gram, projection, others, [(self.score_of(projection, group), group)])[0]
 
     def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
         """The results with some of the names, at the same inner figures; the best of the others counts as refused."""
@@ -257,21 +265,27 @@ class Search:
         short = [(score, group) for score, group in best[:SHORTLIST] if score > 0.0]
         if not short:
             return None
-        tried = self._judge(gram, chosen, short)
+        tried = self._judge(gram, projection, chosen, short)
         return next((item for item in tried if item.gates.passed), tried[0])
 
-    def _judge(self, gram: Array, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]) -> list[Named]:
-        """What candidates, given with their evidence, show beside the chosen effects."""
-        tuned, held_fast = (project(gram, self.evidence, prior, chosen) for prior in (self.prior, self.fixed.prior))
+    def _judge(
+        self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]
+    ) -> list[Named]:
+        """What candidates, given with their evidence, show beside the chosen effects, of which `tuned` is the model."""
+        held_fast = project(gram, self.evidence, self.fixed.prior, chosen)
         p_values = self._p_values(tuned, [group for _, group in short])
+        without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
         found = []
         for score, group in short:
             seen, fast = (float(p.visibility(group.columns).max()) for p in (tuned, held_fast))
             absorbed = group.effect.inertia_like and seen < ABSORBED_BELOW and fast > 2.0 * seen
             scorer = self.fixed if absorbed else self.held_out
-            scores = scorer.score(), scorer.score(chosen), scorer.score([*chosen, group])
-            gates = self._gates(group, p_values[group.key], score, absorbed, scores)
-            found.append(Named(group, gates, *scores[1:], absorbed))
+            if absorbed not in without:
+                without[absorbed] = scorer.score(), scorer.score(chosen)
+            first, before = without[absorbed]
+            after = scorer.score([*chosen, group])
+            gates = self._gates(group, p_values[group.key], score, absorbed, (first, before, after))
+            found.append(Named(group, gates, before, after, absorbed))
         return found
 
     def _p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
@@ -303,7 +317,7 @@ class Search:
     ) -> Gates:
         """Figures of a candidate from held-out scores of the baseline alone, without and with it."""
         floor = self.evidence.whitening.level
-        joints = _acts_on(group, self.evidence.layout.n)
+        joints = group.acts_on(self.evidence.layout.n)
         start, old, new = (one.rms[joints] for one in scores)
         fall = 1.0 - new / np.maximum(old, 1e-12)
         closed = old**2 - new**2
@@ -351,11 +365,6 @@ class Search:
         old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
         gain, error = new.gain_over(old)
         return gain > error
-
-
-def _acts_on(group: Group, n: int) -> list[int]:
-    """Joints whose torque a group changes."""
-    return [group.joint] if group.effect.rows == "own" else list(range(n))
 
 
 def _reducible(rms: Array, floor: Array) -> Array:

@@ -43,18 +43,14 @@ def tuned_record(baseline: Baseline, evidence: Evidence, projection: Projection)
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
         evidence: Scale and layout of the columns.
-        projection: The solved model: the baseline alone, or with effects.
+        projection: The solved model: the baseline alone; beside effects it is `tuned_beside`.
 
     Returns:
         For each joint `LOSS_KEYS`, none negative; how its friction turns round, `sliding_range_rad`, or over
         `transition_rad_s` where that is zero; `link_change`, by `LINK_KEYS`, the smallest change of the URDF's link
-        inertias that gives the tuned ones; and `laws`, what the reported figures of its effects leave open, by effect.
+        inertias that gives the tuned ones; and `laws`, by effect, what the reported figures of effects leave open.
     """
-    at = {int(column): k for k, column in enumerate(projection.inside)}
-    inside = [group for group in evidence.layout.groups if all(int(column) in at for column in group.columns)]
-    scaled = [projection.estimate[[at[int(column)] for column in group.columns]] for group in inside]
-    coefficients = [part / evidence.scale[group.columns] for part, group in zip(scaled, inside, strict=True)]
-    return _record(baseline, evidence, projection.estimate[: evidence.layout.tuned], _laws(inside, coefficients))
+    return _record(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
 
 def tuned_beside(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ NOISE_MARGIN = 1.08
 # Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
 # next) this many times that of the middle joint, or this many times the noise's mean square.
 STANDS_OUT, MUCH_LEFT = 1.35, 2.5
+# Error over noise from which on a gap speaks for itself.
+LOUD = 1.15
 
 
 def find_floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
@@ -56,8 +58,7 @@ def decide(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, "
         return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
     joints = left.copy()
     for item in found.named:
-        own = item.group.effect.rows == "own"
-        joints[[item.group.joint] if own else shown_joints(item.before.rms, item.after.rms)] = True
+        joints[item.shown] = True
     start, end = found.ladder[0].rms[joints] ** 2, found.ladder[-1].rms[joints] ** 2
     unit = np.maximum(floors[joints], 1e-9) ** 2
     share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
@@ -84,7 +85,6 @@ def nearest_record(found: SearchResults, joints: Sequence[str]) -> dict[str, Any
     }
 
 
-def shown_joints(old: Array, new: Array) -> list[int]:
-    """Joints at which an effect of several joints shows: those whose error falls by at least a third of the most."""
-    fall = 1.0 - new / np.maximum(old, 1e-12)
-    return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
+def above_noise(gap: Mapping[str, Any]) -> bool:
+    """Whether a joint's error, as the record of its gap tells it, lies clearly above its noise."""
+    return bool(gap["rms_Nm"] > LOUD * (gap["noise_floor_Nm"] or np.inf))

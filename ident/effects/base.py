@@ -186,7 +186,7 @@ class Effect(ABC):
         return (Variant(),)
 
     def essential(self, variant: Variant) -> tuple[int, ...]:
-        """Columns without which it would be another effect: what they add alone counts as evidence; () for all."""
+        """Columns without which it would be another effect: they must earn their own place; () if there are none."""
         return ()
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:

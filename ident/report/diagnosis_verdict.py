@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ident.diagnosis.verdict import above_noise
 from ident.report.numbers import fixed, glue, percent
 from ident.report.page import Section
 from ident.report.source import DiagnosisInput
 from ident.report.words import effect_name, join_words
-
-# Error over noise from which on a gap is no small one.
-LOUD = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +57,7 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 def is_small(record: Mapping[str, Any]) -> bool:
     """Whether the only thing that speaks for a gap is a candidate that came near to a name."""
     gaps = record.get("gap", {}).values()
-    loud = any(
-        gap.get("unexplained") or gap.get("tuned_away_Nm") or gap["rms_Nm"] > LOUD * gap["noise_floor_Nm"]
-        for gap in gaps
-    )
+    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
     return record["verdict"] == "none_of_catalogue" and bool(record.get("nearest")) and not loud
 
 

@@ -183,9 +183,8 @@ def wrapping(_: int, run: Recording) -> Recording:
 @pytest.mark.usefixtures("long_from_2_runs")
 def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path: Path) -> None:
     """Law: a diagnosis of parts that are all unfit for the same reason says that reason once."""
-    flipped = [run.replace(effort=-run.effort) for run in session.runs if run.effort is not None]
-    write_session(session.replace(runs=flipped), tmp_path / "flipped")
-    arm, parts = inspect_in_parts([tmp_path / "flipped"], None)
+    unfit = written(session, lambda _, run: flipped(run, (0, 1, 2)), tmp_path / "flipped")
+    arm, parts = inspect_in_parts([unfit], None)
     diagnosis, _, _ = diagnose_reports(parts, arm, ())
     assert diagnosis.verdict == "refused"
     fatal = [(issue.issue, issue.joints) for issue in diagnosis.telemetry if issue.severity == "fatal"]
