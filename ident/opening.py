@@ -8,14 +8,14 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from ident.arm import ArmModel
 from ident.errors import RecordingError
 from ident.files import sha256_of
-from ident.hybrid import HybridModel
-from ident.reading import PART_SAMPLES, load_parts, load_sessions, robot_named_in
-from ident.recording import Session, TelemetryIssue
-from ident.signals import Motion, prepare
-from ident.spooling import emptied
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion, prepare
+from ident.motion.out_of_core import emptied
+from ident.recordings.load import PART_SAMPLES, load_parts, load_sessions, robot_named_in
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
 
 
@@ -85,7 +85,7 @@ def inspect_in_parts(
 ) -> tuple[ArmModel, Iterable[TelemetryReport]]:
     """The same; sessions too long to be held come in parts of consecutive runs, each read when its turn comes.
 
-    A part is checked by itself, the amount of motion in all of them at the end: see `ident.telemetry.in_parts`.
+    A part is checked by itself, the amount of motion in all of them at the end: see `ident.telemetry.streaming`.
     """
     # Asked of all settings at once: the session that names the robot may be far from its turn.
     robot = robot or next((name for path in paths if (name := robot_named_in(path, session_file))), None)

@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
-from ident.diagnosis.baseline import INERTIA_SHARE, Baseline, fit_baseline
-from ident.diagnosis.ceiling import Ceiling, measure_ceiling
-from ident.diagnosis.evidence import Evidence, gather
-from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.how_far import Reach, measure_reach, run_energy
-from ident.diagnosis.inference import Estimate, estimate_effects, inflation
-from ident.diagnosis.layout import NotTestable, build_layout
+from ident.diagnosis.baseline_record import tuned_beside, tuned_record
+from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record, told
+from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
+from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
+from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.next_experiment import next_experiment
-from ident.diagnosis.projection import Prior, project
-from ident.diagnosis.refine import Refined, refine
-from ident.diagnosis.residuals import RunResidual, compute_residuals
-from ident.diagnosis.runs import build_session, leftover_torque
-from ident.diagnosis.search import Named, Search, SearchResults
-from ident.diagnosis.tolerance import Tolerance, measure_tolerance
-from ident.diagnosis.tuned import tuned_beside, tuned_record
+from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline, fit_baseline
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import NotTestable, build_layout
+from ident.diagnosis.regression.gram import Evidence, gather
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.runs import build_session, leftover_torque
+from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
+from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
+from ident.diagnosis.selection.refine import Refined, refine
+from ident.diagnosis.selection.search import Named, Search, SearchResults
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
     decide,
@@ -33,11 +33,11 @@ from ident.diagnosis.verdict import (
     nearest_record,
     stands_out,
 )
-from ident.diagnosis.where import Place, map_gap, maps_record, told
 from ident.effects.base import Effect, SessionContext
-from ident.recording import TelemetryIssue
-from ident.signals import Motion
-from ident.spooling import runs_recorded
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import runs_recorded
+from ident.recordings.recording import TelemetryIssue
+from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.diagnosis/1"
 # A name less probable than this is not told: something else was going on.

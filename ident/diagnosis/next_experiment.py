@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.effects.shown_by import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+from ident.effects.informative_motions import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
 
 # Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
 NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "too noisy")

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.ceiling import Ceiling
-from ident.diagnosis.evidence import Evidence
-from ident.diagnosis.heldout import HeldOutScore
-from ident.diagnosis.search import SearchResults
-from ident.diagnosis.tolerance import Tolerance
+from ident.diagnosis.gap.trees import Ceiling
+from ident.diagnosis.regression.cross_validation import HeldOutScore
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.selection.prior_check import Tolerance
+from ident.diagnosis.selection.search import SearchResults
 
 # Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
 # the names tell the whole story.

@@ -14,10 +14,10 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
-from ident.signals import Motion
-from ident.spooling import choose_runs
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import choose_runs
+from ident.robot.arm import ArmModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ Recipe for an effect of your own: one Python file with a class derived from `Eff
 
     import numpy as np
     from ident.effects.base import Effect, Variant
-    from ident.effects.levels import coefficient_interval
+    from ident.effects.typical_sizes import coefficient_interval
 
     class Magnet(Effect):
         '''A magnet in the housing that pulls the joint towards one angle: τ = A sin 3q.'''

@@ -22,7 +22,13 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.levels import coefficient_interval, high_passed, rated_torque, root_mean_square, sampled_states
+from ident.effects.typical_sizes import (
+    coefficient_interval,
+    high_passed,
+    rated_torque,
+    root_mean_square,
+    sampled_states,
+)
 
 # Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
 RESONANCES = (4.5, 6.5, 9.0, 12.5, 18.0, 30.0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.levels import amplitude_interval, exactly
 from ident.effects.rigid_body import point_mass
+from ident.effects.typical_sizes import amplitude_interval, exactly
+from ident.robot.arm import ArmModel
 
 SHORTEST_WINDOW = 0.5  # [s]
 EDGE = 0.1  # Time in which the force sets in and fades [s].

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, linear_interval
-from ident.effects.levels import (
+from ident.effects.typical_sizes import (
     amplitude_interval,
     coefficient_interval,
     coulomb_level,

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
-from ident.effects.levels import coulomb_level, friction_level, grid_interval, hardly_moves
-from ident.presliding import stop_operator
+from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves
+from ident.model.presliding import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
 FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
-from ident.effects.levels import coefficient_interval, near_one_pose
+from ident.effects.typical_sizes import coefficient_interval, near_one_pose
+from ident.robot.arm import ArmModel
 
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].
 PAYLOAD_REACHES = (0.03, 0.12)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.plant.contact import Contact, no_contact
 from ident.plant.friction import FrictionLaw, plain_friction
@@ -16,6 +15,8 @@ from ident.plant.outside import OutsideLaw, nothing_outside
 from ident.plant.sensing import Sensing, ideal_sensing
 from ident.plant.thermal import HeatLaw, heat_law
 from ident.plant.transmission import DriveLaw, rigid_drive
+from ident.robot.arm import ArmModel
+from ident.robot.rated_torque import rated_torque
 
 # Controller's bandwidth and damping ratio.
 BANDWIDTH_RAD_S = 80.0
@@ -73,24 +74,15 @@ class Hardware:
         return self.replace(**{part: law._replace(**changes)})
 
 
-def effort_scale(arm: ArmModel) -> Float[Array, " n"]:
-    """Rated torque of each joint [N m]; a URDF without limits is given one by its gravity torque."""
-    limit = np.array(arm.effort_limit)
-    if np.all((limit > 0.0) & (limit < 1e5)):
-        return limit
-    gravity = np.abs(arm.gravity(np.random.default_rng(0).uniform(-1.5, 1.5, (64, arm.n)))).max(axis=0)
-    return np.where((limit > 0.0) & (limit < 1e5), limit, np.maximum(4.0 * gravity, 0.1 * gravity.max()))
-
-
 def gear_ratio(arm: ArmModel) -> Float[Array, " n"]:
     """Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have."""
-    scale = effort_scale(arm)
+    scale = rated_torque(arm)
     return np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
 
 
 def nominal_hardware(arm: ArmModel) -> Hardware:
     """The arm exactly as its URDF says, without friction, rotors or noise."""
-    n, scale = arm.n, effort_scale(arm)
+    n, scale = arm.n, rated_torque(arm)
     zero = np.zeros(n)
     return Hardware(
         arm=arm,
@@ -117,7 +109,7 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         rng: Source of chance.
         inertia_error: Standard deviation of the relative error of masses and inertias.
     """
-    n, scale = arm.n, effort_scale(arm)
+    n, scale = arm.n, rated_torque(arm)
     relative = scale / 157.0
     own = rng.standard_normal((3, n))
     coulomb = 12.0 * relative**1.15 * np.exp(0.25 * own[0])

@@ -11,9 +11,9 @@ from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.plant.answer import ANSWER_NAME, ENVELOPE_NAME, seal, write_answer
 from ident.plant.record import Progress, no_progress
-from ident.plant.session import Simulation, SimulationOptions, simulate
-from ident.plant.shapes import Motion
-from ident.writing import write_session
+from ident.plant.simulate import Simulation, SimulationOptions, simulate
+from ident.recordings.save import write_session
+from ident.trajectories.reference import Motion
 
 # What a folder of an earlier session may hold; any other folder is not replaced.
 OWN_SUFFIXES = (".parquet", ".csv")

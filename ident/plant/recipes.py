@@ -14,22 +14,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.plant.causes import CATALOGUE
 from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
-from ident.plant.limits import Limits
 from ident.plant.mjcf import AddedBody
-from ident.plant.motions import random_path
 from ident.plant.output import Written, require_replaceable, write_simulation
 from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
 from ident.plant.request import EffectRequest
-from ident.plant.session import ORIGIN, Simulation, SimulationOptions, simulate
-from ident.plant.shapes import Motion, via_spline
-from ident.recording import Payload, Session
-from ident.writing import write_session
+from ident.plant.simulate import ORIGIN, Simulation, SimulationOptions, simulate
+from ident.recordings.recording import Payload, Session
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import random_path
+from ident.trajectories.limits import Limits
+from ident.trajectories.reference import Motion, via_spline
 
 ARM_SEED = 900
 RATE_HZ = 50.0

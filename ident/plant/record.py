@@ -11,10 +11,10 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_encoder, read_temperature, read_torque, sample
-from ident.plant.shapes import Motion
 from ident.plant.simulator import Simulator, Trace
 from ident.plant.thermal import AMBIENT_DEGC
-from ident.recording import Recording
+from ident.recordings.recording import Recording
+from ident.trajectories.reference import Motion
 
 Progress = Callable[[], None]
 

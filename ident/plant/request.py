@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ident.arm import ArmModel
 from ident.errors import InputError
 from ident.plant.causes import Cause, find_cause
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 
 WHOLE_ARM = ("", "arm", "all", "-")
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.plant.contact import no_contact
@@ -16,8 +15,9 @@ from ident.plant.friction import FrictionLaw
 from ident.plant.hardware import Hardware
 from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
 from ident.plant.mjcf import build_model
-from ident.plant.shapes import TICK_S, Motion
 from ident.plant.thermal import cool_down
+from ident.robot.arm import ArmModel
+from ident.trajectories.reference import TICK_S, Motion
 
 LARGEST_STEP_S = 5e-4
 # The spring between motor and link must turn by less than this angle of its own oscillation in a step.

@@ -20,9 +20,9 @@ from ident.plant.causes.base import Cause, Scene, View
 from ident.plant.contact import Contact
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_torque, sample
-from ident.plant.shapes import TICK_S, Motion
 from ident.plant.simulator import Simulator, Trace, choose_step, feed_forward
 from ident.plant.sizing import SAME, SizeSearch, find_size
+from ident.trajectories.reference import TICK_S, Motion
 
 STRIDE_S = 0.02
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].

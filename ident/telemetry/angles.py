@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Bool, Float
-from ident.recording import Recording, Session, TelemetryIssue
-from ident.splits import cut_before
+from ident.recordings.blocks import cut_before
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.robot.arm import ArmModel
 from ident.telemetry.effort import explained_by_model
+from ident.telemetry.filtered_run import filter_run
 from ident.telemetry.report import in_runs, joints_at
-from ident.telemetry.signals import filter_run
 from ident.telemetry.velocities import compare_velocities
 
 TURN = 2.0 * math.pi

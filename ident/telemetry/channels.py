@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.recording import Recording, Session, Severity, TelemetryIssue
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.telemetry.report import in_runs, joints_at
 
 # A stuck channel repeats one value for this long, and this many samples, while its joint moves.

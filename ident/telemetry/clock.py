@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.recording import Recording, Session, Severity, TelemetryIssue
-from ident.splits import cut_before
+from ident.recordings.blocks import cut_before
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.telemetry.report import in_runs
 
 # Rows dropped for their time: a hiccup of the logger up to here, another clock beyond.

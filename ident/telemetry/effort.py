@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Bool, Float
-from ident.recording import Session, TelemetryIssue
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.telemetry.filtered_run import Motion, filter_run
 from ident.telemetry.report import joints_at
-from ident.telemetry.signals import Motion, filter_run
 
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
 TRANSITION_RAD_S = 0.02

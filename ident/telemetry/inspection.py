@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.arm import ArmModel
-from ident.joints import match_joints
-from ident.recording import Recording, Session, TelemetryIssue
-from ident.telemetry.amount import Amount
+from ident.recordings.joint_names import match_joints
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.robot.arm import ArmModel
 from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
 from ident.telemetry.clock import mend_jitter, mend_order, split_at_gaps
 from ident.telemetry.effort import check_effort
+from ident.telemetry.excitation import Amount
 from ident.telemetry.motion import mend_time_base, mend_velocity
 from ident.telemetry.report import TelemetryReport
 

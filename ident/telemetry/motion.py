@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.arm import ArmModel
-from ident.recording import Session, TelemetryIssue
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
 from ident.telemetry.angles import scale_angles
 from ident.telemetry.effort import States, collect_states, fit_signed
 from ident.telemetry.report import joints_at

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ident.arm import ArmModel
 from ident.errors import RecordingError
-from ident.recording import Session, Severity, TelemetryIssue
-from ident.writing import write_session
+from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
 
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.

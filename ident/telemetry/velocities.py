@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.recording import Session
-from ident.telemetry.signals import filter_run
+from ident.recordings.recording import Session
+from ident.telemetry.filtered_run import filter_run
 
 # A joint's velocity is compared where it moves: at rest both are noise. [rad/s]
 MOVING_RAD_S = 0.02

@@ -14,9 +14,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from plan.problem import TOLERANCE, Evaluation, PlanningProblem
+from plan.dynamics.torch_threads import torch_threads
+from plan.problem.problem import TOLERANCE, Evaluation, PlanningProblem
 from plan.spline import Splines
-from plan.threads import torch_threads
 
 # Called with the evaluations so far, the evaluations allowed, and the best cost.
 Progress = Callable[[int, int, float], None]

@@ -15,11 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
 from plan.planners.brute_loop import BruteLoop, Courses
-from plan.power import ChainTorque, section_nodes
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
 CHUNK = 512

@@ -9,9 +9,9 @@ import torch
 from numba import njit
 
 from ident.arrays import Array, Float
-from plan.network import DenseNet, JointNets
-from plan.power import ChainTorque, Metric
-from plan.rigid import _rnea, inverse_dynamics
+from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.dynamics.newton_euler import _rnea, inverse_dynamics
+from plan.dynamics.power import ChainTorque, Metric
 
 # Rigid torques in a table of the default net.
 TABLE = 1024

@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from plan.errors import MethodError
 from plan.planners.base import Budget, Ledger, Planner
-from plan.problem import SQUEEZE, PlanningProblem
+from plan.problem.problem import SQUEEZE, PlanningProblem
 
 # Durations tried at once when looking for the shortest feasible one.
 TRIED = 12

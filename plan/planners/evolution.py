@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.planners.base import Ledger, Planner
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 
 
 @dataclass(frozen=True)

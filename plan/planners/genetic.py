@@ -14,7 +14,7 @@ from pymoo.problems.static import StaticProblem
 
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger, Planner
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 
 
 @dataclass(frozen=True)

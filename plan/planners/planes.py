@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.boxes import Box
+from plan.geometry.boxes import Box
 from plan.planners.reference_graph import slot_size
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
 # Local times of a section at which clearance is watched.

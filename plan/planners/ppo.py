@@ -18,7 +18,7 @@ import torch
 from ident.arrays import Array, Float
 from plan.planners.base import Ledger, Planner
 from plan.planners.reward import REWARDS
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 
 HIDDEN = (512, 256)
 

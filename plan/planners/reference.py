@@ -10,13 +10,13 @@ import casadi as ca
 import numpy as np
 
 from ident.arrays import Array, Float
+from plan.dynamics.power import ChainTorque
 from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.planes import count_near, make_slots
 from plan.planners.reference_graph import SLOTS, Programme, build
-from plan.power import ChainTorque
-from plan.problem import SHARE, SQUEEZE, TOLERANCE, Evaluation, PlanningProblem
+from plan.problem.problem import SHARE, SQUEEZE, TOLERANCE, Evaluation, PlanningProblem
 from plan.spline import Splines
 
 # Initial trajectories that break more than this are not solved from as they are.

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from ident.arrays import Array
-from plan.chain import Chain
+from plan.dynamics.chain import Chain
+from plan.dynamics.power import ChainTorque, Metric, section_nodes
 from plan.planners import symbolic
-from plan.power import ChainTorque, Metric, section_nodes
-from plan.problem import Free, Objective
+from plan.problem.problem import Free, Objective
 
 # Clearance constraints that a programme may have room for; the ones not needed are switched off.
 SLOTS = (12, 24, 48)

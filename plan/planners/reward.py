@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.problem import Evaluation, PlanningProblem
+from plan.problem.problem import Evaluation, PlanningProblem
 
 # The least distance that the paper's −1/dist is taken at: its reward is singular at contact [m].
 LEAST_DISTANCE = 1e-3

@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from ident.arrays import Array
-from ident.residual import DIRECTION_SCALES, LOAD_ROUNDING
-from plan.chain import Chain
+from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
+from plan.dynamics.chain import Chain
+from plan.dynamics.compiled_nets import DenseNet, JointNets, ResidualTerm
 from plan.errors import MethodError
-from plan.network import DenseNet, JointNets, ResidualTerm
 
 Symbol = Any  # casadi.SX or casadi.MX; CasADi has no common type for them
 

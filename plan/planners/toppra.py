@@ -13,11 +13,11 @@ from toppra.algorithm import TOPPRA
 from toppra.constraint import DiscretizationType, JointVelocityConstraint, SecondOrderConstraint
 
 from ident.arrays import Array, Float
+from plan.dynamics.newton_euler import inverse_dynamics
+from plan.dynamics.power import ChainTorque
 from plan.errors import MethodError
 from plan.planners.base import Candidate, Ledger, Planner
-from plan.power import ChainTorque
-from plan.problem import SHARE, PlanningProblem
-from plan.rigid import inverse_dynamics
+from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
 logging.getLogger("toppra").setLevel(logging.ERROR)

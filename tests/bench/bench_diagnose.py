@@ -22,15 +22,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import freeze
-from ident.diagnosis.decimation import decimate
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.decimation import decimate
 from ident.effects.catalogue import CATALOGUE
-from ident.plant.session import SimulationOptions, simulate
-from ident.recording import Session
-from ident.signals import CRITICAL_OVERSAMPLING, Motion, prepare_run, session_noise
-from ident.spooling import hold
+from ident.motion.motion import CRITICAL_OVERSAMPLING, Motion, prepare_run, session_noise
+from ident.motion.out_of_core import hold
+from ident.plant.simulate import SimulationOptions, simulate
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
 
 CUTOFF = 25.0
 STAGES = (

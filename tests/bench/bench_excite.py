@@ -20,16 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from ident.arm import ArmModel
-from ident.diagnosis.command import diagnose_reports
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.plant.motions import plan_motions
-from ident.plant.session import SimulationOptions, simulate
-from ident.plant.shapes import Motion
+from ident.plant.simulate import SimulationOptions, simulate
+from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions
-from plan.excitation.excite import excite
-from plan.excitation.question import ask
-from plan.excitation.result import Excitation
+from ident.trajectories.kinds import plan_motions
+from ident.trajectories.reference import Motion
+from plan.experiment.design import excite
+from plan.experiment.question import ask
+from plan.experiment.result import Excitation
 
 # Two effects and the joint at which each is planted.
 PAIRS = (

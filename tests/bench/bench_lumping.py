@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ident.arm import ArmModel
-from tests.ident.lumping import lumping_table, print_table
+from ident.robot.arm import ArmModel
+from tests.ident.robot.lumping import lumping_table, print_table
 
 
 def test_print_where_lumping_breaks() -> None:

@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from ident.arm import ArmModel
-from ident.diagnosis.command import CUTOFF, diagnose_reports
+from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
-from ident.patch.change import Diagnosed
-from ident.patch.command import write_patch
-from ident.plant.session import Simulation, SimulationOptions, simulate
-from ident.signals import prepare
+from ident.motion.motion import prepare
+from ident.patches.change import Diagnosed
+from ident.patches.command import write_patch
+from ident.plant.simulate import Simulation, SimulationOptions, simulate
+from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions
 
 EFFECTS = (

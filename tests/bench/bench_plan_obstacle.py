@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from plan.compare import Comparison, cost_at
+from plan.cli.commands import open_task, save_comparison
 from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
-from plan.result import PlanResult
-from plan.session import open_task, save_comparison
-from plan.solve import find_starts, solve
+from plan.problem.result import PlanResult
+from plan.solving.compare import Comparison, cost_at
+from plan.solving.solve import find_starts, solve
 
 TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
 SEEDS = range(5)

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 from ompl import base, geometric
 
-from ident.arm import ArmModel
-from plan.boxes import Box
-from plan.planners.rrt import TreeOptions, connect, prune
-from plan.scene import Scene
+from ident.robot.arm import ArmModel
+from plan.geometry.boxes import Box
+from plan.geometry.scene import Scene
+from plan.initial.rrt import TreeOptions, connect, prune
 
 RESOLUTION = 0.04
 SECONDS = 5.0

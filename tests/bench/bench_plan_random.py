@@ -19,21 +19,21 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.hybrid import HybridModel
-from plan.boxes import Box
-from plan.model import torque_of_model
+from ident.model.hybrid import HybridModel
+from plan.cli.commands import open_task
+from plan.dynamics.torque_model import torque_of_model
+from plan.geometry.boxes import Box
+from plan.geometry.scene import Scene
+from plan.initial.starts import straight
 from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
-from plan.problem import PlanningProblem
-from plan.result import PlanResult
-from plan.scene import Scene
-from plan.session import open_task
-from plan.solve import solve
-from plan.starts import straight
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.solving.solve import solve
 
 BASE = Path(__file__).parents[1] / "plan/data/table3.toml"
 CHECKED = 10_000

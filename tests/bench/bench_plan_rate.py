@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plan.network import DenseNet, JointNets
-from plan.power import METRICS, ChainTorque, energy
-from plan.session import open_task
+from plan.cli.commands import open_task
+from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.dynamics.power import METRICS, ChainTorque, energy
 
 TASK = Path(__file__).parents[1] / "plan/data/table3.toml"
 BATCH = 500

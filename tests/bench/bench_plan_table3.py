@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from plan.cli.commands import open_task
+from plan.dynamics.power import METRICS
 from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.brute_force import BruteForce
@@ -22,11 +24,9 @@ from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
-from plan.power import METRICS
-from plan.problem import PlanningProblem
-from plan.result import PlanResult, certify
-from plan.session import open_task
-from plan.solve import solve
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult, certify
+from plan.solving.solve import solve
 
 TASK = Path(__file__).parents[1] / "plan/data/table3.toml"
 PAPER = {"initial": 51.11, "brute": 45.46, "ga": 45.73, "ppo": 46.68}

@@ -15,7 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plan.pictures import draw_motion, save_figure
+from plan.cli.commands import open_task
+from plan.initial.detours import find_seeds
+from plan.initial.starts import from_vias
 from plan.planners import Budget, Ledger
 from plan.planners.base import Planner
 from plan.planners.compression import Compression, start_compressed
@@ -23,12 +25,10 @@ from plan.planners.evolution import Evolution
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
 from plan.planners.toppra import Toppra
-from plan.problem import Free, PlanningProblem
-from plan.result import PlanResult, certify
-from plan.seeds import find_seeds
-from plan.session import open_task
-from plan.solve import Starts, find_starts, solve
-from plan.starts import from_vias
+from plan.problem.problem import Free, PlanningProblem
+from plan.problem.result import PlanResult, certify
+from plan.show.pictures import draw_motion, save_figure
+from plan.solving.solve import Starts, find_starts, solve
 
 TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
 TRIALS = range(5)

@@ -12,13 +12,13 @@ import time
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.plant.causes import CATALOGUE, OUTSIDE, Scene
 from ident.plant.hardware import draw_hardware
-from ident.plant.motions import plan_motions
-from ident.plant.session import RICH
+from ident.plant.simulate import RICH
 from ident.plant.simulator import Simulator
 from ident.plant.visibility import VisibilityMeter
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import plan_motions
 
 
 def main(joint_name: str = "joint_2") -> None:

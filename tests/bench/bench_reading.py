@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
 
-from ident.reading import load_recording
+from ident.recordings.load import load_recording
 
 MEGABYTES = 400
 SLICE_LINES = 20_000

@@ -10,12 +10,12 @@ import time
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.evaluation import evaluate
-from ident.hybrid import FitOptions, fit_hybrid
-from ident.reading import load_session
-from ident.robots import data_path
-from ident.signals import Motion, prepare
+from ident.model.evaluation import evaluate
+from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.motion.motion import Motion, prepare
+from ident.recordings.load import load_session
+from ident.robot.arm import ArmModel
+from ident.robot.urdf import data_path
 
 
 def _motions(name: str) -> tuple[Motion, ...]:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ident.smoothing import NoiseLevels, fit_noise_levels, smooth
+from ident.motion.smoothing import NoiseLevels, fit_noise_levels, smooth
 
 SAMPLES, JOINTS, SLICE = 100_000, 6, 5_000
 

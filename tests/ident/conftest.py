@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.recording import Recording, Session
+from ident.recordings.recording import Recording, Session
 
 UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 # Drive gains of the UR10e from the literature [N m/A].

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array, Float, freeze
-from ident.recording import Payload, Recording, Session
-from ident.signals import Lowpass, Motion
+from ident.motion.motion import Lowpass, Motion
+from ident.recordings.recording import Payload, Recording, Session
+from ident.robot.arm import ArmModel
 
 Law = Callable[[Array, Array, Array], Array]
 

@@ -12,15 +12,15 @@ import pytest
 
 from ident import opening
 from ident.arrays import Array
-from ident.diagnosis import command
-from ident.diagnosis.command import diagnose_reports
+from ident.diagnosis import from_reports as command
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.opening import inspect_in_parts, inspect_paths
-from ident.reading import load_parts, load_session
-from ident.recording import Recording, Session, TelemetryIssue
-from ident.telemetry import TelemetryReport, in_parts, inspect_parts
-from ident.writing import write_session
+from ident.recordings.load import load_parts, load_session
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.save import write_session
+from ident.telemetry import TelemetryReport, inspect_parts, streaming
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
 
@@ -203,7 +203,7 @@ def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path
 
 def test_a_graver_form_of_a_told_fault_is_told() -> None:
     """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
-    check = in_parts._Check(load_arm())
+    check = streaming._Check(load_arm())
     mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
     grave = replace(mild, severity="fatal")
     assert [check._is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.evaluation import SessionScore, evaluate
-from ident.hybrid import FitOptions, fit_hybrid
-from ident.joints import match_joints
-from ident.reading import load_session
-from ident.recording import Recording, Session
-from ident.signals import prepare
+from ident.model.evaluation import SessionScore, evaluate
+from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.motion.motion import prepare
+from ident.recordings.joint_names import match_joints
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
 
 pytestmark = pytest.mark.real
 

@@ -7,15 +7,15 @@ from functools import cache
 
 import numpy as np
 
-from ident.arm import ArmModel
-from plan.boxes import Box
-from plan.chain import Chain
-from plan.network import DenseNet, JointNets
+from ident.robot.arm import ArmModel
+from plan.dynamics.chain import Chain
+from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.dynamics.power import ChainTorque, Losses
+from plan.geometry.boxes import Box
+from plan.geometry.scene import Scene
+from plan.initial.starts import straight
 from plan.planners import Budget, Ledger
-from plan.power import ChainTorque, Losses
-from plan.problem import Limits, PlanningProblem
-from plan.scene import Scene
-from plan.starts import straight
+from plan.problem.problem import Limits, PlanningProblem
 
 START, GOAL = np.radians([50.0, 0.0, -120.0]), np.radians([80.0, 30.0, -90.0])
 MONITOR = Box("monitor", 0, np.eye(3), [0.04, -0.47, 0.56], [0.06, 0.06, 0.06])

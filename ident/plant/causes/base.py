@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.plant.hardware import Hardware
-from ident.plant.shapes import Motion
+from ident.trajectories.reference import Motion
 
 View = Literal["refit", "loss", "raw"]
 Parameters = dict[str, float | str]

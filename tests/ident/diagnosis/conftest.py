@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ident.arm import ArmModel
 from ident.diagnosis.diagnose import Analysis
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, load_arm, nothing
 
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.signals import Motion
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions
 
 COULOMB = np.array([6.0, 9.0, 5.0])  # [N m]

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.diagnosis.command import diagnose_reports
 from ident.diagnosis.diagnose import Analysis, Diagnosis
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
-from ident.reading import load_session
-from ident.recording import Recording, Session
-from ident.robots import data_path
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+from ident.robot.urdf import data_path
 from ident.telemetry import inspect_sessions
 from tests.ident.diagnosis.contract import check_diagnosis
 from tests.ident.diagnosis.planted import analyse, gain_on_2, load_arm

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.diagnosis.baseline import fit_baseline
-from ident.diagnosis.decimation import decimate, decimation_factor, prepare_slower
-from ident.signals import CRITICAL_OVERSAMPLING, Lowpass, prepare
+from ident.diagnosis.regression.baseline import fit_baseline
+from ident.diagnosis.regression.decimation import decimate, decimation_factor, prepare_slower
+from ident.motion.motion import CRITICAL_OVERSAMPLING, Lowpass, prepare
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import healthy_torque
 from tests.ident.made_up import made_motions, made_session
 

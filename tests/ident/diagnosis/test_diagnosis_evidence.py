@@ -7,15 +7,15 @@ import pytest
 from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
-from ident.diagnosis import evidence as evidence_module
-from ident.diagnosis import rows as rows_module
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.evidence import build_partition, estimate_noise, gather
-from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.layout import Layout
-from ident.diagnosis.projection import RIDGE, Prior, project
-from ident.diagnosis.rows import Rows, compute_rows
-from ident.signals import Lowpass, Motion
+from ident.diagnosis.regression import gram as evidence_module
+from ident.diagnosis.regression import rows as rows_module
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Layout
+from ident.diagnosis.regression.gram import build_partition, estimate_noise, gather
+from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
+from ident.diagnosis.regression.rows import Rows, compute_rows
+from ident.motion.motion import Lowpass, Motion
 
 
 @pytest.fixture(scope="module")

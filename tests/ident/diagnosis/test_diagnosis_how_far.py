@@ -7,16 +7,16 @@ import itertools
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.how_far import run_energy
-from ident.diagnosis.layout import Group
-from ident.diagnosis.projection import Prior
-from ident.diagnosis.rollout import WINDOW, integrate, replay
-from ident.diagnosis.shares import shapley_shares
+from ident.diagnosis.gap.improvement import run_energy
+from ident.diagnosis.gap.replay import WINDOW, integrate, replay
+from ident.diagnosis.gap.shapley import shapley_shares
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Prior
 from ident.effects.catalogue import find_effect
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     analyse,
     load_friction_on_2,

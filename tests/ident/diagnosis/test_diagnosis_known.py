@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ident.arm import ArmModel
-from ident.diagnosis.baseline import KNOWN_SHARE
 from ident.diagnosis.diagnose import diagnose
+from ident.diagnosis.regression.baseline import KNOWN_SHARE
 from ident.effects.catalogue import find_effect
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import healthy_torque
 from tests.ident.made_up import made_motions
 

@@ -8,7 +8,7 @@ import pytest
 
 from ident.diagnosis.next_experiment import next_experiment
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.shown_by import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+from ident.effects.informative_motions import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
 
 
 def finding(*effects: str, joint: str = "joint_2") -> dict[str, object]:

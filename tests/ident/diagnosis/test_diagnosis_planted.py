@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ident.arm import ArmModel
 from ident.diagnosis.diagnose import Analysis
 from ident.effects.catalogue import CATALOGUE
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     Plant,
     analyse,

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.arrays import Array
-from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.inference import EXACT_FIGURES, LAW_SHARE, solve_effects, widened
-from ident.diagnosis.projection import Prior, project
-from ident.diagnosis.refine import refine
-from ident.diagnosis.search import Search
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.selection.intervals import EXACT_FIGURES, LAW_SHARE, solve_effects, widened
+from ident.diagnosis.selection.refine import refine
+from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.effects.friction import STRIBECK_VELOCITIES
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, load_friction_on_2, stribeck_on_1
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.heldout import HeldOut
-from ident.diagnosis.inference import INTERVAL_FALL, _interval_of_profile
-from ident.diagnosis.layout import Group
-from ident.diagnosis.projection import Prior
-from ident.diagnosis.significance import family_p_values, group_p_value
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.selection.intervals import INTERVAL_FALL, _interval_of_profile
+from ident.diagnosis.selection.sign_flips import family_p_values, group_p_value
 from ident.effects.base import Variant
 from ident.effects.catalogue import CATALOGUE
 

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.diagnosis import evidence as evidence_module
-from ident.diagnosis import rows as rows_module
-from ident.diagnosis.baseline import fit_baseline
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.evidence import build_partition, gather
-from ident.diagnosis.layout import build_layout
-from ident.diagnosis.runs import build_session, leftover_torque
+from ident.diagnosis.regression import gram as evidence_module
+from ident.diagnosis.regression import rows as rows_module
+from ident.diagnosis.regression.baseline import fit_baseline
+from ident.diagnosis.regression.design import build_layout
+from ident.diagnosis.regression.gram import build_partition, gather
+from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
-from ident.signals import Motion
-from ident.spooling import SpooledMotions, choose_runs
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import SpooledMotions, choose_runs
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import record, stribeck_on_1
 
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.projection import Prior, project
-from ident.diagnosis.tolerance import Tolerance, measure_tolerance
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.effects.catalogue import find_effect
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse
 
 # At the elbow's link: far more than the URDF's numbers may be off.

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.arrays import Array
-from ident.diagnosis.axes import session_axes
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.residuals import RunResidual
-from ident.diagnosis.where import SIGNIFICANT, Place, map_gap, maps_record, told
+from ident.diagnosis.gap.axes import session_axes
+from ident.diagnosis.gap.gap_map import SIGNIFICANT, Place, map_gap, maps_record, told
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.robot.arm import ArmModel
 
 JOINTS = ("joint_1", "joint_2", "joint_3")
 

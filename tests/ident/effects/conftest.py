@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import lsq_linear
 from smooth_motion import Recover, make_session
 
-from ident.arm import ArmModel
 from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.robot.arm import ArmModel
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ident.arm import ArmModel
 from ident.effects.base import Interval, RunContext, SessionContext
-from ident.signals import Lowpass, Motion
+from ident.motion.motion import Lowpass, Motion
+from ident.robot.arm import ArmModel
 
 RATE = 200.0
 COULOMB = np.array([8.0, 8.0, 6.0, 2.0, 2.0, 2.0])

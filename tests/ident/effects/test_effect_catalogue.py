@@ -142,7 +142,7 @@ def test_an_unknown_id_is_told_the_known_ones() -> None:
 MAGNET = '''
 import numpy as np
 from ident.effects.base import Effect, Variant
-from ident.effects.levels import coefficient_interval
+from ident.effects.typical_sizes import coefficient_interval
 
 
 class Magnet(Effect):

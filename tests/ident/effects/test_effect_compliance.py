@@ -10,9 +10,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 from smooth_motion import make_session
 
-from ident.arm import ArmModel
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
+from ident.robot.arm import ArmModel
 
 SUBSTEPS = 8
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
-from ident.arm import ArmModel
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
+from ident.robot.arm import ArmModel
 
 
 def test_stribeck_friction_is_found_with_its_speed(session: SessionContext, recover: Recover) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from smooth_motion import Recover
 
-from ident.arm import ArmModel
 from ident.arrays import Array
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import find_effect
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 
 
 def difference(session: SessionContext, other: ArmModel) -> list[Array]:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
-from ident.arm import ArmModel
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
 from ident.effects.sensing import shifted
+from ident.robot.arm import ArmModel
 
 
 def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.plant.hardware import Hardware, draw_hardware
+from ident.robot.arm import ArmModel
 
 
 @pytest.fixture(scope="session")

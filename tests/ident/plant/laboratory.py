@@ -11,8 +11,8 @@ from ident.arrays import Array
 from ident.plant.causes import Scene, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_encoder, read_torque
-from ident.plant.shapes import Motion, ramps, together
 from ident.plant.simulator import Simulator
+from ident.trajectories.reference import Motion, ramps, together
 
 RATE_HZ = 250.0
 

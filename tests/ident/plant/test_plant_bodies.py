@@ -5,11 +5,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.arm import ArmModel
 from ident.plant.hardware import draw_hardware, nominal_hardware
 from ident.plant.loop import Laws, advance, engine, fresh_state, records
 from ident.plant.mjcf import AddedBody, build_model
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
 
 
 def compiled(arm, bodies, step=5e-4):

@@ -10,10 +10,10 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import pytest
 
-from ident.arm import ArmModel
 from ident.errors import RecordingError
-from ident.plant.commands import read_commands
-from ident.plant.session import SimulationOptions, simulate
+from ident.plant.simulate import SimulationOptions, simulate
+from ident.robot.arm import ArmModel
+from ident.trajectories.command_files import read_commands
 
 JOINTS = ("joint_1", "joint_2")
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.errors import InputError
-from ident.plant.limits import Limits
-from ident.plant.motions import KINDS, plan_motions
-from ident.plant.shapes import TICK_S, chirp, ramps, via_spline
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import KINDS, plan_motions
+from ident.trajectories.limits import Limits
+from ident.trajectories.reference import TICK_S, chirp, ramps, via_spline
 
 
 @pytest.fixture(scope="module")

@@ -10,15 +10,15 @@ from ident.errors import InputError
 from ident.plant.answer import ENVELOPE_NAME, Answer, TrueEffect, open_envelope, read_answer, seal, write_answer
 from ident.plant.causes import CATALOGUE, OUTSIDE, Scene, find_cause
 from ident.plant.decoys import DECOYS, add_decoy
-from ident.plant.motions import plan_motions
 from ident.plant.output import simulate_to, write_simulation
 from ident.plant.recipes import TRAINING_SAMPLES, run_recipe, sealed_key, training_counts
 from ident.plant.request import EffectRequest, find_joint, parse_effect, parse_payload
-from ident.plant.session import SimulationOptions, simulate
+from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.visibility import VisibilityMeter
-from ident.reading import load_session
-from ident.recording import Payload
-from ident.robots import data_path
+from ident.recordings.load import load_session
+from ident.recordings.recording import Payload
+from ident.robot.urdf import data_path
+from ident.trajectories.kinds import plan_motions
 
 # The ids that the contract fixes.
 IDS = (

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from laboratory import changes, record, there_and_back, with_effect
 
-from ident.plant.shapes import chirp, ramps, together, via_spline
-from ident.recording import Payload
+from ident.recordings.recording import Payload
+from ident.trajectories.reference import chirp, ramps, together, via_spline
 
 J = 1  # joint_2 carries the arm: friction, gravity and inertia all show there
 SLIP = 0.02

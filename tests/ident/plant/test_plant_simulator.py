@@ -5,13 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
 from ident.errors import InputError
 from ident.plant import visibility
 from ident.plant.hardware import draw_hardware
-from ident.plant.motions import plan_motions
-from ident.plant.session import SimulationOptions, simulate
+from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.simulator import Simulator, choose_step
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import plan_motions
 
 SHORT = SimulationOptions(motions=("spline", "chirp"), runs=3, duration=2.5, rate=100.0, seed=5, temperature=True)
 

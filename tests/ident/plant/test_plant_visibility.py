@@ -5,11 +5,11 @@ import pytest
 
 from ident.plant import visibility
 from ident.plant.causes import Scene, find_cause
-from ident.plant.motions import plan_motions
 from ident.plant.request import EffectRequest
-from ident.plant.session import SimulationOptions, simulate
+from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.simulator import choose_step
 from ident.plant.visibility import TOLERANCE, VisibilityMeter, amplitude, gather, moves_alike
+from ident.trajectories.kinds import plan_motions
 
 SENSORS = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation", "supply_sag")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.recording import Recording
+from ident.recordings.recording import Recording
 
 HEADER = "time,a/position,b/position,a/effort,b/effort"
 

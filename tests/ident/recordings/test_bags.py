@@ -11,8 +11,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from ident.errors import RecordingError
-from ident.reading import load_session
-from ident.recording import Recording
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 JointState = TYPES.types["sensor_msgs/msg/JointState"]

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from ident.errors import RecordingError
-from ident.reading import load_recording, load_session
-from ident.recording import Payload, Recording, Session
-from ident.writing import write_recording, write_session
+from ident.recordings.load import load_recording, load_session
+from ident.recordings.recording import Payload, Recording, Session
+from ident.recordings.save import write_recording, write_session
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.reading import load_recording
-from ident.recording import Recording, TelemetryIssue
+from ident.recordings.load import load_recording
+from ident.recordings.recording import Recording, TelemetryIssue
 
 
 def read(path: Path, lines: list[str], end: str = "\n") -> tuple[Recording, tuple[TelemetryIssue, ...]]:

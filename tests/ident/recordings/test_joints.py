@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.joints import map_by_ending, match_joints
-from ident.recording import Recording, Session
+from ident.recordings.joint_names import map_by_ending, match_joints
+from ident.recordings.recording import Recording, Session
 
 PANDA = tuple(f"panda_joint{i}" for i in range(1, 8))
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.reading import load_session, load_sessions
-from ident.recording import Recording
-from ident.writing import write_recording
+from ident.recordings.load import load_session, load_sessions
+from ident.recordings.recording import Recording
+from ident.recordings.save import write_recording
 
 
 def test_runs_come_in_file_name_order_on_one_clock(run: Recording, tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.recording import Recording, Session
-from ident.splits import blocks, count_blocks
+from ident.recordings.blocks import blocks, count_blocks
+from ident.recordings.recording import Recording, Session
 
 
 def session_of(*durations: float) -> Session:

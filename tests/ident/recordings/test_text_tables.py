@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.reading import load_recording, load_session
-from ident.recording import Recording
+from ident.recordings.load import load_recording, load_session
+from ident.recordings.recording import Recording
 
 NUMBERED = '[columns]\n1 = "time"\n2 = "a/position"\n3 = "b/position"\n4 = "a/effort"\n5 = "b/effort"\n'
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.recording import Recording, Session
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
 
 RATE_HZ = 125.0
 COULOMB = np.array([9.0, 9.0, 6.0, 2.5, 2.0, 1.5])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ident.recording import Recording, Session
+from ident.recordings.recording import Recording, Session
 
 Column = Callable[[np.ndarray], np.ndarray]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from ident.reading import load_session
-from ident.recording import Recording, Session
-from ident.splits import cut_before
+from ident.recordings.blocks import cut_before
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect
 
 HARMLESS = {"jitter", "clock_restarts", "joints_renamed"}

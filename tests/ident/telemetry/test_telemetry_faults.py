@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from faults import freeze_rows, spoil, spoil_column, without_velocity
 
-from ident.arm import ArmModel
 from ident.errors import RecordingError
-from ident.recording import Payload, Session
+from ident.recordings.recording import Payload, Session
+from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect, inspect_sessions
 
 

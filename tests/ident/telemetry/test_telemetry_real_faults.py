@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from faults import spoil, spoil_column
 
-from ident.arm import ArmModel
-from ident.reading import load_session
-from ident.recording import Session
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
 from ident.telemetry import inspect
 
 pytestmark = pytest.mark.real

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from faults import spoil_column
 
-from ident.arm import ArmModel
 from ident.errors import InputError, RecordingError
-from ident.reading import load_session
-from ident.recording import Session
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
+from ident.recordings.save import write_recording, write_session
+from ident.robot.arm import ArmModel
 from ident.telemetry import inspect, inspect_sessions
-from ident.writing import write_recording, write_session
 
 
 def test_the_report_is_json_with_the_worst_first(clean: Session, arm: ArmModel) -> None:

@@ -6,12 +6,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from plan.chain import Chain
+from plan.dynamics.chain import Chain
+from plan.dynamics.power import METRICS, ChainTorque
 from plan.errors import MethodError
 from plan.planners.brute_force import BruteForce, make_courses
 from plan.planners.brute_loop import BruteLoop
-from plan.power import METRICS, ChainTorque
-from plan.problem import PlanningProblem
+from plan.problem.problem import PlanningProblem
 from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
 
 

@@ -6,17 +6,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ident.arm import ArmModel
-from plan.chain import Chain
+from ident.robot.arm import ArmModel
+from plan.dynamics.chain import Chain
+from plan.dynamics.power import METRICS, ChainTorque
+from plan.initial.starts import from_vias
 from plan.planners import symbolic
 from plan.planners.brute_force import BruteForce
 from plan.planners.evolution import Evolution
 from plan.planners.planes import make_slots
 from plan.planners.reference import Reference
 from plan.planners.reference_graph import _slot_function, _torque, slot_size
-from plan.power import METRICS, ChainTorque
-from plan.result import certify
-from plan.starts import from_vias
+from plan.problem.result import certify
 from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
 
 

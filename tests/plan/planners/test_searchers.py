@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from plan.errors import MethodError
+from plan.initial.starts import from_vias
 from plan.planners import METHODS, Planner, make_planner
 from plan.planners.compression import Compression
 from plan.planners.evolution import Evolution
@@ -13,8 +14,7 @@ from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
 from plan.planners.reward import REWARDS, paper_reward
 from plan.planners.toppra import Toppra
-from plan.result import certify
-from plan.starts import from_vias
+from plan.problem.result import certify
 from tests.plan.worlds import MONITOR, ledger, problem
 
 SAMPLERS = [

@@ -1,0 +1,124 @@
+"""First step of a case: draw, simulate, write the recordings, seal the answer elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.blind_check.cases import OTHER_EFFECTS_FROM, Slot, draw_case
+from ident.blind_check.semi_real import EFFECTS, RealArm, add_effect
+from ident.errors import InputError
+from ident.files import atomic_folder, atomic_write
+from ident.plant.answer import Answer, seal
+from ident.plant.request import EffectRequest
+from ident.plant.simulate import SimulationOptions, simulate
+from ident.recordings.recording import Session
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+
+MOST_ATTEMPTS = 12
+MADE_NAME = "made.json"
+
+
+@dataclass(frozen=True)
+class MakeTask:
+    """What the simulating process is told.
+
+    Attributes:
+        slot, number: The case's place.
+        seed: Of the check.
+        base: What all cases have in common.
+        session: Folder for the recordings.
+        sealed: Folder for the envelope.
+        stamp: Of the simulating code.
+        sources: Folders of real recordings to which the effect is added; empty to simulate.
+    """
+
+    slot: Slot
+    number: int
+    seed: int
+    base: SimulationOptions
+    session: Path
+    sealed: Path
+    stamp: str
+    sources: tuple[Path, ...] = ()
+
+
+def case_key(seed: int, name: str) -> bytes:
+    """Key of a case's envelope: follows from the check's seed, which the diagnosing processes never get."""
+    return hashlib.sha256(f"{seed} {name} ident.blind/1".encode()).digest()
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A case as it came out: what is recorded, what is true, and what the diagnosis may know."""
+
+    session: Session
+    answer: Answer
+    robot: str
+    source: int = -1
+
+
+def make(task: MakeTask) -> str:
+    """Makes a case and seals its answer; returns its name. Draws again where a size is impossible."""
+    start = time.perf_counter()
+    for attempt in range(MOST_ATTEMPTS):
+        try:
+            made, excluded = _add_to_real(task, attempt) if task.sources else _simulate(task, attempt)
+            break
+        except InputError:
+            if attempt == MOST_ATTEMPTS - 1:
+                raise
+    with atomic_folder(task.session) as folder:
+        write_session(made.session, folder)
+    with atomic_folder(task.sealed) as folder:
+        digest = seal(made.answer, folder, case_key(task.seed, task.slot.name))
+        record = {
+            "sha256": digest,
+            "attempt": attempt,
+            "excluded": list(excluded),
+            "robot": made.robot,
+            "source": made.source,
+            "starts": [float(run.time[0]) for run in made.session.runs],
+            "seconds": time.perf_counter() - start,
+            "stamp": task.stamp,
+        }
+        _write(folder / MADE_NAME, record)
+    return task.slot.name
+
+
+def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+    joints = ArmModel.load(task.base.robot).joint_names
+    case = draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)
+    simulation = simulate(case.options, task.slot.name)
+    return Made(simulation.session, simulation.answer, task.base.robot), case.excluded
+
+
+@lru_cache(maxsize=2)
+def _load_real(folder: Path) -> RealArm:
+    """Reading and smoothing takes longer than the rest: a process keeps what it reads."""
+    return RealArm.load(folder)
+
+
+def _add_to_real(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+    rng = np.random.default_rng([task.seed, 3, task.number, attempt])
+    source = int(rng.integers(len(task.sources)))
+    real = _load_real(task.sources[source])
+    joint = int(rng.integers(real.arm.n))
+    effect = task.slot.effect if attempt < OTHER_EFFECTS_FROM else str(rng.choice(EFFECTS))
+    request = EffectRequest(effect, real.arm.joint_names[joint], amplitude=task.slot.amplitude)
+    session, answer = add_effect(real, request, joint, int(rng.integers(2**62)))
+    session = session.replace(name=task.slot.name, robot=real.robot)
+    return Made(session, answer, real.robot, source), ()
+
+
+def _write(path: Path, record: dict[str, Any]) -> None:
+    with atomic_write(path) as part:
+        part.write_text(json.dumps(record) + "\n", encoding="utf-8")

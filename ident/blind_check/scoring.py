@@ -1,0 +1,299 @@
+"""Third step of a case: what was said against what was true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.blind_check.cases import FULL_MIX, Slot
+from ident.diagnosis.verdict import above_noise
+from ident.effects.catalogue import CATALOGUE
+from ident.plant.answer import Answer, TrueEffect
+
+REFUSING = ("none_of_catalogue", "partial")
+# Kinds of case whose whole truth is known.
+SIMULATED = tuple(FULL_MIX)
+# A name at this probability or above is confident.
+CONFIDENT = 0.8
+# An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
+SHOWN_SHARE = 1.0 / 3.0
+# Effects that a diagnosis names without a joint, even where the cause has one (a push at a link).
+OF_THE_ARM = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """A true figure against its 95 % interval."""
+
+    effect: str
+    parameter: str
+    true: float
+    low: float
+    high: float
+
+    @property
+    def inside(self) -> bool:
+        if self.parameter == "phase_rad":
+            middle = 0.5 * (self.low + self.high)
+            away = np.angle(np.exp(1j * (self.true - middle)))
+            return bool(abs(away) <= 0.5 * (self.high - self.low) + 1e-9)
+        slack = 1e-6 * abs(self.true)
+        return self.low - slack <= self.true <= self.high + slack
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case, scored.
+
+    Attributes:
+        name, kind: The case.
+        amplitude, rich: Its visible amplitude [noise floors] and motion.
+        truth: True effects as (id, joint); the joint is empty for the whole arm.
+        verdict: Of the diagnosis; `failed` if it failed.
+        named: Names given, as (id, joints, probability).
+        strict: Whether the first name is the true effect (single effects).
+        class_aware: Whether the true effect is in the first name's class.
+        joint: Whether the first name is at the true joint.
+        class_size: Of the first name's class; None without a name.
+        refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
+        set_f1: Of all names with their joints against the truth.
+        shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
+        coverage: True figures against intervals, of all true names.
+        right: Whether each name is true.
+        rivals: Names of the plain methods.
+        seconds: Time of the diagnosis.
+        error: What went wrong, if it failed.
+    """
+
+    name: str
+    kind: str
+    amplitude: float
+    rich: bool
+    truth: tuple[tuple[str, str], ...]
+    verdict: str
+    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()
+    strict: bool = False
+    class_aware: bool = False
+    joint: bool = False
+    class_size: int | None = None
+    refused: bool = False
+    set_f1: float | None = None
+    shrink_share: float | None = None
+    coverage: tuple[Coverage, ...] = ()
+    right: tuple[bool, ...] = ()
+    rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    seconds: float | None = None
+    error: str = ""
+
+    @property
+    def confidently_wrong(self) -> bool:
+        """Whether a name that is not true was given with confidence; nobody knows all that is true of a real arm."""
+        wrong = [p for (_, _, p), right in zip(self.named, self.right, strict=True) if not right]
+        told = self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+        return told and self.kind in SIMULATED
+
+    def to_dict(self) -> dict[str, Any]:
+        record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
+        record["coverage"] = [{**vars(one), "inside": one.inside} for one in self.coverage]
+        return record
+
+
+def score_case(
+    slot: Slot,
+    answer: Answer,
+    result: Mapping[str, Any],
+    starts: Sequence[float] = (),
+    untouched: Mapping[str, Any] | None = None,
+) -> Outcome:
+    """Scores a case.
+
+    Args:
+        slot: Its place in the check.
+        answer: From its opened envelope.
+        result: What the diagnosing process wrote.
+        starts: Session time at which each run starts [s].
+        untouched: Diagnosis of the recordings to which the effect was added (semi-real cases).
+    """
+    name, kind, rich = slot.name, slot.kind, slot.rich
+    amplitude = _amplitude(slot, answer)
+    truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
+    if "error" in result:
+        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
+    record = result["diagnosis"]
+    findings = record["findings"]
+    matches = [next((one for one in answer.effects if _is_true(one, f, answer)), None) for f in findings]
+    first = findings[0] if findings else None
+    if kind == "semi_real":  # a real arm has gaps of its own: its names may come first
+        first = _nearest(findings, answer)
+        kind = "already_there" if _is_there(untouched, answer) else kind
+    only = answer.effects[0] if len(answer.effects) == 1 else None
+    return Outcome(
+        name=name,
+        kind=kind,
+        amplitude=amplitude,
+        rich=rich,
+        truth=truth,
+        verdict=record["verdict"],
+        named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
+        strict=bool(first and only and first["effect"] == only.effect),
+        class_aware=bool(first and only and only.effect in first["class"]),
+        joint=bool(first and only and _is_at(only, first, answer)),
+        class_size=len(first["class"]) if first else None,
+        refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
+        set_f1=_f1(len(findings), matches, len(truth)) if truth else None,
+        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
+        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
+        right=tuple(one is not None for one in matches),
+        rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
+        seconds=result.get("seconds"),
+    )
+
+
+def _amplitude(slot: Slot, answer: Answer) -> float:
+    """Largest visible amplitude [noise floors]: of single effects as it was asked for, of others as measured."""
+    if slot.kind in ("single", "semi_real"):
+        return slot.amplitude
+    return max((_seen(one, answer) for one in answer.effects), default=0.0)
+
+
+def _seen(effect: TrueEffect, answer: Answer) -> float:
+    shares = [value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()]
+    return float(f"{max(shares, default=0.0):.2g}")
+
+
+def _nearest(findings: Sequence[Mapping[str, Any]], answer: Answer) -> Mapping[str, Any] | None:
+    """The name nearest to the truth: itself, else one that has it in its class, else the first."""
+    only = answer.effects[0]
+    near = [f for f in findings if _is_true(only, f, answer)]
+    near += [f for f in findings if only.effect in f["class"] and _is_at(only, f, answer)]
+    return next(iter([*near, *findings]), None)
+
+
+def _is_there(untouched: Mapping[str, Any] | None, answer: Answer) -> bool:
+    return untouched is not None and any(_is_true(answer.effects[0], f, answer) for f in untouched["findings"])
+
+
+def _joint_of(effect: TrueEffect) -> str:
+    return "" if effect.effect in OF_THE_ARM or not effect.joints else effect.joints[0]
+
+
+def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which a name for an effect may stand: its own, or those where it shows; either of a coupled pair."""
+    joint = _joint_of(effect)
+    if not joint:
+        return shown_joints(effect, answer)
+    other = effect.parameters.get("other_joint")
+    return [joint, str(other)] if effect.effect == "joint_coupling" and other else [joint]
+
+
+def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which an effect is visible."""
+    if not effect.visible_Nm:
+        return list(answer.noise_floor_Nm)
+    seen = {joint: value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()}
+    most = max(seen.values())
+    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
+
+
+def _is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
+
+
+def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return any(joint in finding["joints"] for joint in true_joints(true, answer))
+
+
+def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
+    """Whether the joint of the largest gap, or that of the first name, is a true one.
+
+    Of a gap that was tuned away the size is what had to be tuned; where no joint's error lies above its noise, the
+    candidate that came nearest to a name says where.
+    """
+    hidden = any(one.get("tuned_away_Nm") for one in record["gap"].values())
+    size = "tuned_away_Nm" if hidden else "rms_Nm"
+    gap = {j: one[size] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
+    told = [max(gap, key=lambda j: gap[j])] if gap else []
+    if record["findings"]:
+        told += record["findings"][0]["joints"]
+    elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
+        told = record["nearest"]["joints"]
+    return any(joint in told for joint in true_joints(true, answer))
+
+
+def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:
+    """Harmonic mean of precision and recall; a cause that is named at both of its joints is found once."""
+    found = len({id(match) for match in matches if match is not None})
+    precise = sum(match is not None for match in matches)
+    if not named or not true or not found:
+        return 0.0
+    precision, recall = precise / named, found / true
+    return 2.0 * precision * recall / (precision + recall)
+
+
+def _shrink_share(
+    truth: Sequence[tuple[str, str]],
+    heldout: Mapping[str, Any] | None,
+    joints: Sequence[str],
+    answer: Answer,
+    simulated: bool = True,
+) -> float | None:
+    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1.
+
+    A real arm's own gap would count as closed too: there is no such share for it.
+    """
+    if heldout is None or len(truth) != 1 or not simulated:
+        return None
+    alone = heldout["alone"].get(":".join(truth[0]))
+    if alone is None:
+        return None
+    floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
+    view = heldout[alone["view"]]
+    before = np.square(np.array(view["none"]) / floor)
+    told = float(np.sum(before - np.square(np.array(alone["rms"]) / floor)))
+    found = float(np.sum(before - np.square(np.array(view["named"]) / floor)))
+    return float(np.clip(found / told, 0.0, 1.0)) if told > 0.0 else None
+
+
+def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
+    """Figures that both tell by the same name."""
+    told = finding["parameters"]
+    return [
+        Coverage(true.effect, name, value, float(told[name]["low"]), float(told[name]["high"]))
+        for name, value in comparable(true, starts).items()
+        if name in told and None not in (told[name]["low"], told[name]["high"])
+    ]
+
+
+# Figures of the plant that mean something else than the diagnosis's of the same name: its viscous law is no power law,
+# its thermal changes are those at rated load, not those of the session, its ripple counts lobes of the joint, and its
+# coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
+OTHER_MEANING = {
+    "nonlinear_viscous_friction": {"coefficient", "exponent"},
+    "thermal_friction": {"viscous_change", "coulomb_change"},
+    "torque_ripple": {"order"},
+    "joint_coupling": {"inertia_kgm2"},
+}
+# The plant tells what its encoder reads too much and how gravity turns, the diagnosis what is to be added to the
+# reading and how the base stands.
+OPPOSITE = {"encoder_offset": {"offset_rad"}, "gravity_misalignment": {"tilt_x_rad", "tilt_y_rad"}}
+
+
+def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
+    """True figures in the conventions of the diagnosis."""
+    figures = {name: float(value) for name, value in true.parameters.items() if not isinstance(value, str)}
+    for name in OTHER_MEANING.get(true.effect, ()):
+        figures.pop(name, None)
+    for name in OPPOSITE.get(true.effect, set()) & figures.keys():
+        figures[name] *= -1.0
+    if true.effect == "joint_coupling" and "viscous_Nms_rad" in figures:
+        # Friction of both joints' sum or difference; the diagnosis tells it at the other joint's speed.
+        figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)
+    if "phase_rad" in figures:  # the plant has cos(kq + phase), the diagnosis cos(kq - phase)
+        figures["phase_rad"] *= -1.0
+    if true.effect == "external_contact":  # the plant's clock is the run's; its force acts at another point
+        start = starts[int(figures["run"]) - 1] if starts else np.nan
+        return {name: figures[name] + start for name in ("start_s", "end_s") if np.isfinite(start)}
+    return figures

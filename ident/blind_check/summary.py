@@ -1,0 +1,191 @@
+"""All cases together: the scores of `ident.blind/1`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from ident.blind_check.scoring import Outcome
+from ident.blind_check.statistics import Bin, Score, calibration_curve, calibration_error, mean, share
+
+SCHEMA = "ident.blind/1"
+SETS = ("pair", "triple")
+REFUSABLE = ("excluded", "outside")
+# Where a name may be right; elsewhere every name is wrong by construction, which says nothing of its probability.
+NAMEABLE = ("single", "healthy", "decoy", "pair", "triple")
+SINGLES = ("single", "semi_real")
+
+
+@dataclass(frozen=True, eq=False)
+class BlindReport:
+    """The outcome of a check.
+
+    Attributes:
+        robot: Name of the robot.
+        seed: Of the check.
+        seals: SHA-256 of each case's envelope.
+        outcomes: All cases.
+        run: How it was run: command options, versions.
+    """
+
+    robot: str
+    seed: int
+    seals: dict[str, str]
+    outcomes: tuple[Outcome, ...]
+    run: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def scores(self) -> dict[str, Score]:
+        """The headline: single effects count where they are visible (1 noise floor or more) in rich motion."""
+        visible = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude >= 1.0)
+        small = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude < 1.0)
+        refusable, sets = self.of(*REFUSABLE), self.of(*SETS)
+        said = [pair for one in self.of(*NAMEABLE) for pair in _said(one)]
+        covered = [cover.inside for one in self.outcomes for cover in one.coverage]
+        seconds = [one.seconds for one in self.outcomes if one.seconds is not None]
+        return {
+            **name_scores(visible),
+            "class_aware_small": share([one.class_aware for one in small]),
+            "false_alarm": share([bool(one.named) for one in self.of("healthy")]),
+            "false_alarm_decoy": share([bool(one.named) for one in self.of("decoy")]),
+            "gap_alarm": share([one.verdict != "no_gap" for one in self.of("healthy")]),
+            "refusal": share([one.refused for one in refusable]),
+            "wrongly_named": share([one.verdict == "named" for one in refusable]),
+            "set_f1": mean([one.set_f1 for one in sets if one.set_f1 is not None]),
+            "shrink_vs_oracle": mean([one.shrink_share for one in visible if one.shrink_share is not None]),
+            "calibration_error": calibration_error(*_unzip(said)),
+            "interval_coverage": share(covered),
+            "seconds_per_case": mean(seconds),
+        }
+
+    def of(self, *kinds: str, where: Callable[[Outcome], bool] = lambda one: True) -> list[Outcome]:
+        """Cases of some kinds that fulfil a condition."""
+        return [one for one in self.outcomes if one.kind in kinds and where(one)]
+
+    @cached_property
+    def strata(self) -> dict[str, dict[str, Score]]:
+        """Names of single effects by size and motion, and how often none was given."""
+        cells = sorted({(one.amplitude, one.rich) for one in self.of(*SINGLES)}, key=lambda cell: (-cell[1], cell[0]))
+        return {
+            f"{amplitude:g}x {'rich' if rich else 'poor'}": name_scores(
+                self.of(*SINGLES, where=lambda one, a=amplitude, r=rich: (one.amplitude, one.rich) == (a, r))  # type: ignore[misc]
+            )
+            for amplitude, rich in cells
+        }
+
+    @cached_property
+    def confusion(self) -> dict[str, dict[str, int]]:
+        """For each true single effect, what was named first; a verdict where nothing was."""
+        table: dict[str, dict[str, int]] = {}
+        for one in self.of(*SINGLES):
+            row = table.setdefault(one.truth[0][0], {})
+            told = one.named[0][0] if one.named else one.verdict
+            row[told] = row.get(told, 0) + 1
+        return {effect: table[effect] for effect in sorted(table)}
+
+    @cached_property
+    def calibration(self) -> tuple[Bin, ...]:
+        """The curve behind the calibration error."""
+        return calibration_curve(*_unzip([pair for one in self.of(*NAMEABLE) for pair in _said(one)]))
+
+    @cached_property
+    def coverage(self) -> dict[str, Score]:
+        """Coverage of the intervals of each figure, as effect.parameter."""
+        found: dict[str, list[bool]] = {}
+        for one in self.outcomes:
+            for cover in one.coverage:
+                found.setdefault(f"{cover.effect}.{cover.parameter}", []).append(cover.inside)
+        return {name: share(found[name]) for name in sorted(found)}
+
+    @cached_property
+    def baselines(self) -> dict[str, dict[str, Score]]:
+        """Scores of the plain methods on the same evidence."""
+        methods = sorted({method for one in self.outcomes for method in one.rivals})
+        return {method: self._baseline(method) for method in methods}
+
+    def _baseline(self, method: str) -> dict[str, Score]:
+        visible = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude >= 1.0)
+        names = {one.name: one.rivals.get(method, ()) for one in self.outcomes}
+        first = [(one.truth[0], _first(one, names[one.name])) for one in visible]
+        return {
+            "strict": share([told[0] == true[0] for true, told in first]),
+            "joint": share([not true[1] or told[1] == true[1] for true, told in first]),
+            "false_alarm": share([bool(names[one.name]) for one in self.of("healthy")]),
+            "false_alarm_decoy": share([bool(names[one.name]) for one in self.of("decoy")]),
+            "refusal": share([not names[one.name] for one in self.of(*REFUSABLE)]),
+            "set_f1": mean([_f1_of(names[one.name], one.truth) for one in self.of(*SETS)]),
+        }
+
+    @property
+    def confidently_wrong(self) -> list[Outcome]:
+        """Cases with a confident name that is not true."""
+        return [one for one in self.outcomes if one.confidently_wrong]
+
+    def to_dict(self) -> dict[str, Any]:
+        """`ident.blind/1`."""
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "cases": len(self.outcomes),
+            "seed": self.seed,
+            "failed": sum(one.verdict == "failed" for one in self.outcomes),
+            "seals": self.seals,
+            "scores": _values(self.scores),
+            "intervals": _intervals(self.scores),
+            "counts": {name: score.count for name, score in self.scores.items()},
+            "strata": {cell: _full(scores) for cell, scores in self.strata.items()},
+            "confusion": self.confusion,
+            "calibration": [{**vars(one), "right": vars(one.right)} for one in self.calibration],
+            "coverage": _full(self.coverage),
+            "baselines": {method: _values(scores) for method, scores in self.baselines.items()},
+            "confidently_wrong": [one.name for one in self.confidently_wrong],
+            "seconds_per_case": self.scores["seconds_per_case"].value,
+            "outcomes": [one.to_dict() for one in self.outcomes],
+            "run": self.run,
+        }
+
+
+def name_scores(cases: Sequence[Outcome]) -> dict[str, Score]:
+    """How well single effects are named."""
+    return {
+        "strict": share([one.strict for one in cases]),
+        "class_aware": share([one.class_aware for one in cases]),
+        "joint": share([one.joint for one in cases]),
+        "mean_class_size": mean([float(one.class_size) for one in cases if one.class_size is not None]),
+        "extra_names": mean([float(len(one.named) - 1) for one in cases if one.named]),
+        "unnamed": share([not one.named for one in cases]),
+    }
+
+
+def _said(one: Outcome) -> list[tuple[float, bool]]:
+    return [(p, right) for (_, _, p), right in zip(one.named, one.right, strict=True)]
+
+
+def _unzip(pairs: Sequence[tuple[float, bool]]) -> tuple[list[float], list[bool]]:
+    return [p for p, _ in pairs], [right for _, right in pairs]
+
+
+def _first(one: Outcome, named: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """The first name; of a real arm the true one if it is there, as for the diagnosis."""
+    if one.kind == "semi_real" and one.truth[0] in named:
+        return one.truth[0]
+    return next(iter(named), ("", ""))
+
+
+def _f1_of(named: Sequence[tuple[str, str]], truth: Sequence[tuple[str, str]]) -> float:
+    hits = len(set(named) & set(truth))
+    return 2.0 * hits / (len(named) + len(truth))
+
+
+def _values(scores: dict[str, Score]) -> dict[str, float | None]:
+    return {name: score.value for name, score in scores.items()}
+
+
+def _intervals(scores: dict[str, Score]) -> dict[str, list[float | None]]:
+    return {name: [score.low, score.high] for name, score in scores.items()}
+
+
+def _full(scores: dict[str, Score]) -> dict[str, dict[str, float | int | None]]:
+    return {name: dict(vars(score)) for name, score in scores.items()}

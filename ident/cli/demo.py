@@ -1,0 +1,92 @@
+"""The main job on the shipped recordings, from the files to the page: what `make run` shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.effects.catalogue import CATALOGUE
+from ident.model.evaluation import Evaluation, evaluate
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.opening import Opened, inspect_paths, open_sessions
+from ident.robot.urdf import data_path
+from ident.show.console import ladder_table, print_issues, progress_bar
+from ident.show.report import write_diagnosis_report, write_evaluation_report
+from ident.show.terminal import print_diagnosis
+from ident.show.timeline import write_timeline
+
+TRAINING = ("T1", "T2")
+EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")
+# Recordings of arms with one effect each that nobody here was told of.
+SEALED = ("sealed_1", "sealed_2", "sealed_3")
+# The paper's figure 9: the same model trained on one group of trajectories, on the other, and on both.
+GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}
+
+
+def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
+    """Fits, evaluates, diagnoses, reports; returns the figures of the command's JSON.
+
+    Args:
+        out: Folder for model, report and timeline.
+        logs: Folder with the sessions T1, T2, E1, E2 and the payloads; the shipped ones if None.
+        console: Where to print.
+    """
+    folder = logs or data_path("logs/tm5_900")
+    training = open_sessions([folder / name for name in TRAINING], "tm5-900")
+    held_out = open_sessions([folder / name for name in EVALUATION], "tm5-900", learning=False)
+    print_issues(console, [*training.issues, *held_out.issues])
+    models = {name: _fit(training, sessions, name, console) for name, sessions in GROUPS.items()}
+    lumped = _fit(training, TRAINING, "three-joint model", console, links=3)
+    models["three-joint, T1 + T2"] = lumped
+    results = [evaluate(model, held_out.groups, name) for name, model in models.items()]
+    _print(results, console)
+    model = models["T1 + T2"]
+    model.save(out / "model")
+    write_evaluation_report(out / "report.html", list(models.values()), results, held_out.issues)
+    write_timeline(out / "timeline.rrd", held_out.arm, held_out.motions, model, held_out.issues)
+    console.print(f"report: {out / 'report.html'}")
+    console.print(f"timeline: {out / 'timeline.rrd'} (open it with `rerun {out / 'timeline.rrd'}`)")
+    console.print(f"model: {out / 'model'}")
+    diagnoses = [_diagnose(folder / name, out / f"diagnosis_{name}.html", console) for name in SEALED]
+    return {
+        "schema": "ident.demo/1",
+        "models": [result.to_dict() for result in results],
+        "diagnoses": diagnoses,
+    }
+
+
+def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
+    """Diagnoses a session whose cause is withheld, in an envelope beside it."""
+    arm, reports = inspect_paths([session], "tm5-900")
+    diagnosis, _, _ = diagnose_reports(reports, arm, CATALOGUE)
+    console.print(f"\nWhat is wrong with the arm of {session.name}?")
+    print_diagnosis(console, diagnosis)
+    record = diagnosis.to_dict()
+    write_diagnosis_report(page, record)
+    console.print(f"diagnosis: {page}")
+    return record
+
+
+def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console, links: int = 6) -> HybridModel:
+    motions = [motion for session, group in opened.groups if session in sessions for motion in group]
+    records = [record for record in opened.data_records() if record["session"] in sessions]
+    options = FitOptions(links=links, inertia="consistent" if links == 6 else "nominal")
+    with progress_bar(console, f"fit on {name}") as progress:
+        return fit_hybrid(motions, opened.arm, options, records, progress).model
+
+
+def _print(results: list[Evaluation], console: Console) -> None:
+    """The full model's ladder without and with payload, and one line a compared model."""
+    main = next(result for result in results if result.model == "T1 + T2")
+    console.print(ladder_table(main.pooled))
+    for score in main.sessions:
+        if score.payload_kg:
+            console.print(ladder_table(score))
+    console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
+    for result in results:
+        energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]
+        rmse = result.pooled.rmse_mean[-1, -1]
+        console.print(f"  {result.model:<22}{energy:>7.2f} ± {spread:.2f} J   {rmse:.2f} N m")

@@ -1,0 +1,119 @@
+"""From paths to a diagnosis: refuses what the telemetry check refuses, and says what is too little to judge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
+from ident.diagnosis.regression.baseline import INERTIA_SHARE, KNOWN_SHARE
+from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.user_model import with_own_model
+from ident.effects.base import Effect
+from ident.errors import RecordingError
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion, no_motion
+from ident.motion.out_of_core import hold
+from ident.recordings.recording import TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.telemetry import TelemetryReport
+from ident.telemetry.report import TOO_LITTLE
+
+# Effects live up to here; beyond it drives and structure answer [Hz].
+CUTOFF = 25.0
+
+
+def diagnose_reports(
+    reports: Iterable[TelemetryReport],
+    arm: ArmModel,
+    catalogue: Sequence[Effect],
+    cutoff: float | None = None,
+    seed: int = 0,
+    model: HybridModel | None = None,
+) -> tuple[Diagnosis, Analysis | None, Sequence[Motion]]:
+    """Diagnoses inspected sessions of one set-up.
+
+    Args:
+        reports: The telemetry check of each session, or of each part of a long one; one without runs only tells more.
+        arm: The robot, as `ArmModel.load` gives it.
+        catalogue: The effects to be asked for.
+        cutoff: Corner of the common filter [Hz].
+        seed: Of the sign flips.
+        model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
+            that of the tuned one.
+
+    Returns:
+        The diagnosis; all that was computed on the way, if anything was; the motions.
+
+    Raises:
+        RecordingError: The sessions have different joints, or no run is long enough.
+    """
+    heard = _Heard()
+    motions = hold(_prepare_in_turn(reports, heard, cutoff or CUTOFF))
+    fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
+    if fatal:
+        verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
+        return Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues)), None, ()
+    if not motions:
+        raise no_motion(heard.session)
+    missing = [name for name in arm.joint_names if name not in heard.joints]
+    arm = arm.locked(missing) if missing else arm
+    share = INERTIA_SHARE
+    if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
+        arm, share = model.arm, KNOWN_SHARE
+    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share)
+    if model is not None:
+        analysis = with_own_model(analysis, model)
+    return analysis.diagnosis, analysis, motions
+
+
+@dataclass(eq=False)
+class _Heard:
+    """What the reports say together, once all have come.
+
+    Attributes:
+        joints: The joints.
+        issues: All that the telemetry checks found.
+        facts: Runs, samples, duration.
+        common_clock: Whether time goes on from run to run of a single session.
+        session: Path or name of the session heard last.
+        told: What of each session is among the issues: parts of one that share a fault tell it once.
+    """
+
+    joints: tuple[str, ...] = ()
+    issues: list[TelemetryIssue] = field(default_factory=list)
+    facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
+    common_clock: bool = True
+    session: Path | str = ""
+    told: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
+
+    def take(self, report: TelemetryReport) -> None:
+        """One more session, or one more part of a session.
+
+        Raises:
+            RecordingError: Its joints are others.
+        """
+        session = report.session
+        where: str | Path = session.path or session.name
+        if session.runs:
+            self.joints = self.joints or session.joints
+            if session.joints != self.joints:
+                raise RecordingError(where, "its joints differ from those of the first session", "diagnose it alone")
+        self.common_clock &= session.common_clock and self.session in ("", where)
+        self.session = where
+        keys = [(str(where), issue.issue, issue.joints, issue.severity) for issue in report.issues]
+        self.issues += [issue for key, issue in zip(keys, report.issues, strict=True) if key not in self.told]
+        self.told.update(keys)
+        self.facts["runs"] += len(session.runs)
+        self.facts["samples"] += session.samples
+        self.facts["duration_s"] += session.duration
+
+
+def _prepare_in_turn(reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float) -> Iterator[Motion]:
+    """Motions of sessions that are all fit for use; from the first that is not, the rest is only heard."""
+    for report in reports:
+        heard.take(report)
+        if not any(issue.severity == "fatal" for issue in heard.issues):
+            yield from prepare_slower(report.session, cutoff)
+        del report  # a part is let go before the next is read

@@ -1,0 +1,1 @@
+"""How large the gap is, where it lies, and how far it shrinks."""

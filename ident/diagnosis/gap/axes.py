@@ -1,0 +1,55 @@
+"""The axes of the map: what was going on at each instant, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.gap.residuals import RunResidual
+
+# The reach changes slowly: it is computed this often and interpolated [1/s], and no more often than this in all.
+REACH_RATE, MOST_REACHES = 10.0, 20_000
+
+Axis = Callable[[RunResidual, int], Float[Array, " t"]]
+
+
+def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
+    """The axes that these recordings have, by the contract's names."""
+    duration = sum(item.time[-1] - item.time[0] for item in series)
+    rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
+    reaches = {item.index: reach(item, rate) for item in series}
+    axes: dict[str, Axis] = {
+        "speed": lambda item, j: np.abs(item.speed[:, j]),
+        "direction": lambda item, j: np.sign(item.speed[:, j]),
+        "load": lambda item, j: np.abs(item.run.link[item.run.motion.coarse][:, j]),
+        "position": lambda item, j: item.run.motion.q[item.run.motion.coarse][:, j],
+        "pose": lambda item, _: reaches[item.index],
+        "reversal": reversal_age,
+        "time": lambda item, _: item.time,
+    }
+    if all(item.run.temperature is not None for item in series):
+        axes["temperature"] = _temperature
+    return axes
+
+
+def _temperature(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    assert item.run.temperature is not None
+    return item.run.temperature[item.run.motion.coarse][:, joint]
+
+
+def reversal_age(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    """Time since the joint last reversed [s]."""
+    speed = item.speed[:, joint]
+    turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(speed)) != 0) + 1])
+    return item.time - item.time[turns[np.searchsorted(turns, np.arange(len(speed)), side="right") - 1]]
+
+
+def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
+    """Distance of the last link from the base [m]: how far the arm is stretched out."""
+    every = max(1, round(1.0 / (rate * item.step)))
+    at = np.unique(np.append(np.arange(0, len(item.time), every), len(item.time) - 1))
+    arm = item.run.arm
+    poses = [arm.forward_kinematics(q)[arm.links[-1]] for q in item.run.motion.q[item.run.motion.coarse][at]]
+    return np.interp(np.arange(len(item.time)), at, [float(np.linalg.norm(pose[:3, 3])) for pose in poses])

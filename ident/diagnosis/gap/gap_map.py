@@ -1,0 +1,224 @@
+"""Where the gap lies: its shares over speed, direction, load, position, reach, reversal age, frequency and time.
+
+A cell is a stretch of one axis at one joint. It holds a share of the gap's variance and of its work, and a share of the
+time (of the bandwidth, along frequency). Whether the gap is denser inside than outside is tested block by block,
+
+    d_b = n_in n_out / (n_in + n_out) · (mean |r| inside − mean |r| outside)  over block b,
+
+or, along axes that stand still within a block, by the block's excess over its share of the time. Were density the same,
+d_b would as often fall below zero as rise above it: the studentised sum is held against its like under random signs of
+the blocks. The largest of a joint's cells sets the level, so that p ≤ 0.05 holds for all cells of a joint together.
+Sums of |r| and not of r² are tested: a few peaks would else drown the rest. Along frequency, where the noise is not
+white either, the gap is held against the noise's own spectrum.
+
+Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign flips of exchangeable blocks).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.signal import freqz
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.gap.axes import session_axes
+from ident.diagnosis.gap.residuals import RunResidual, block_labels
+from ident.diagnosis.regression.gram import Whitening
+
+BINS = 5
+FLIPS = 999
+MOST_BLOCKS = 256
+SHORTEST_BLOCK = 1.5  # [s]
+FREQUENCY_EDGES = (0.0, 1.0, 3.0, 10.0, 40.0)  # [Hz]
+# A joint is on the map where its mean square is above its noise's by this factor.
+LEAST_EXCESS = 1.2
+LEAST_SAMPLES = 100
+# Blocks must hold this share of the contrast within themselves to be compared from the inside.
+WITHIN_FROM = 0.25
+SIGNIFICANT = 0.05
+
+View = Literal["before", "fixed"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """One cell of the map.
+
+    Attributes:
+        joint: Joint name.
+        axis: What is binned.
+        low, high: The bin [rad/s, N m, rad, m, s, degC or Hz].
+        share_of_gap: Share of the joint's residual power that falls into it.
+        share_of_time: Share of the samples that do; along frequency, of the noise.
+        energy_J: Work of the residual in it, over the session [J]; None along frequency.
+        p_value: Of its being denser in gap than the rest, for all cells of the joint together.
+    """
+
+    joint: str
+    axis: str
+    low: float
+    high: float
+    share_of_gap: float
+    share_of_time: float
+    energy_J: float | None
+    p_value: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return vars(self).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """A cell before its test: what it holds, and its contrast in every block."""
+
+    place: Place
+    contrast: Float[Array, " B"]
+
+
+def map_gap(
+    series: Sequence[RunResidual],
+    joints: Sequence[str],
+    noise: Whitening,
+    rng: np.random.Generator,
+    view: View = "before",
+) -> list[Place]:
+    """All cells of every joint that has a gap, joint by joint and axis by axis.
+
+    Args:
+        series: Residuals of all runs.
+        joints: Joint names.
+        noise: Noise of each joint.
+        rng: For the signs.
+        view: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF held fast.
+    """
+    duration = sum(item.time[-1] - item.time[0] for item in series)
+    labels = block_labels(series, max(SHORTEST_BLOCK, duration / MOST_BLOCKS))
+    axes = session_axes(series)
+    places: list[Place] = []
+    for j, name in enumerate(joints):
+        counts = np.concatenate([item.counts[:, j] for item in series])
+        left = np.concatenate([getattr(item, view)[:, j] for item in series])[counts]
+        if len(left) < LEAST_SAMPLES or np.mean(left**2) < LEAST_EXCESS * noise.level[j] ** 2:
+            continue
+        block = np.concatenate(labels)[counts]
+        work = left * np.concatenate([item.speed[:, j] * item.step for item in series])[counts]
+        cells: list[_Cell] = []
+        for axis, pick in axes.items():
+            values = np.concatenate([pick(item, j) for item in series])[counts]
+            cells += _cut(name, axis, values, left, work, block, int(labels[-1][-1]) + 1)
+        cells += _bands(name, series, labels, j, view, noise.coefficients[j])
+        places += _with_p_values(cells, rng)
+    return places
+
+
+def told(places: Sequence[Place], most: int) -> tuple[Place, ...]:
+    """The cells worth telling: those that hold more of the gap than of the time, the surest and richest first.
+
+    Frequency comes last: most gaps are slow, which says little of their cause.
+    """
+    rich = [place for place in places if place.share_of_gap > place.share_of_time]
+    rich.sort(key=lambda p: (p.p_value > SIGNIFICANT, p.axis == "frequency", p.share_of_time - p.share_of_gap))
+    return tuple(rich[:most])
+
+
+def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
+    """The full map: one entry a joint and axis."""
+    strips: dict[tuple[str, str], list[Place]] = {}
+    for place in places:
+        strips.setdefault((place.joint, place.axis), []).append(place)
+    return [
+        {
+            "joint": joint,
+            "axis": axis,
+            "edges": [cells[0].low, *(cell.high for cell in cells)],
+            "share_of_gap": [cell.share_of_gap for cell in cells],
+            "share_of_time": [cell.share_of_time for cell in cells],
+            "energy_J": [cell.energy_J for cell in cells],
+            "p_value": [cell.p_value for cell in cells],
+        }
+        for (joint, axis), cells in strips.items()
+    ]
+
+
+def _cut(
+    joint: str, axis: str, values: Array, left: Array, work: Array, block: Int[Array, " t"], blocks: int
+) -> list[_Cell]:
+    """Cells of an axis: five of equal time, or the two directions."""
+    edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else _quantiles(values)
+    if len(edges) < 3:
+        return []
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    cells = []
+    for k in range(len(edges) - 1):
+        inside = place == k
+        share, time = float(np.sum(left[inside] ** 2) / np.sum(left**2)), float(inside.mean())
+        if not 0.0 < time < 1.0:
+            continue
+        here = Place(joint, axis, float(edges[k]), float(edges[k + 1]), share, time, float(work[inside].sum()), 1.0)
+        cells.append(_Cell(here, _contrast(inside, np.abs(left), block, blocks)))
+    return cells
+
+
+def _quantiles(values: Array) -> Array:
+    return np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
+
+
+def _contrast(inside: Array, size: Array, block: Int[Array, " t"], blocks: int) -> Float[Array, " B"]:
+    """By how much denser the gap is inside, block by block."""
+
+    def total(weights: Array) -> Array:
+        return np.bincount(block, weights=weights, minlength=blocks)
+
+    n_in, n_out = total(inside.astype(float)), total((~inside).astype(float))
+    r_in, r_out = total(size * inside), total(size * ~inside)
+    weight = n_in * n_out / np.maximum(n_in + n_out, 1.0)
+    if weight.sum() < WITHIN_FROM * n_in.sum() * n_out.sum() / len(size):
+        return r_in - inside.mean() * (r_in + r_out)
+    return weight * (r_in / np.maximum(n_in, 1.0) - r_out / np.maximum(n_out, 1.0))
+
+
+def _bands(
+    joint: str,
+    series: Sequence[RunResidual],
+    labels: Sequence[Int[Array, " t"]],
+    j: int,
+    view: View,
+    coefficients: Float[Array, " p"],
+) -> list[_Cell]:
+    """Cells of frequency, held against the noise's share of each band."""
+    top = max(item.run.motion.lowpass.cutoff for item in series)
+    edges = np.unique(np.minimum(FREQUENCY_EDGES, top))
+    blocks = int(labels[-1][-1]) + 1
+    power = np.zeros((blocks, len(edges) - 1))
+    for item, label in zip(series, labels, strict=True):
+        left = getattr(item, view)[:, j] * item.counts[:, j]
+        for piece in np.unique(label):
+            part = left[label == piece]
+            frequency = np.fft.rfftfreq(len(part), item.step)
+            power[piece] = np.histogram(frequency, edges, weights=np.abs(np.fft.rfft(part)) ** 2)[0]
+    fine = np.linspace(0.0, edges[-1], 2001)[1:]
+    response = np.abs(freqz(coefficients, 1.0, fine, fs=1.0 / series[0].step)[1])
+    width = np.histogram(fine, edges, weights=1.0 / response**2)[0] / np.sum(1.0 / response**2)
+    shares = power.sum(axis=0) / max(float(power.sum()), 1e-300)
+    excess = power - width * power.sum(axis=1, keepdims=True)
+    return [
+        _Cell(
+            Place(joint, "frequency", float(edges[k]), float(edges[k + 1]), float(shares[k]), float(width[k]), None, 1),
+            excess[:, k],
+        )
+        for k in range(len(width))
+    ]
+
+
+def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator) -> list[Place]:
+    """Family-wise p-values over a joint's cells, by sign flips of whole blocks."""
+    contrast = np.stack([cell.contrast for cell in cells], axis=1)
+    size = np.maximum(np.sqrt(np.sum(contrast**2, axis=0)), 1e-300)
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, len(contrast)))
+    highest = (signs @ contrast / size).max(axis=1)
+    seen = contrast.sum(axis=0) / size
+    values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + FLIPS)
+    return [Place(**{**vars(cell.place), "p_value": float(value)}) for cell, value in zip(cells, values, strict=True)]

@@ -1,0 +1,89 @@
+"""How far the gap shrinks: each effect's share, what a learner without names would close, how the motion nears."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.gap.replay import Replay, replay
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.gap.shapley import shapley_shares
+from ident.diagnosis.gap.trees import measure_ceiling
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.selection.search import Search, SearchResults
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Figures about the named effects on runs that the fit never saw.
+
+    Attributes:
+        shares: Order-free share of the reducible gap of each effect, in the order of the search.
+        without_names: RMS that boosted trees leave where they are put in the effects' place, joint by joint [N m].
+        forward: The motion replayed, without and with the effects.
+        energy_before, energy_after: Mean energy error of a run, joint by joint [J].
+    """
+
+    shares: Float[Array, " k"]
+    without_names: Float[Array, " n"]
+    forward: Replay
+    energy_before: Float[Array, " n"]
+    energy_after: Float[Array, " n"]
+
+    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """The record's further entries of `heldout`."""
+
+        def named(values: Array) -> dict[str, float]:
+            return dict(zip(joints, map(float, values), strict=True))
+
+        return {
+            "without_names_rms_Nm": named(self.without_names),
+            "energy_error_before_J": named(self.energy_before),
+            "energy_error_after_J": named(self.energy_after),
+            "forward": self.forward.to_dict(joints),
+        }
+
+
+def measure_reach(
+    search: Search,
+    found: SearchResults,
+    series: Sequence[RunResidual],
+    baseline: Baseline,
+    floors: Float[Array, " n"],
+) -> Reach:
+    """Measures how far.
+
+    Args:
+        search: The search, for its held-out scores.
+        found: What it found.
+        series: Residuals of all runs.
+        baseline: The tuned model.
+        floors: Root mean square that nothing can go below, joint by joint [N m].
+    """
+    # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF held fast.
+    scorer = search.fixed if any(item.absorbed for item in found.named) else search.held_out
+    rms = found.ladder[0].rms
+    return Reach(
+        shares=shapley_shares(scorer, [item.group for item in found.named], floors),
+        without_names=np.array([_without_names(series, j, rms[j], floors[j]) for j in range(len(rms))]),
+        forward=replay(series, baseline),
+        energy_before=np.mean([run_energy(item, item.unseen_before) for item in series], axis=0),
+        energy_after=np.mean([run_energy(item, item.unseen_after) for item in series], axis=0),
+    )
+
+
+def _without_names(series: Sequence[RunResidual], joint: int, rms: float, floor: float) -> float:
+    """What trees leave of the baseline's held-out residual; all of it where there is little to learn."""
+    if rms <= 1.05 * floor:
+        return float(rms)
+    trees = measure_ceiling(series, joint, nested=False, left="before")
+    return float(rms * trees.rms / trees.before) if trees.sure else float(rms)
+
+
+def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:
+    """Energy error of a run, joint by joint: minus the work of what the model leaves [J]."""
+    return -np.trapezoid(left * item.counts * item.speed, dx=item.step, axis=0)

@@ -1,0 +1,121 @@
+"""What a model leaves, as time series in N m: for maps, pictures, the ceiling and the replay of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group, Layout
+from ident.diagnosis.regression.gram import Evidence, build_partition
+from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.rows import compute_tables
+from ident.effects.base import RunContext, SessionContext
+from ident.motion.out_of_core import choose_runs
+
+
+@dataclass(frozen=True, eq=False)
+class RunResidual:
+    """One run; t filtered samples of n joints. All residuals are measured less modelled torque.
+
+    Attributes:
+        run: The run.
+        index: Its place in the session.
+        before: What the tuned baseline leaves [N m].
+        after: What is left with the named effects [N m].
+        fixed: What is left with the URDF's inertias held fast, friction and rotors tuned [N m].
+        unseen_before, unseen_after: `before` and `after` of models that were solved without this stretch's fold [N m].
+        counts: Where each joint moves steadily.
+    """
+
+    run: RunContext
+    index: int
+    before: Float[Array, "t n"]
+    after: Float[Array, "t n"]
+    fixed: Float[Array, "t n"]
+    unseen_before: Float[Array, "t n"]
+    unseen_after: Float[Array, "t n"]
+    counts: Bool[Array, "t n"]
+
+    @property
+    def time(self) -> Float[Array, " t"]:
+        """Times of the filtered samples, session clock [s]."""
+        return self.run.motion.time[self.run.motion.coarse]
+
+    @property
+    def step(self) -> float:
+        """Time from one filtered sample to the next [s]."""
+        return self.run.motion.interval * self.run.motion.lowpass.factor
+
+    @property
+    def speed(self) -> Float[Array, "t n"]:
+        """Joint velocity at the filtered samples [rad/s]."""
+        return self.run.motion.dq[self.run.motion.coarse]
+
+
+def compute_residuals(
+    session: SessionContext,
+    baseline: Baseline,
+    evidence: Evidence,
+    models: tuple[Projection, Projection, Projection],
+    groups: Sequence[Group],
+    held_out: HeldOut,
+) -> list[RunResidual]:
+    """Residuals of every run, or of an even choice of very many.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        evidence: Block sums of the runs.
+        models: The baseline, the baseline with its groups, and the baseline with the URDF held fast.
+        groups: The named effects.
+        held_out: Solves the first two without each fold.
+    """
+    layout = evidence.layout
+    whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
+    parts = [held_out.weights(), held_out.weights(groups)]
+    by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
+    partition = build_partition(session)
+    series: list[RunResidual] = []
+    some = choose_runs(len(session.runs), session.every)
+    for i, _, tables in compute_tables(session, baseline, layout, groups, some):
+        # Not the chunk's own context, which holds all that the effects cached with it.
+        run, folds = session.survey.runs[len(series)], evidence.fold_of_block[partition.blocks_of(i, len(tables[0]))]
+        scaled = [table / evidence.scale[local] for table, local in zip(tables, layout.local, strict=True)]
+        before, after, fixed = (_left(scaled, layout, np.broadcast_to(w, (1, len(w)))) for w in whole)
+        unseen, nearer = (_left(scaled, layout, weights, folds) for weights in by_fold)
+        series.append(RunResidual(run, i, before, after, fixed, unseen, nearer, run.motion.settled))
+    return series
+
+
+def _spread(layout: Layout, columns: Int[Array, " z"], weights: Float[Array, " z"]) -> Float[Array, " P"]:
+    """Weights of some columns, laid out over all."""
+    row = np.zeros(layout.size + 1)
+    row[columns] = weights
+    return row
+
+
+def _left(
+    tables: Sequence[Array], layout: Layout, weights: Float[Array, "F P"], folds: Int[Array, " t"] | None = None
+) -> Float[Array, "t n"]:
+    """What models leave of each joint's rows: one model for all samples, or each sample's own fold's."""
+    left = np.empty((len(tables[0]), layout.n))
+    for j, (table, local) in enumerate(zip(tables, layout.local, strict=True)):
+        used = np.any(weights[:, local] != 0.0, axis=0)
+        each = table[:, used] @ weights[:, local[used]].T
+        left[:, j] = each[:, 0] if folds is None else np.take_along_axis(each, folds[:, None], axis=1)[:, 0]
+    return left
+
+
+def block_labels(series: Sequence[RunResidual], length: float = 1.5) -> list[Int[Array, " t"]]:
+    """A block number for every sample, going on from run to run; blocks of about `length` [s]."""
+    labels, first = [], 0
+    for item in series:
+        label = first + ((item.time - item.time[0]) // length).astype(int)
+        first = int(label[-1]) + 1
+        labels.append(label)
+    return labels

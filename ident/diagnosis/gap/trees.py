@@ -1,0 +1,140 @@
+"""How much of what is left any function of the state could explain: the yardstick for "not in my catalogue".
+
+Boosted trees are trained on the residual of one joint, on nested inputs, and judged on folds they never saw. What they
+can't explain there is noise to anybody; what they explain and the named effects do not is a cause without a name. Which
+set of inputs is the first that helps says of what kind it is: a function of the joint's state, of its past, of the
+session's time, or of other joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from sklearn.ensemble import HistGradientBoostingRegressor
+from threadpoolctl import threadpool_limits
+
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.gap.residuals import RunResidual
+
+KINDS = ("state", "memory", "time", "coupling")
+FOLDS = 4
+MOST_SAMPLES = 3000
+# The held-out error must fall in at least all but one fold and by this share to count as more than luck.
+LEAST_FALL = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Ceiling:
+    """What trees make of one joint's residual.
+
+    Attributes:
+        rms: Held-out root mean square that is left [N m].
+        before: Root mean square of the residual itself on the same samples [N m].
+        kind: First set of inputs that helps, or None if nothing does.
+        sure: Whether the fall is more than luck.
+    """
+
+    rms: float
+    before: float
+    kind: str | None
+    sure: bool
+
+    @classmethod
+    def untried(cls, series: Sequence[RunResidual], joint: int) -> Ceiling:
+        """What is left itself, where it is no more than noise."""
+        left = np.concatenate([item.after[item.counts[:, joint], joint] for item in series])
+        rms = float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
+        return cls(rms, rms, None, False)
+
+
+def features(item: RunResidual, joint: int) -> Float[Array, "t f"]:
+    """Inputs for one joint, ordered by kind: 5 of state, 3 of memory, 1 of time, 2 n − 2 of coupling."""
+    motion = item.run.motion
+    keep = motion.coarse
+    q, dq, ddq = motion.q[keep], motion.dq[keep], motion.ddq[keep]
+    state = [
+        q[:, joint],
+        dq[:, joint],
+        ddq[:, joint],
+        item.run.link[keep][:, joint],
+        item.run.direction[keep][:, joint],
+    ]
+    age, moved, before = _since_reversal(item.time, q[:, joint], dq[:, joint])
+    others = [k for k in range(motion.n) if k != joint]
+    coupling = [values[:, k] for k in others for values in (q, dq)]
+    return np.stack([*state, age, moved, before, item.time, *coupling], axis=1)
+
+
+def _since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+    """Time and displacement since the last reversal, and the speed some samples ago."""
+    turns = np.concatenate([[0], np.flatnonzero(np.diff(np.sign(dq)) != 0) + 1])
+    last = turns[np.searchsorted(turns, np.arange(len(dq)), side="right") - 1]
+    lag = np.concatenate([np.repeat(dq[:1], min(5, len(dq))), dq[:-5]])[: len(dq)]
+    return time - time[last], q - q[last], lag
+
+
+def measure_ceiling(
+    series: Sequence[RunResidual], joint: int, nested: bool = True, left: Literal["before", "after"] = "after"
+) -> Ceiling:
+    """Trees on what is left at a joint, judged on other runs (other stretches where runs are few).
+
+    Args:
+        series: Residuals of all runs.
+        joint: The joint.
+        nested: Whether to ask for the first set of inputs that helps.
+        left: Before or after the named effects.
+    """
+    x = np.concatenate([features(item, joint)[item.counts[:, joint]] for item in series])
+    y = np.concatenate([getattr(item, left)[item.counts[:, joint], joint] for item in series])
+    piece = np.concatenate([np.full(int(item.counts[:, joint].sum()), item.index) for item in series])
+    if len(np.unique(piece)) < FOLDS:
+        piece = np.arange(len(y)) * 3 * FOLDS // max(len(y), 1)
+    step = max(1, len(y) // MOST_SAMPLES)
+    x, y, piece = x[::step], y[::step], piece[::step]
+    if len(y) < 200:
+        rms = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
+        return Ceiling(rms, rms, None, False)
+    fold = _deal(piece)
+    widths = {"state": 5, "memory": 8, "time": 9, "coupling": x.shape[1]}
+    full, sure = _held_out(x, y, fold)
+    before = float(np.mean(y**2))
+    kind = None
+    if sure and nested:
+        for name, width in widths.items():
+            part, _ = _held_out(x[:, :width], y, fold)
+            kind = name
+            if before - part >= 0.8 * (before - full):
+                break
+    return Ceiling(float(np.sqrt(min(full, before))), float(np.sqrt(before)), kind, sure)
+
+
+def _deal(piece: Array) -> Array:
+    """Pieces of time dealt out to folds in turn."""
+    _, place = np.unique(piece, return_inverse=True)
+    return place % FOLDS
+
+
+def _held_out(x: Array, y: Array, fold: Array) -> tuple[float, bool]:
+    """Mean square on held-out folds, and whether it falls in nearly all of them."""
+    left = np.zeros(len(y))
+    falls = []
+    for k in range(FOLDS):
+        held: Bool[Array, " t"] = fold == k
+        trees = HistGradientBoostingRegressor(
+            max_iter=40,
+            max_leaf_nodes=12,
+            learning_rate=0.15,
+            min_samples_leaf=25,
+            l2_regularization=1.0,
+            random_state=0,
+        )
+        # So few samples are no work for several threads: they would wait for each other, and for busy cores.
+        with threadpool_limits(limits=1, user_api="openmp"):
+            trees.fit(x[~held], y[~held])
+            left[held] = y[held] - trees.predict(x[held])
+        falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
+    sure = float(np.mean(falls)) > LEAST_FALL and sum(fall > 0 for fall in falls) >= FOLDS - 1
+    return float(np.mean(left**2)), bool(sure and np.mean(falls) > np.std(falls, ddof=1) / np.sqrt(FOLDS))

@@ -1,0 +1,1 @@
+"""The one big regression: its columns, rows, block sums and solves."""

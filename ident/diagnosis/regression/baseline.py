@@ -1,0 +1,67 @@
+"""The baseline that every effect is judged against: the user's arm after the best tuning of what it has.
+
+Tunable are the link inertias (held near the URDF by a prior), rotor inertia, viscous and Coulomb friction. What that
+tuning can explain is no effect; what an effect explains beyond it is its visible part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ident.arrays import Array, Float
+from ident.model.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
+from ident.model.loss import LossModel, LossParameters
+from ident.model.presliding import Sliding, fit_sliding
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import few
+from ident.robot.arm import ArmModel
+
+# Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
+# arms come out of the factory within some per cent of their drawing, URDFs of the arm.
+INERTIA_SHARE = 0.04
+# The same of inertias that were identified on this very arm.
+KNOWN_SHARE = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """The tuned model.
+
+    Attributes:
+        nominal: The arm as the URDF describes it.
+        arm: The arm after tuning.
+        base: Its base parameters.
+        prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
+        loss: Tuned loss figures.
+        sliding: How each joint's dry friction turns round.
+    """
+
+    nominal: ArmModel
+    arm: ArmModel
+    base: BaseParameters
+    prior: Float[Array, "r r"]
+    loss: LossParameters
+    sliding: Sliding
+
+
+def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTIA_SHARE) -> Baseline:
+    """Tunes the arm on all runs.
+
+    Args:
+        motions: All runs; of a spooled session an even choice is enough to linearise about.
+        arm: The arm as its user has it.
+        share: Standard deviation of its inertial numbers, as `INERTIA_SHARE`.
+    """
+    motions = few(motions)
+    model = LossModel()
+    results = fit_inertia(motions, arm, "base", model, share)
+    rigid = [rigid_torque(results.arm, motion) for motion in motions]
+    loss = model.fit(motions, rigid)
+    prior = base_prior(results.base, share * parameter_scale(arm))
+    return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid))
+
+
+def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
+    """Rigid torque of a run with its known payload [N m]."""
+    return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)

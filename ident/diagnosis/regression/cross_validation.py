@@ -1,0 +1,123 @@
+"""Held-out scores: the model is solved without a fold and judged on it, from sums alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Prior
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutScore:
+    """What a model leaves of folds that it never saw.
+
+    Attributes:
+        misfit: Whitened squares by fold and joint, shape (F, n): minus twice the log score.
+        squares: Plain squares by fold and joint, shape (F, n) [N² m²].
+        weights: Samples behind `squares`.
+    """
+
+    misfit: Float[Array, "F n"]
+    squares: Float[Array, "F n"]
+    weights: Float[Array, "F n"]
+
+    @property
+    def rms(self) -> Float[Array, " n"]:
+        """Root mean square over all folds, joint by joint [N m]."""
+        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
+
+    def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
+        """Gain of log score over another model, and its standard error over the folds."""
+        gains = 0.5 * (other.misfit - self.misfit).sum(axis=1)
+        return float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
+
+
+@dataclass(frozen=True, eq=False)
+class FoldWeights:
+    """A model solved once for each fold, without it.
+
+    Attributes:
+        columns: The model's columns and, last, the torque.
+        values: Weights (−coefficients, 1) of the scaled columns: what a model leaves of a row is their product.
+    """
+
+    columns: Int[Array, " z"]
+    values: Float[Array, "F z"]
+
+
+def _spots(local: Int[Array, " p"], used: Int[Array, " z"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
+    """Where the used columns stand in a joint's rows, and where those stand among the used."""
+    order = np.argsort(used)
+    places = np.flatnonzero(np.isin(local, used))
+    return places, order[np.searchsorted(used, local[places], sorter=order)]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Scores models on folds."""
+
+    evidence: Evidence
+    prior: Prior
+
+    @cached_property
+    def _whole(self) -> Float[Array, "P P"]:
+        return self.evidence.gram()
+
+    @cached_property
+    def _folds(self) -> tuple[Float[Array, "F P P"], ...]:
+        """For each joint, the whitened sums of each fold."""
+        folds = range(int(self.evidence.fold_of_block.max()) + 1)
+        return tuple(
+            np.stack([sums[self.evidence.fold_of_block == fold].sum(axis=0) for fold in folds])
+            for sums in self.evidence.white
+        )
+
+    def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
+        """Residual weights of the baseline and some groups, solved without each fold in turn."""
+        layout = self.evidence.layout
+        used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
+            int
+        )
+        whole = self._whole[np.ix_(used, used)]
+        spots = [_spots(local, used) for local in layout.local]
+        solved = []
+        for fold in range(len(self._folds[0])):
+            gram = whole.copy()
+            for sums, (places, into) in zip(self._folds, spots, strict=True):
+                gram[np.ix_(into, into)] -= sums[fold][np.ix_(places, places)]
+            solved.append(self._solve(gram))
+        values = np.array(solved)
+        once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
+        if once.any():  # what happened once can't be learnt from other runs
+            values[:, once] = self._solve(whole)[once]
+        return FoldWeights(used, values)
+
+    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+        """Scores the baseline and some groups."""
+        layout = self.evidence.layout
+        found = self.weights(groups)
+        misfit, squares = np.zeros((2, len(found.values), layout.n))
+        for j, local in enumerate(layout.local):
+            places, into = _spots(local, found.columns)
+            for fold, weights in enumerate(found.values):
+                w = weights[into]
+                misfit[fold, j] = w @ self._folds[j][fold][np.ix_(places, places)] @ w
+                squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
+        return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
+
+    def _solve(self, gram: Float[Array, "z z"]) -> Float[Array, " z"]:
+        """Residual weights (−coefficients, 1) of a model trained on some sums."""
+        information = gram[:-1, :-1].copy()
+        rank = self.evidence.layout.rank
+        information[:rank, :rank] += self.prior.base
+        power = np.diag(information).copy()
+        information[np.diag_indices(len(information))] += 1e-8 * power + 1e-9
+        estimate: Array = np.linalg.solve(information, gram[:-1, -1])
+        return np.concatenate([-estimate, [1.0]])

@@ -1,0 +1,138 @@
+"""Least squares on block sums: what a model explains, and what each candidate would add to it.
+
+By Frisch, Waugh and Lovell, adding columns Φ to a model Z is a regression of the residual on Φ̃ = (I − P_Z) Φ, and all
+its sums are a Schur complement of the Gram matrix: one factorisation serves every candidate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import nnls
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.gram import Evidence
+
+# A column of which less than this share of power is left by the model is not visible in it.
+LEAST_VISIBLE = 1e-4
+# Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
+RIDGE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Information that lies in the URDF, on the scaled base parameters."""
+
+    base: Float[Array, "r r"]
+
+    @classmethod
+    def of(cls, evidence: Evidence, base: Float[Array, "r r"]) -> Prior:
+        """The prior in the evidence's column scale."""
+        scale = evidence.scale[: evidence.layout.rank]
+        return cls(base / np.outer(scale, scale))
+
+    def tightened(self, factor: float) -> Prior:
+        """The same with standard deviations divided by a factor: 100 is as good as the URDF held fast."""
+        return Prior(self.base * factor**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """A model (the baseline and some groups) solved, and every column seen after it.
+
+    Attributes:
+        inside: The model's columns.
+        estimate: Its scaled coefficients.
+        spread: Inverse of its information (prior included), the model-based covariance.
+        rest: Schur complement over all columns and the torque (the last row and column).
+        total: The whole Gram matrix.
+        slopes: Coefficients of every column on the model's, shape (z, P + 1).
+    """
+
+    inside: Int[Array, " z"]
+    estimate: Float[Array, " z"]
+    spread: Float[Array, "z z"]
+    rest: Float[Array, "P P"]
+    total: Float[Array, "P P"]
+    slopes: Float[Array, "z P"]
+
+    @property
+    def misfit(self) -> float:
+        """Penalised sum of whitened squares that the model leaves."""
+        return float(self.rest[-1, -1])
+
+    def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
+        """Share of each column's power that the model can't absorb."""
+        return np.diag(self.rest)[columns] / np.maximum(np.diag(self.total)[columns], 1e-300)
+
+    def gain_without(self, group: Group, columns: Sequence[int]) -> float:
+        """What a group gains without some of its columns."""
+        kept = np.setdiff1d(np.arange(len(group.columns)), columns)
+        signs = tuple(int(np.flatnonzero(kept == k)[0]) for k in group.effect.nonnegative if k in kept)
+        return self._fall(group.columns[kept], signs)[0]
+
+    def gain(self, group: Group) -> tuple[float, Float[Array, " k"]]:
+        """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
+        return self._fall(group.columns, group.effect.nonnegative)
+
+    def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
+        """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
+        power = np.diag(self.total)[columns]
+        seen = (self.visibility(columns) > LEAST_VISIBLE) & (power > 0)
+        beta = np.zeros(len(columns))
+        if seen.any():
+            at = columns[seen]
+            matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
+            beta[seen] = solve_signed(matrix, self.rest[at, -1], signed[seen])
+        return beta
+
+    def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
+        beta = self.solve(columns, np.isin(np.arange(len(columns)), nonnegative))
+        fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
+        return float(max(fall, 0.0)), beta
+
+
+def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
+    """Least squares from normal equations; unknowns marked `signed` are not negative."""
+    if not signed.any():
+        return np.linalg.solve(matrix, target)
+    root = np.linalg.cholesky(matrix).T
+    goal = np.linalg.solve(root.T, target)
+    # A free unknown is the difference of two that are not negative.
+    doubled = np.concatenate([root, -root[:, ~signed]], axis=1)
+    solution, _ = nnls(doubled, goal)
+    beta = solution[: len(target)].copy()
+    beta[~signed] -= solution[len(target) :]
+    return beta
+
+
+def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups: Sequence[Group] = ()) -> Projection:
+    """Solves the baseline and some groups.
+
+    Args:
+        gram: Whitened sums, of all blocks or some.
+        evidence: Where they come from.
+        prior: What the URDF says of the base parameters.
+        groups: Candidates that are part of the model; their signs are not enforced here.
+    """
+    layout = evidence.layout
+    inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
+    information = gram[np.ix_(inside, inside)].copy()
+    information[: layout.rank, : layout.rank] += prior.base
+    power = np.diag(information)
+    information[np.diag_indices(len(inside))] += RIDGE * power + 1e-9
+    factor = cho_factor(information)
+    slopes = cho_solve(factor, gram[inside])
+    rest = gram - gram[:, inside] @ slopes
+    return Projection(
+        inside=inside,
+        estimate=slopes[:, -1],
+        spread=cho_solve(factor, np.eye(len(inside))),
+        rest=rest,
+        total=gram,
+        slopes=slopes,
+    )

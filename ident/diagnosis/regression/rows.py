@@ -1,0 +1,143 @@
+"""Rows of the big regression, run by run: every column and the torque, filtered and decimated, one table a joint.
+
+Columns of many effects go through the common filter together: one call for a batch of them costs a fraction of one call
+each. A few runs are in memory at a time, with all that the effects cache with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.effects.base import RunContext, SessionContext
+
+# Samples (after decimation) that are in memory at once, unless a run has more.
+CHUNK_SAMPLES = 10_000
+# Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
+BATCH_COLUMNS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
+
+    The first `rank` columns are the base parameters', then come the joint's loss figures.
+    """
+
+    run: int
+    rank: int
+    tables: tuple[Float[Array, "t p"], ...]
+    counts: Bool[Array, "t n"]
+    blocks: Int[Array, " t"]
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """How time is cut: blocks for tests, folds for held-out scores."""
+
+    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
+    first_block: Int[Array, " R"]
+    folds: Int[Array, " B"]
+
+    def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
+        """Block of every filtered sample of a run."""
+        return self.first_block[run] + np.searchsorted(self.starts[run], np.arange(count), side="right") - 1
+
+
+def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
+    """Every run's tables, a chunk of runs in memory at a time."""
+    for i, run, tables in compute_tables(session, baseline, layout, layout.groups, range(len(session.runs))):
+        blocks = partition.blocks_of(i, len(tables[0]))
+        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks)
+
+
+def compute_tables(
+    session: SessionContext, baseline: Baseline, layout: Layout, groups: Sequence[Group], runs: Sequence[int]
+) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
+    """Number, context and tables of some runs; columns of candidates that are not among the groups stay zero."""
+    for chunk in _chunks(session, runs):
+        # Copies, so that what the effects cache with a run goes when its chunk goes.
+        part = replace(session, runs=tuple(replace(session.runs[i]) for i in chunk), every=1)
+        tables = [baseline_tables(baseline, layout, run) for run in part.runs]
+        batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
+        for group in groups:
+            for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
+                batch.add(group, columns)
+        for batch in batches:
+            batch.flush()
+        del batches
+        yield from zip(chunk, part.runs, tables, strict=True)
+
+
+def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]:
+    chunk: list[int] = []
+    held = 0
+    for i in runs:
+        length = session.runs[i].motion.filtered_length
+        if chunk and held + length > CHUNK_SAMPLES:
+            yield chunk
+            chunk, held = [], 0
+        chunk.append(i)
+        held += length
+    if chunk:
+        yield chunk
+
+
+def baseline_tables(baseline: Baseline, layout: Layout, run: RunContext) -> list[Float[Array, "t p"]]:
+    """Tables with the baseline's columns and the torque filled in, room left for the candidates."""
+    motion = run.motion
+    # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one.
+    rows = motion.filtered(run.regressor[:, :, list(baseline.base.columns)])
+    losses = motion.filtered(np.stack([motion.ddq, motion.dq, run.direction], axis=-1))
+    nominal = baseline.nominal.with_payload(motion.payload).inertial_parameters
+    target = motion.tau_filtered - motion.filtered(run.regressor @ nominal)
+    tables = []
+    for j, local in enumerate(layout.local):
+        table = np.zeros((len(target), len(local)))
+        table[:, : layout.rank] = rows[:, j]
+        table[:, layout.rank : layout.rank + LOSS_FIGURES] = losses[:, j]
+        table[:, -1] = target[:, j]
+        tables.append(table)
+    return tables
+
+
+@dataclass(eq=False)
+class _Batch:
+    """Columns of a run that wait to be filtered together and written into its tables."""
+
+    layout: Layout
+    run: RunContext
+    tables: Sequence[Float[Array, "t p"]]
+    waiting: list[tuple[Group, Float[Array, "T ..."]]] = field(default_factory=list)
+    width: int = 0
+
+    def add(self, group: Group, columns: Float[Array, "T ..."]) -> None:
+        self.waiting.append((group, columns))
+        self.width += columns[0].size
+        if self.width >= BATCH_COLUMNS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Filters what waits and writes it into the tables of the joints that it acts on."""
+        if not self.waiting:
+            return
+        filtered = self.run.motion.filtered(
+            np.concatenate([columns.reshape(len(columns), -1) for _, columns in self.waiting], axis=1)
+        )
+        start = 0
+        for group, columns in self.waiting:
+            end = start + columns[0].size
+            self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
+            start = end
+        self.waiting, self.width = [], 0
+
+    def _write(self, group: Group, columns: Float[Array, "t ..."]) -> None:
+        for j in group.acts_on(self.layout.n):
+            at = self.layout.places[j][int(group.columns[0])]
+            own = columns if group.effect.rows == "own" else columns[:, j]
+            self.tables[j][:, at : at + len(group.columns)] = own

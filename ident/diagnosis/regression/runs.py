@@ -1,0 +1,85 @@
+"""The runs of a session as the effects see them: held in memory, or made anew from what was spooled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.baseline import Baseline, rigid_torque
+from ident.effects.base import RunContext, SessionContext
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import OnDemand, SpooledArrays, SpooledMotions
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+
+
+def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: bool) -> SessionContext:
+    """What the effects are told about the runs: modelled torques only, never the measured one."""
+    runs: Sequence[RunContext]
+    if isinstance(motions, SpooledMotions):
+        runs, every = _SpooledRuns(baseline, motions), motions.every
+    else:
+        runs, every = tuple(_build_run(baseline, motion) for motion in motions), 1
+    return SessionContext(
+        runs=runs,
+        common_clock=common_clock,
+        joint_names=baseline.nominal.joint_names,
+        gear_ratios=baseline.nominal.gear_ratios,
+        rated_torque=baseline.nominal.effort_limit,
+        every=every,
+    )
+
+
+def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
+    arm = baseline.arm.with_payload(motion.payload)
+    return _run_of(baseline, motion, arm, rigid_torque(baseline.arm, motion), baseline.sliding.direction(motion))
+
+
+def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array) -> RunContext:
+    loss = baseline.loss
+    return RunContext(
+        motion=motion,
+        arm=arm,
+        rigid=rigid,
+        link=rigid,
+        rotor=np.asarray(loss.motor_inertia * motion.ddq),
+        friction=np.asarray(loss.viscous * motion.dq + loss.coulomb * slip),
+        direction=slip,
+        temperature=motion.temperature,
+        position_command=motion.position_command,
+    )
+
+
+class _SpooledRuns(OnDemand[RunContext]):
+    """Runs of spooled motions; what costs most of the modelled torques is spooled beside them."""
+
+    def __init__(self, baseline: Baseline, motions: Sequence[Motion]) -> None:
+        self._baseline, self._motions = baseline, motions
+        self._arms: dict[Payload | None, ArmModel] = {}
+        self._rigid, self._slip = SpooledArrays(), SpooledArrays()
+        for motion in motions:
+            self._rigid.append(self._arm(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq))
+            self._slip.append(baseline.sliding.direction(motion))
+
+    def __len__(self) -> int:
+        return len(self._motions)
+
+    def _arm(self, payload: Payload | None) -> ArmModel:
+        if payload not in self._arms:
+            self._arms[payload] = self._baseline.arm.with_payload(payload)
+        return self._arms[payload]
+
+    def _make(self, index: int) -> RunContext:
+        motion = self._motions[index]
+        return _run_of(self._baseline, motion, self._arm(motion.payload), self._rigid[index], self._slip[index])
+
+
+def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
+    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m]."""
+    found: list[Array] | SpooledArrays = SpooledArrays() if isinstance(session.runs, _SpooledRuns) else []
+    for run in session.runs:
+        left = run.motion.tau_filtered - run.motion.filtered(run.total)
+        found.append(np.where(run.motion.settled, left, 0.0))
+    return found

@@ -1,0 +1,1 @@
+"""Which effects get a name: search, tests, figures with intervals."""

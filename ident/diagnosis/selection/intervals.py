@@ -1,0 +1,258 @@
+"""Figures of named effects with intervals that respect autocorrelation, rival names, and probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.selection.refine import Refined
+from ident.diagnosis.selection.search import FIXED_FACTOR, Key, Named, Search
+from ident.effects.base import Interval, SessionContext
+
+# Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
+INTERVAL_FALL = 1.92
+# No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
+# (95 %, from a development set of simulated arms whose laws are others than the catalogue's).
+LAW_SHARE, LAW_ANGLE = 0.15, 0.4
+# A gear has more than one time constant.
+LOOSE_FIGURES = {"time_constant_s": 0.35}
+# Figures of place have no size of their own: they are off by so much [rad].
+PLACES = {"phase_rad": LAW_ANGLE, "rest_rad": 0.15}
+EXACT_FIGURES = frozenset({"order", "link", "other_joint", "start_s", "end_s"})
+# Names that are less than this many times less probable than the holder can't be told from it.
+CLASS_ODDS = 10.0
+# Names of which the evidence is weaker than the holder's by more than this are not asked for [nats].
+RIVAL_NATS = 60.0
+# Exponent that turns log evidence into calibrated probabilities: recordings hold more misfit than the noise model.
+TEMPER = 0.2
+# No name is surer than this: how often sure names were right on the development set.
+MOST_SURE = 0.96
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What is known of one named effect.
+
+    Attributes:
+        group: The effect at its best inner figures.
+        parameters: Physical figures with 95 % intervals.
+        probability: That this effect, and none of its rivals, is the cause.
+        rivals: Ids of the effects that the recordings can't tell from it, itself first.
+        told: The effect at the point of the finer grid that the figures are those of.
+        coefficients: Its coefficients there.
+    """
+
+    group: Group
+    parameters: dict[str, Interval]
+    probability: float
+    rivals: tuple[str, ...]
+    told: Group
+    coefficients: Float[Array, " k"]
+
+
+def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
+    """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
+    layout = evidence.layout
+    weights = np.zeros(layout.size + 1)
+    weights[projection.inside] = -projection.estimate
+    weights[-1] = 1.0
+    scores = np.zeros((len(evidence.fold_of_block), layout.size + 1))
+    for local, sums in zip(layout.local, evidence.white, strict=True):
+        scores[:, local] += sums @ weights[local]
+    part = scores[:, projection.inside]
+    blocks = len(part)
+    meat = part.T @ part * blocks / max(blocks - 1, 1)
+    sandwich = projection.spread @ meat @ projection.spread
+    lift = np.sqrt(np.maximum(1.0, np.diag(projection.spread) / np.maximum(np.diag(sandwich), 1e-300)))
+    return sandwich * np.outer(lift, lift)
+
+
+def inflation(evidence: Evidence, projection: Projection) -> float:
+    """By how much blocks vary more than the noise model says: divides log evidence.
+
+    Median over the tuned coefficients of sandwich to model variance.
+    """
+    tuned = slice(evidence.layout.tuned)
+    model = np.diag(projection.spread)[tuned]
+    robust = np.diag(robust_covariance(evidence, projection))[tuned]
+    return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
+
+
+def estimate_effects(search: Search, fine: Refined, session: SessionContext, named: Sequence[Named]) -> list[Estimate]:
+    """Figures, probability and rivals of every named effect.
+
+    Args:
+        search: Of the first pass: all rivals.
+        fine: Second pass: the named effects alone, on finer grids.
+        session: The runs.
+        named: The named effects in the first pass.
+    """
+    groups = [item.group for item in named]
+    figures = _figures(fine, session, [item.absorbed for item in named])
+    gram = search.evidence.gram()
+    spare = inflation(search.evidence, project(gram, search.evidence, search.prior, groups))
+    estimates = []
+    for slot, (group, told) in enumerate(zip(groups, fine.groups, strict=True)):
+        others = [other for i, other in enumerate(groups) if i != slot]
+        projection = project(gram, search.evidence, search.prior, others)
+        probability, rivals = weigh_rivals(search, projection, group, others, spare)
+        parameters, coefficients = figures[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients))
+    return estimates
+
+
+def _figures(
+    fine: Refined, session: SessionContext, absorbed: Sequence[bool]
+) -> list[tuple[dict[str, Interval], Float[Array, " k"]]]:
+    """Physical figures of every effect with their intervals, and its coefficients.
+
+    What tuning absorbs is told against the URDF held fast, as it was judged. What the URDF's own tolerance then does to
+    the figures counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the prior that
+    holds them fast, the estimate is off by M⁻¹ f² P δ, a covariance of f⁴ M⁻¹ P M⁻¹.
+    """
+    evidence, gram = fine.search.evidence, fine.search.evidence.gram()
+    solved, spare = solve_effects(fine, absorbed)
+    found = []
+    for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
+        parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
+        if group.variant.inner:
+            others = [other for i, other in enumerate(fine.groups) if i != slot]
+            parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
+        found.append(({name: widened(name, value) for name, value in parameters.items()}, beta))
+    return found
+
+
+def solve_effects(
+    fine: Refined, absorbed: Sequence[bool]
+) -> tuple[list[tuple[Float[Array, " k"], Float[Array, "k k"]]], float]:
+    """Coefficients of every effect with their covariance, each in its own view; and by how much misfit exceeds noise.
+
+    A coefficient that its sign holds at zero is as uncertain as if it were free.
+
+    Args:
+        fine: The effects on their finer grids.
+        absorbed: Whether each is told against the URDF held fast.
+    """
+    evidence, gram = fine.search.evidence, fine.search.evidence.gram()
+    priors = fine.search.prior, fine.search.fixed.prior
+    views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
+    free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
+    models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors]
+    covariances = [robust_covariance(evidence, model) for model in models]
+    covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1])
+    bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
+    at = first = evidence.layout.tuned
+    solved = []
+    for group, kept, hidden in zip(fine.groups, free, absorbed, strict=True):
+        part, whole = slice(at, at + int(kept.sum())), slice(first, first + len(kept))
+        at, first = part.stop, whole.stop
+        scale = evidence.scale[group.columns]
+        beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[whole] / scale**2))
+        beta[kept] = models[hidden].estimate[part] / scale[kept]
+        cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
+        signed = np.isin(np.arange(len(beta)), group.effect.nonnegative)
+        solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
+    return solved, inflation(evidence, models[0])
+
+
+def _of_tolerance(prior: Prior, held_fast: Projection) -> Float[Array, "z z"]:
+    """Covariance of coefficients that were solved with the URDF held fast, from the URDF's tolerance."""
+    rank = len(prior.base)
+    reach = held_fast.spread[:, :rank]
+    return FIXED_FACTOR**4 * reach @ prior.base @ reach.T
+
+
+def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
+    """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
+    columns = np.concatenate([group.columns for group in groups])
+    signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.effect.nonnegative) for g in groups])
+    beta = baseline.solve(columns, signed)
+    free = np.split(~signed | (beta > 0.0), np.cumsum([len(group.columns) for group in groups])[:-1])
+    return [kept if kept.any() else np.ones_like(kept) for kept in free]
+
+
+def _with_columns(groups: Sequence[Group], kept: Sequence[Bool[Array, " k"]]) -> list[Group]:
+    """The groups with some of their columns."""
+    return [replace(group, columns=group.columns[columns]) for group, columns in zip(groups, kept, strict=True)]
+
+
+def widened(name: str, interval: Interval) -> Interval:
+    """An interval that also holds what an arm's own law of an effect may differ from the catalogue's."""
+    if name in EXACT_FIGURES or not np.isfinite(interval.value):
+        return interval
+    doubt = PLACES.get(name, LOOSE_FIGURES.get(name, LAW_SHARE) * abs(interval.value))
+    low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
+    return Interval(interval.value, interval.value - low, interval.value + high)
+
+
+def profile_inner(search: Search, projection: Projection, group: Group, spare: float) -> dict[str, Interval]:
+    """Intervals of the inner figures from the profile of the log evidence over the grid."""
+    mates = [other for other in search.evidence.layout.groups if other.key == group.key]
+    logs = np.array([0.5 * projection.gain(other)[0] / spare for other in mates])
+    found = {}
+    for name, value in group.variant.inner.items():
+        values = np.array([mate.variant.inner[name] for mate in mates])
+        points = np.unique(values)
+        if len(points) < 2 or np.any(points <= 0):
+            found[name] = Interval(float(value), float(value), float(value))
+            continue
+        profile = np.array([logs[values == point].max() for point in points])
+        found[name] = _interval_of_profile(np.log(points), profile)
+    return found
+
+
+def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"]) -> Interval:
+    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
+    top = int(np.argmax(profile))
+    best = x[top]
+    peak = profile[top]
+    if 0 < top < len(x) - 1:
+        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], profile[top - 1 : top + 2], 2)
+        if a < 0:
+            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
+            reach = float(np.sqrt(INTERVAL_FALL / -a))
+            inside = profile > peak - INTERVAL_FALL
+            low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
+            return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+    inside = profile > peak - INTERVAL_FALL
+    step = float(np.min(np.diff(x)))
+    low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
+    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+
+
+def weigh_rivals(
+    search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
+) -> tuple[float, tuple[str, ...]]:
+    """Probability of a name against all others for its slot, and the names that stand too near to tell."""
+    best = search.best_by_key(projection, others)
+    least = best[group.key][0] - RIVAL_NATS * spare
+    near_it = [rival for score, rival in best.values() if score > least]
+    # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
+    allowed = search.significant_keys(projection, near_it) | {group.key}
+    ahead = [rival for score, rival in best.values() if score > best[group.key][0] and rival.key in allowed]
+    allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(projection, others, rival)}
+    scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
+    own = scores[group.key]
+    best_of_effect: dict[str, float] = {}
+    for (effect, _, _), score in scores.items():
+        best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
+    best_of_effect[group.effect.id] = own
+    ids = list(best_of_effect)
+    logs = TEMPER * np.array([*best_of_effect.values(), 0.0])
+    weights = np.exp(logs - logs.max())
+    probability = MOST_SURE * float(weights[ids.index(group.effect.id)] / weights.sum())
+    near = sorted(
+        (
+            name
+            for name, score in best_of_effect.items()
+            if name != group.effect.id and TEMPER * (own - score) < np.log(CLASS_ODDS)
+        ),
+        key=lambda name: -best_of_effect[name],
+    )
+    return probability, (group.effect.id, *near)

@@ -1,0 +1,68 @@
+"""Figures between the points of the grid: the named effects once more, each on a finer grid around what was found.
+
+The search needs every effect at every joint and so can afford a few points of each inner grid. Once the names are known
+a second pass over the recordings asks only for them, at many points, with the noise that the first pass found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group, layout_of
+from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.selection.search import Search
+from ident.effects.base import SessionContext, Variant
+
+ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The named effects at their best points of the finer grid, and the sums that hold this grid alone."""
+
+    search: Search
+    groups: tuple[Group, ...]
+
+
+def refine(search: Search, session: SessionContext, baseline: Baseline, groups: Sequence[Group]) -> Refined:
+    """Second pass for named effects.
+
+    Args:
+        search: Of the first pass.
+        session: The runs.
+        baseline: The tuned model.
+        groups: The named effects at their points of the coarse grid.
+    """
+    grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
+    layout = layout_of(session, baseline.base.rank, grids)
+    evidence = gather(session, baseline, layout, search.evidence.whitening)
+    prior = Prior.of(evidence, baseline.prior)
+    fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed)
+    return Refined(fine, _best(fine, [group.key for group in groups]))
+
+
+def _finer(session: SessionContext, group: Group) -> tuple[Variant, ...]:
+    """A finer grid around a named effect's point of the coarse one."""
+    return tuple(group.effect.refined(group.effect.asked(session), group.joint, group.variant))
+
+
+def _best(fine: Search, keys: Sequence[tuple[str, int, int | None]]) -> tuple[Group, ...]:
+    """Each effect's best point beside the others' best points."""
+    gram = fine.evidence.gram()
+    mates = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
+    best = {key: mates[key][len(mates[key]) // 2] for key in keys}
+    for _ in range(ROUNDS):
+        before = dict(best)
+        for key in keys:
+            others = [best[other] for other in keys if other != key]
+            projection = project(gram, fine.evidence, fine.prior, others)
+            best[key] = mates[key][int(np.argmax([projection.gain(group)[0] for group in mates[key]]))]
+        if best == before:
+            break
+    return tuple(best[key] for key in keys)

@@ -1,0 +1,220 @@
+"""How well a model explains runs that it never saw: energy error and torque error of every rung of the ladder.
+
+Energy error of a run, joint by joint: E = ∫ (τ_model − τ_measured) dq dt, negative where the model knows too little
+loss. Torque errors are taken after the common low-pass, so that they are the model's and not the sensor's, and where
+the joint moves: a joint at rest carries any torque up to its Coulomb level, which no model of (q, dq, ddq) can tell.
+The error at rest is given beside it.
+
+Source: paper, tables 1 and 2 and figure 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion
+
+SCHEMA = "ident.evaluation/1"
+
+
+@dataclass(frozen=True, eq=False)
+class RunTrace:
+    """One run through every rung, for scores and pictures.
+
+    Attributes:
+        motion: The run, with the model's joints.
+        rungs: Torque of each rung, not filtered, shape (T, n) [N m].
+    """
+
+    motion: Motion
+    rungs: dict[str, Float[Array, "T n"]]
+
+    @cached_property
+    def filtered(self) -> dict[str, Float[Array, "t n"]]:
+        """Torque of each rung through the common filter [N m]."""
+        return {name: self.motion.filtered(torque) for name, torque in self.rungs.items()}
+
+    @property
+    def time(self) -> Float[Array, " t"]:
+        """Times of the filtered samples [s]."""
+        return self.motion.time[self.motion.coarse]
+
+    def energy_error(self, rung: str) -> Float[Array, " n"]:
+        """Modelled less measured work of each joint [J]."""
+        power = (self.rungs[rung] - self.motion.tau) * self.motion.dq
+        return np.trapezoid(power, dx=self.motion.interval, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class SessionScore:
+    """Scores of one group of runs; R rungs, K runs, n joints.
+
+    Attributes:
+        name: Name of the session, or of the sessions taken together.
+        joints: Joint names.
+        runs: Run names.
+        rungs: Rung names, from the analytic model up.
+        payload_kg: Known mass at the flange [kg].
+        energy_error: Energy error, shape (R, K, n) [J].
+        squares: Mean square torque error where the joint moves, shape (R, K, n); NaN if it never does [N² m²].
+        rest_squares: The same where it rests [N² m²].
+        r2: Coefficient of determination where the joint moves, shape (R, n).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    runs: tuple[str, ...]
+    rungs: tuple[str, ...]
+    payload_kg: float
+    energy_error: Float[Array, "R K n"]
+    squares: Float[Array, "R K n"]
+    rest_squares: Float[Array, "R K n"]
+    r2: Float[Array, "R n"]
+
+    @property
+    def energy_mean(self) -> Float[Array, "R n+1"]:
+        """Mean energy error over the runs; the last column is the sum over the joints [J]."""
+        return self._with_total().mean(axis=1)
+
+    @property
+    def energy_std(self) -> Float[Array, "R n+1"]:
+        """Standard deviation over the runs; the last column is that of the sum over the joints [J]."""
+        return self._with_total().std(axis=1)
+
+    @property
+    def rmse_mean(self) -> Float[Array, "R n+1"]:
+        """Mean over the runs of the torque RMSE; the last column is over all joints together [N m]."""
+        return _mean(self._rmse(self.squares), axis=1)
+
+    @property
+    def rmse_std(self) -> Float[Array, "R n+1"]:
+        """Its standard deviation over the runs [N m]."""
+        return np.sqrt(_mean((self._rmse(self.squares) - self.rmse_mean[:, None]) ** 2, axis=1))
+
+    @property
+    def rest_rmse(self) -> Float[Array, "R n+1"]:
+        """Torque RMSE where the joints rest, over the runs: what dry friction hides [N m]."""
+        return _mean(self._rmse(self.rest_squares), axis=1)
+
+    def _with_total(self) -> Float[Array, "R K n+1"]:
+        return np.concatenate([self.energy_error, self.energy_error.sum(axis=2, keepdims=True)], axis=2)
+
+    @staticmethod
+    def _rmse(squares: Float[Array, "R K n"]) -> Float[Array, "R K n+1"]:
+        return np.sqrt(np.concatenate([squares, _mean(squares, axis=2)[..., None]], axis=2))
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, which knows no NaN: what a joint that never moves can't tell is null."""
+        columns = [*self.joints, "total"]
+
+        def table(values: Float[Array, "R k"]) -> dict[str, dict[str, float | None]]:
+            cells = [[None if np.isnan(value) else float(value) for value in row] for row in values]
+            rows = zip(self.rungs, cells, strict=True)
+            return {rung: dict(zip(columns[: len(row)], row, strict=True)) for rung, row in rows}
+
+        return {
+            "session": self.name,
+            "runs": len(self.runs),
+            "payload_kg": self.payload_kg,
+            "energy_error_J": {"mean": table(self.energy_mean), "std": table(self.energy_std)},
+            "torque_rmse_Nm": {"mean": table(self.rmse_mean), "std": table(self.rmse_std)},
+            "torque_rmse_at_rest_Nm": table(self.rest_rmse),
+            "r2_moving": table(self.r2),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Scores of one model on several sessions; `pooled` takes those without payload together."""
+
+    model: str
+    sessions: tuple[SessionScore, ...]
+    pooled: SessionScore
+    traces: tuple[RunTrace, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "schema": SCHEMA,
+            "model": self.model,
+            "sessions": [score.to_dict() for score in self.sessions],
+            "pooled": self.pooled.to_dict(),
+        }
+
+
+def trace_run(model: HybridModel, motion: Motion) -> RunTrace:
+    """Every rung of a model on one run."""
+    own = motion.select(model.joint_names)
+    return RunTrace(own, model.ladder(own.q, own.dq, own.ddq, own.payload))
+
+
+def evaluate(model: HybridModel, sessions: Sequence[tuple[str, Sequence[Motion]]], name: str = "model") -> Evaluation:
+    """Scores a model on named groups of runs that its fit never saw.
+
+    Args:
+        model: The model.
+        sessions: Names and runs.
+        name: The model's name in reports.
+    """
+    traced = [(session, [trace_run(model, motion) for motion in motions]) for session, motions in sessions]
+    scores = tuple(score_runs(session, traces) for session, traces in traced)
+    free = [(session, traces) for session, traces in traced if traces[0].motion.payload is None] or traced
+    pooled = score_runs(" + ".join(session for session, _ in free), [trace for _, traces in free for trace in traces])
+    return Evaluation(name, scores, pooled, tuple(trace for _, traces in traced for trace in traces))
+
+
+def score_runs(name: str, traces: Sequence[RunTrace]) -> SessionScore:
+    """Scores a group of runs."""
+    rungs = tuple(traces[0].rungs)
+    payload = traces[0].motion.payload
+    errors = [{rung: t.motion.tau_filtered - t.filtered[rung] for rung in rungs} for t in traces]
+    return SessionScore(
+        name=name,
+        joints=traces[0].motion.joints,
+        runs=tuple(trace.motion.name for trace in traces),
+        rungs=rungs,
+        payload_kg=payload.mass_kg if payload else 0.0,
+        energy_error=np.array([[trace.energy_error(rung) for trace in traces] for rung in rungs]),
+        squares=_squares(traces, errors, rungs, moving=True),
+        rest_squares=_squares(traces, errors, rungs, moving=False),
+        r2=np.array([_r2(traces, [error[rung] for error in errors]) for rung in rungs]),
+    )
+
+
+def _squares(
+    traces: Sequence[RunTrace], errors: Sequence[dict[str, Array]], rungs: Sequence[str], moving: bool
+) -> Float[Array, "R K n"]:
+    """Mean square error of each rung, run and joint over the samples where the joint moves, or rests."""
+    where = [trace.motion.moving == moving for trace in traces]
+    return np.array(
+        [
+            [_mean(np.where(w, error[rung] ** 2, np.nan), 0) for error, w in zip(errors, where, strict=True)]
+            for rung in rungs
+        ]
+    )
+
+
+def _mean(values: Array, axis: int) -> Array:
+    """Mean of what is not NaN; NaN where nothing is."""
+    there = ~np.isnan(values)
+    count = there.sum(axis=axis)
+    return np.where(count > 0, np.where(there, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
+
+
+def _r2(traces: Sequence[RunTrace], errors: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
+    """1 − variance of the error over variance of the torque, where the joint moves."""
+    measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
+    error = np.concatenate(list(errors))
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    r2 = np.full(measured.shape[1], np.nan)
+    for j in range(len(r2)):
+        rows = moving[:, j]
+        if rows.sum() > 10 and np.var(measured[rows, j]) > 0:
+            r2[j] = 1.0 - np.var(error[rows, j]) / np.var(measured[rows, j])
+    return r2

@@ -1,0 +1,365 @@
+"""HybridModel: the arm as it is identified, τ = analytic + loss + net (eq. 1), batched; and its folder on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+
+from ident.arrays import Array, Float, freeze
+from ident.errors import InputError, ModelError
+from ident.files import atomic_folder
+from ident.model.inertia import InertiaResults, Mode, fit_inertia
+from ident.model.loss import NAMES, UNITS, LossModel, LossParameters, LossResults
+from ident.model.residual_net import PRESETS, ResidualNet, TrainingHistory, fit_residual_net
+from ident.motion.motion import Motion
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+from ident.robot.lumped import build_lumped_arm
+
+SCHEMA = "ident.model/1"
+LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
+NetPreset = Literal["default", "paper", "none"]
+
+
+@dataclass(frozen=True)
+class LossFigure:
+    """One loss figure with its 95 % interval, for reports."""
+
+    joint: str
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class HybridModel:
+    """A fitted arm.
+
+    Attributes:
+        robot: The whole arm as its URDF describes it; geometry comes from here.
+        nominal: The rigid arm before identification: the robot, or its lumped three-joint model.
+        arm: The rigid arm with identified inertias; its joints are those that the model speaks of.
+        loss: Loss figures.
+        net: Residual net, or None.
+        links: 6 for the full arm, 3 for the lumped one.
+        inertia: How the inertias were found.
+        figures: Loss figures with intervals.
+        provenance: Data hashes, versions, options, figures of the fit.
+    """
+
+    robot: ArmModel
+    nominal: ArmModel
+    arm: ArmModel
+    loss: LossParameters
+    net: ResidualNet | None = None
+    links: int = 6
+    inertia: str = "nominal"
+    figures: tuple[LossFigure, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self.arm.joint_names
+
+    def torque(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+    ) -> Float[Array, "T n"]:
+        """Joint torque that the motion needs [N m]. Source: paper, eq. 1."""
+        return sum(self.torque_terms(q, dq, ddq, payload).values(), np.zeros_like(q, dtype=float))
+
+    def torque_terms(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+    ) -> dict[str, Float[Array, "T n"]]:
+        """The parts of the torque by name: analytic, loss, and net where there is one [N m]."""
+        rigid = self.arm.with_payload(payload).inverse_dynamics(q, dq, ddq)
+        terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
+        if self.net is not None:
+            terms["net"] = self.net.predict(q, dq, ddq, rigid)
+        return terms
+
+    def ladder(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
+    ) -> dict[str, Float[Array, "T n"]]:
+        """Torque by rungs, each with all that is below it: analytic (URDF), inertia, loss, net [N m]."""
+        terms = self.torque_terms(q, dq, ddq, payload)
+        rungs = {"analytic": self.nominal.with_payload(payload).inverse_dynamics(q, dq, ddq)}
+        total = terms["analytic"]
+        if self.inertia != "nominal":
+            rungs["inertia"] = total
+        for name in ("loss", "net"):
+            if name in terms:
+                total = total + terms[name]
+                rungs[name] = total
+        return rungs
+
+    def save(self, folder: str | Path) -> Path:
+        """Writes the model as a folder of readable text plus weights, whole or not at all."""
+        target = Path(folder)
+        with atomic_folder(target) as part:
+            (part / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
+            (part / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
+            (part / "model.toml").write_text(tomli_w.dumps(self.record()), encoding="utf-8")
+            if self.net is not None:
+                self.net.save(part)
+        return target
+
+    @classmethod
+    def load(cls, folder: str | Path) -> HybridModel:
+        """Reads a saved model.
+
+        Raises:
+            ModelError: Not a model folder, or damaged.
+        """
+        path = Path(folder)
+        record = _read_record(path)
+        try:
+            source = Path(record["robot"]["source"])
+            robot = ArmModel.from_urdf((path / "robot.urdf").read_text(encoding="utf-8"), source)
+            nominal = ArmModel.from_urdf((path / "arm.urdf").read_text(encoding="utf-8"), source)
+            model = cls(
+                robot=robot,
+                nominal=nominal,
+                arm=_identified(nominal, record["inertia"]["links"]),
+                loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
+                net=ResidualNet.load(path) if record.get("net", {}).get("preset", "none") != "none" else None,
+                links=record["robot"]["links"],
+                inertia=record["inertia"]["mode"],
+                figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
+                provenance=record.get("provenance", {}),
+            )
+            model._check()
+        except ModelError:
+            raise
+        except InputError as error:
+            raise ModelError(path, f"its URDF is damaged ({error.what})", "fit the model again") from None
+        except (AttributeError, IndexError, KeyError, OSError, TypeError, ValueError) as error:
+            raise ModelError(path / "model.toml", f"damaged ({error!r})", "fit the model again") from None
+        return model
+
+    def _check(self) -> None:
+        """Raises ValueError unless the parts speak of the same joints, in finite numbers."""
+        n = self.arm.n
+        for name in (*NAMES, "transition_speed"):
+            values = getattr(self.loss, name)
+            if values.shape != (n,) or not np.all(np.isfinite(values)):
+                raise ValueError(f"{name} of the loss is {values.tolist()}, not {n} numbers")
+        if not np.all(np.isfinite(self.arm.inertial_parameters)):
+            raise ValueError("an inertia is not finite")
+        if self.net is not None and self.net.n != n:
+            raise ValueError(f"the net has {self.net.n} joints, the arm {n}")
+
+    def record(self) -> dict[str, Any]:
+        """All of the model but its URDFs and weights, as it stands in model.toml."""
+        numbers = self.arm.inertial_parameters.reshape(self.arm.n, 10)
+        loss: dict[str, Any] = {name: getattr(self.loss, name).tolist() for name in NAMES}
+        loss["transition_speed_rad_s"] = self.loss.transition_speed.tolist()
+        loss["figures"] = [vars(figure) for figure in self.figures]
+        return {
+            "schema": SCHEMA,
+            "robot": {
+                "name": self.robot.name,
+                "source": str(self.robot.source or ""),
+                "joints": list(self.joint_names),
+                "links": self.links,
+                "urdf_sha256": self.robot.digest,
+            },
+            "inertia": {
+                "mode": self.inertia,
+                "order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
+                "links": {name: row.tolist() for name, row in zip(self.arm.links, numbers, strict=True)},
+            },
+            "loss": loss,
+            "net": {"preset": self.net.options.preset if self.net is not None else "none"},
+            "provenance": self.provenance,
+        }
+
+    def require_robot(self, arm: ArmModel, where: str | Path) -> None:
+        """Raises ModelError unless the model was fitted for this robot."""
+        if arm.name != self.robot.name or not set(self.joint_names) <= set(arm.joint_names):
+            raise ModelError(
+                where,
+                f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}",
+                "fit a model for this robot",
+            )
+
+
+def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:
+    """The rigid arm with the link inertias of model.toml."""
+    numbers = np.array([links[name] for name in nominal.links], dtype=float)
+    if numbers.shape != (nominal.n, 10):
+        raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
+    same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
+    return nominal if same else nominal.with_inertial_parameters(numbers.ravel())
+
+
+def _read_record(path: Path) -> dict[str, Any]:
+    file = path / "model.toml"
+    if not file.is_file():
+        raise ModelError(path, "not a model folder: it has no model.toml", "make one with `ident fit … --out MODEL`")
+    try:
+        record = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ModelError(file, f"not TOML ({error})", "fit the model again") from None
+    if record.get("schema") != SCHEMA:
+        raise ModelError(file, f"schema is {record.get('schema')!r}, not {SCHEMA!r}", "fit the model again")
+    return record
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a hybrid model is fitted.
+
+    Attributes:
+        links: 6 for the full arm, 3 for the paper's lumped one.
+        inertia: `nominal`, `base` or `consistent`.
+        net: `default`, `paper` or `none`.
+        offset: Whether a constant torque is a loss figure too.
+        robust: Huber's loss for the loss figures.
+        seed: Of the net.
+    """
+
+    links: int = 6
+    inertia: Mode = "nominal"
+    net: NetPreset = "default"
+    offset: bool = False
+    robust: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (
+            ("--links", self.links, (3, 6)),
+            ("--inertia", self.inertia, ("nominal", "base", "consistent")),
+            ("--net", self.net, ("default", "paper", "none")),
+        ):
+            if value not in allowed:
+                raise InputError(name, f"{value!r} is unknown", f"use one of: {', '.join(map(str, allowed))}")
+
+
+@dataclass(frozen=True, eq=False)
+class FitResults:
+    """A fitted model and what stands behind it."""
+
+    model: HybridModel
+    loss: LossResults
+    inertia: InertiaResults
+    history: TrainingHistory | None
+
+
+def fit_hybrid(
+    motions: Sequence[Motion],
+    robot: ArmModel,
+    options: FitOptions | None = None,
+    data: Sequence[dict[str, Any]] = (),
+    progress: Callable[[int, int, float], None] | None = None,
+    checkpoint: Path | None = None,
+) -> FitResults:
+    """Fits analytic, loss and net, in that order.
+
+    Args:
+        motions: Training runs with the robot's joints.
+        robot: The arm.
+        options: What to fit.
+        data: One record a training file (name, sha256), kept with the model.
+        progress: Called after each epoch of the net.
+        checkpoint: Folder in which the net's training may stop and go on.
+
+    Source: paper, figure 2.
+    """
+    options = options or FitOptions()
+    nominal = robot if options.links == 6 else build_lumped_arm(robot)
+    if options.links == 3:
+        motions = [motion.select(nominal.joint_names) for motion in motions]
+    losses = LossModel(offset=options.offset, robust=options.robust)
+    inertia = fit_inertia(motions, nominal, options.inertia, losses)
+    arm = inertia.arm
+    rigid = [arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq) for m in motions]
+    loss = losses.fit(motions, rigid)
+    net = None
+    if options.net != "none":
+        net = _fit_net(motions, rigid, loss.params, options, progress, checkpoint)
+    model = HybridModel(
+        robot=robot,
+        nominal=nominal,
+        arm=arm,
+        loss=loss.params,
+        net=net,
+        links=options.links,
+        inertia=options.inertia,
+        figures=_figures(loss),
+        provenance=_provenance(motions, options, data, inertia, loss, net),
+    )
+    return FitResults(model, loss, inertia, net.history if net else None)
+
+
+def _fit_net(
+    motions: Sequence[Motion],
+    rigid: Sequence[Array],
+    loss: LossParameters,
+    options: FitOptions,
+    progress: Callable[[int, int, float], None] | None,
+    checkpoint: Path | None,
+) -> ResidualNet:
+    preset = PRESETS[options.net]
+    states = [
+        (m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], torque[m.coarse])
+        for m, torque in zip(motions, rigid, strict=True)
+    ]
+    left = [
+        m.tau_filtered - m.filtered(torque + loss.torque(m.dq, m.ddq)) for m, torque in zip(motions, rigid, strict=True)
+    ]
+    moving = None if options.net == "paper" else [m.moving for m in motions]
+    seeded = type(preset)(**{**vars(preset), "seed": options.seed})
+    return fit_residual_net(states, left, moving, seeded, progress, checkpoint)
+
+
+def _figures(loss: LossResults) -> tuple[LossFigure, ...]:
+    limits = loss.conf_int()
+    return tuple(
+        LossFigure(
+            joint, name, float(getattr(loss.params, name)[j]), float(limits[j, k, 0]), float(limits[j, k, 1]), unit
+        )
+        for j, joint in enumerate(loss.joints)
+        for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+        if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
+    )
+
+
+def _provenance(
+    motions: Sequence[Motion],
+    options: FitOptions,
+    data: Sequence[dict[str, Any]],
+    inertia: InertiaResults,
+    loss: LossResults,
+    net: ResidualNet | None,
+) -> dict[str, Any]:
+    samples = freeze([len(motion.time) for motion in motions])
+    return {
+        "options": vars(options).copy(),
+        "runs": len(motions),
+        "samples": int(samples.sum()),
+        "cutoff_hz": motions[0].lowpass.cutoff,
+        "residual_rms_Nm": loss.residual_rms.tolist(),
+        "condition_number": inertia.condition_number,
+        "net_parameters": net.parameters if net else 0,
+        "data": list(data),
+        "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
+        "versions": {name: _version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"

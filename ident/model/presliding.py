@@ -1,0 +1,119 @@
+"""Direction of sliding: how dry friction turns round when a joint does.
+
+Bearings and gears turn their friction round over a small displacement: a stop operator, a spring of range r in series
+with a slider, z⁺ = clip(z + Δq, −r, r), is ±1 (as z / r) while the joint slides and goes from one to the other over 2 r
+after a reversal, however fast the joint moves there. Drives that compensate friction, and controllers that model it, do
+so by a smooth sign of the speed, tanh(dq / v₀). Which of both an arm shows, and its figure, is found joint by joint.
+
+Source: Al-Bender 2005 (generalised Maxwell slip).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Bool, Float, freeze
+from ident.model.loss import TRANSITION_GRID, direction
+from ident.motion.motion import Motion
+
+# Ranges tried [rad]: beyond them friction with such a memory is an effect of its own.
+RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
+# A range of fewer standard deviations of the position than this follows noise.
+NOISE_FACTOR = 8.0
+
+
+@njit(cache=True)
+def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
+    """State of a stop operator of a range along a path, from rest."""
+    out = np.empty(len(q))
+    state = 0.0
+    out[0] = 0.0
+    for k in range(1, len(q)):
+        state = min(size, max(-size, state + q[k] - q[k - 1]))
+        out[k] = state
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """How each of n joints turns its friction round: over a range, or, where that is zero, over a speed.
+
+    Attributes:
+        range: Displacement r [rad].
+        speed: v₀ [rad/s].
+    """
+
+    range: Float[Array, " n"]
+    speed: Float[Array, " n"]
+
+    def __post_init__(self) -> None:
+        for name in ("range", "speed"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    def direction(self, motion: Motion) -> Float[Array, "T n"]:
+        """Direction of sliding in [-1, 1] of each joint, unstressed at first."""
+        slip = np.array(direction(motion.dq, self.speed))
+        for j in np.flatnonzero(self.range > 0.0):
+            slip[:, j] = stop_operator(np.ascontiguousarray(motion.q[:, j]), float(self.range[j])) / self.range[j]
+        return slip
+
+
+def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]]) -> Sliding:
+    """For each joint what leaves least of the torque beside Coulomb and viscous friction and rotor inertia.
+
+    Args:
+        motions: Runs.
+        rigid: Modelled rigid torque of each run [N m], not filtered.
+    """
+    n = motions[0].n
+    known = [
+        _Known(motion.moving, motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
+        for motion, torque in zip(motions, rigid, strict=True)
+    ]
+    grid = _grid(motions)
+    misfit = np.array([_misfit(motions, known, trial) for trial in grid])
+    best = np.argmin(misfit, axis=0)
+    return Sliding(
+        np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What all trials share of a run: where it moves, filtered acceleration and speed, torque to be explained."""
+
+    moving: Bool[Array, "t n"]
+    columns: Float[Array, "t n 2"]
+    target: Float[Array, "t n"]
+
+
+def _moves(motion: Motion) -> Float[Array, "T n 2"]:
+    return np.stack([motion.ddq, motion.dq], axis=-1)
+
+
+def _grid(motions: Sequence[Motion]) -> list[Sliding]:
+    """All trials; ranges no smaller than the position's noise allows."""
+    n = motions[0].n
+    least = NOISE_FACTOR * np.max([motion.std[0] for motion in motions], axis=0)
+    ranges = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
+    return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
+
+
+def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
+    """Sum of squares that each joint leaves where it moves [N² m²]."""
+    gram = np.zeros((motions[0].n, 4, 4))
+    for motion, one in zip(motions, known, strict=True):
+        slip = motion.filtered(trial.direction(motion))
+        rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
+        rows = np.where(one.moving[:, :, None], rows, 0.0)
+        gram += np.einsum("tja,tjb->jab", rows, rows)
+    found = np.zeros(len(gram))
+    for j, sums in enumerate(gram):
+        scale = np.sqrt(np.diag(sums)[:-1]) + 1e-12
+        solved = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), sums[:-1, -1] / scale, rcond=1e-10)[0]
+        found[j] = sums[-1, -1] - solved @ (sums[:-1, -1] / scale)
+    return found

@@ -1,0 +1,260 @@
+"""From recordings to motions: smoothed states on an even grid, and one zero-phase filter for every signal.
+
+Measured torque and every modelled torque or regressor column must pass through the same filter and decimation;
+otherwise the difference of two filters looks like delay or elasticity. `Motion.filtered` is that one filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import butter
+
+from ident.arrays import Array, Bool, Float, freeze
+from ident.errors import RecordingError
+from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
+from ident.motion.zero_phase import filter_both_ways
+from ident.recordings.recording import Payload, Recording, Session
+
+# Torque above this frequency is noise, ripple and structure that a rigid model has no word for [Hz].
+DEFAULT_CUTOFF = 10.0
+# The filter needs some samples a period of its corner to be one.
+LARGEST_CUTOFF_SHARE = 0.2
+FILTER_ORDER = 4
+# Samples kept a period of the corner. Whitened statistics want fewer: where the filter's stop band is sampled too, a
+# whitening filter blows up the little that is left in it.
+OVERSAMPLING, CRITICAL_OVERSAMPLING = 4.0, 2.5
+# Time around a reversal or standstill that the filter smears, in periods of its corner.
+REVERSAL_PERIODS = 1.0
+# A run starts from rest with gears stressed nobody knows how; that is forgotten after this travel [rad].
+FORGETTING_TRAVEL = 0.04
+# A run shorter than this says nothing that its filter's ends do not blur [s].
+LEAST_DURATION = 1.0
+
+
+@lru_cache(maxsize=64)
+def _sections(rate: float, cutoff: float) -> Float[Array, "s 6"]:
+    return butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+
+
+@dataclass(frozen=True)
+class Lowpass:
+    """Zero-phase Butterworth low-pass and decimation.
+
+    Attributes:
+        rate: Sampling rate before [Hz].
+        cutoff: Corner frequency [Hz].
+        factor: One of how many samples is kept.
+    """
+
+    rate: float
+    cutoff: float
+    factor: int
+
+    @classmethod
+    def design(cls, rate: float, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Lowpass:
+        """The filter for a rate; at least `oversampling` samples a period of the corner are kept."""
+        corner = min(cutoff or DEFAULT_CUTOFF, LARGEST_CUTOFF_SHARE * rate)
+        return cls(rate, corner, max(1, int(rate / (oversampling * corner))))
+
+    def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """Filters along the first axis and decimates."""
+        padding = min(len(values) - 1, int(3 * self.rate / self.cutoff))
+        return filter_both_ways(_sections(self.rate, self.cutoff), values, padding)[:: self.factor]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One run, ready for models: T even samples of n joints.
+
+    Attributes:
+        name: Name of the run.
+        joints: Joint names.
+        time: Time [s].
+        q, dq, ddq: Smoothed states [rad, rad/s, rad/s²].
+        tau: Measured torque, not filtered [N m].
+        lowpass: The filter that every torque and column goes through.
+        std: Standard deviation of q, dq, ddq from the smoother, shape (3, n).
+        payload: Known body at the flange.
+        temperature: Measured joint temperature [degC], or None.
+        position_command: Commanded position [rad], or None.
+        continues: Whether it is the next piece of the recorded run that the motion before it is a piece of.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    time: Float[Array, " T"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+    lowpass: Lowpass
+    std: Float[Array, "3 n"]
+    payload: Payload | None = None
+    temperature: Float[Array, "T n"] | None = None
+    position_command: Float[Array, "T n"] | None = None
+    continues: bool = False
+
+    @property
+    def n(self) -> int:
+        return len(self.joints)
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval [s]."""
+        return 1.0 / self.lowpass.rate
+
+    def filtered(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
+        """Any signal of this run through the common filter."""
+        return self.lowpass(values)
+
+    @cached_property
+    def tau_filtered(self) -> Float[Array, "t n"]:
+        """Measured torque through the common filter [N m]."""
+        return self.filtered(self.tau)
+
+    @property
+    def coarse(self) -> slice:
+        """The samples that the filter keeps."""
+        return slice(None, None, self.lowpass.factor)
+
+    @property
+    def filtered_length(self) -> int:
+        """Number of samples that the filter keeps."""
+        return -(-len(self.time) // self.lowpass.factor)
+
+    @property
+    def moving(self) -> Bool[Array, "t n"]:
+        """Where each joint surely moves, on the filtered grid.
+
+        At rest dry friction holds any torque up to its Coulomb level: no function of the state tells it.
+        """
+        return np.abs(self.dq[self.coarse]) > self.rest_speed
+
+    @cached_property
+    def settled(self) -> Bool[Array, "t n"]:
+        """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
+
+        At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood. Before
+        a joint has travelled some way its friction depends on what was before the run.
+        """
+        reach = max(1, round(REVERSAL_PERIODS / self.lowpass.cutoff / (self.interval * self.lowpass.factor)))
+        heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
+        settled = heading != 0.0
+        for shift in range(1, reach + 1):
+            settled[shift:] &= heading[shift:] == heading[:-shift]
+            settled[:-shift] &= heading[:-shift] == heading[shift:]
+            settled[:shift] = False
+        q = self.q[self.coarse]
+        travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q) > FORGETTING_TRAVEL
+        return np.asarray(settled & travelled)
+
+    @property
+    def rest_speed(self) -> Float[Array, " n"]:
+        """Speed below which a joint can't be told from one at rest [rad/s]."""
+        return np.maximum(3.0 * self.std[1], 2e-3)
+
+    def select(self, joints: tuple[str, ...]) -> Motion:
+        """The same run of some joints only."""
+        columns = [self.joints.index(name) for name in joints]
+        names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command")
+        kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
+        return replace(self, joints=tuple(joints), **cut)
+
+
+def session_noise(session: Session) -> NoiseLevels:
+    """Noise levels of a session's joints, by maximum likelihood over all its runs."""
+    return fit_noise_levels([run.time for run in session.runs], [run.position for run in session.runs])
+
+
+def prepare_run(
+    run: Recording,
+    levels: NoiseLevels,
+    payload: Payload | None = None,
+    cutoff: float | None = None,
+    oversampling: float = OVERSAMPLING,
+) -> Motion:
+    """Smooths one run and lays it on an even grid."""
+    states = smooth(run.time, run.position, levels)
+    rate = 1.0 / run.sample_interval
+    grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
+    even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
+    q, dq, ddq = (states.q, states.dq, states.ddq) if even else _resample(run.time, states, grid)
+
+    def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
+        if values is None or even:
+            return values
+        return np.stack([np.interp(grid, run.time, column) for column in values.T], axis=1)
+
+    effort = on_grid(run.effort)
+    assert effort is not None
+    return Motion(
+        name=run.name,
+        joints=run.joints,
+        time=freeze(grid),
+        q=freeze(q),
+        dq=freeze(dq),
+        ddq=freeze(ddq),
+        tau=freeze(effort),
+        lowpass=Lowpass.design(rate, cutoff, oversampling),
+        std=states.std,
+        payload=payload,
+        temperature=on_grid(run.temperature),
+        position_command=on_grid(run.position_command),
+    )
+
+
+def prepare(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> tuple[Motion, ...]:
+    """All runs of a session that are long enough, as motions.
+
+    Args:
+        session: The recordings.
+        cutoff: Corner of the common filter [Hz]; 10 Hz, or a fifth of the sampling rate, if None.
+        oversampling: Samples kept a period of the corner.
+
+    Raises:
+        RecordingError: No run is long enough.
+    """
+    motions = tuple(prepare_each(session, cutoff, oversampling))
+    if not motions:
+        raise no_motion(session.path or session.name)
+    return motions
+
+
+def prepare_each(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Iterator[Motion]:
+    """The same one after the other, for whoever needn't have them all at once; none where no run is long enough."""
+    long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
+    if not long:
+        return
+    levels = session_noise(session.replace(runs=long))
+    for run in long:
+        yield prepare_run(run, levels, session.payload, cutoff, oversampling)
+
+
+def no_motion(where: str | Path) -> RecordingError:
+    """The error of recordings whose runs are all too short."""
+    return RecordingError(str(where), f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+
+
+def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:
+    """States at other times: the quintic through q, dq and ddq at both neighbours."""
+    left = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
+    h = (time[left + 1] - time[left])[:, None]
+    u = ((grid - time[left])[:, None]) / h
+    q0, q1 = states.q[left], states.q[left + 1]
+    v0, v1 = states.dq[left] * h, states.dq[left + 1] * h
+    a0, a1 = states.ddq[left] * h**2, states.ddq[left + 1] * h**2
+    rise, start, end = q1 - q0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+    c3 = 10 * rise - 4 * start + end / 2
+    c4 = -15 * rise + 7 * start - end
+    c5 = 6 * rise - 3 * start + end / 2
+    q = q0 + u * (v0 + u * (a0 / 2 + u * (c3 + u * (c4 + u * c5))))
+    dq = (v0 + u * (a0 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h
+    ddq = (a0 + u * (6 * c3 + u * (12 * c4 + u * 20 * c5))) / h**2
+    return q, dq, ddq

@@ -1,0 +1,191 @@
+"""Sessions of hours: motions that wait on disk until they are asked for, so that memory does not grow with length.
+
+Numbers go to unnamed temporary files, which vanish with the process that made them, and are mapped into memory run by
+run: what is asked for is read, what is let go is gone. A session that is short enough is held in memory as it is.
+
+Where a few samples say as much as all of them (typical sizes, a model to linearise about, maps, curves), one of every
+so many runs is asked: about `HELD_SAMPLES` samples, from all over the session. Sums of squares see every sample.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain, pairwise
+from typing import Generic, TypeVar, overload
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.motion.motion import Motion
+
+# Samples of a session that are held in memory; those of a longer one are spooled.
+HELD_SAMPLES = 200_000
+# A run of a spooled session that is longer than this is gone through in pieces that share its clock.
+PIECE_SAMPLES = 40_000
+# Of the choice of runs where a few are enough.
+CHOICE_SEED = 0
+CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command")
+
+T = TypeVar("T")
+
+
+class OnDemand(Sequence[T], ABC, Generic[T]):
+    """A sequence whose entries are made anew each time they are asked for; whoever holds none keeps no memory."""
+
+    @abstractmethod
+    def _make(self, index: int) -> T:
+        """The entry of an index that exists."""
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[T, ...]: ...
+    def __getitem__(self, index: int | slice) -> T | tuple[T, ...]:
+        at = range(len(self))[index]
+        return self._make(at) if isinstance(at, int) else tuple(self._make(k) for k in at)
+
+
+class SpooledArrays(OnDemand[Float[Array, "..."]]):
+    """Arrays of any shape in one temporary file; entries are read-only maps of it."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="armgap-")  # noqa: SIM115 (closes with the last reference to it)
+        self._spots: list[tuple[int, tuple[int, ...]]] = []
+        self._end = 0
+
+    def __len__(self) -> int:
+        return len(self._spots)
+
+    def append(self, values: Float[Array, "..."]) -> None:
+        """Writes one more array.
+
+        Raises:
+            InputError: The disk of temporary files is full.
+        """
+        content = np.ascontiguousarray(values, dtype=float).tobytes()
+        try:
+            self._file.seek(self._end)
+            self._file.write(content)
+            self._file.flush()
+        except OSError as error:
+            remedy = "free some space there, or name a roomier folder in the variable TMPDIR"
+            raise InputError(tempfile.gettempdir(), f"can't hold a long session: {error.strerror}", remedy) from None
+        self._spots.append((self._end, np.shape(values)))
+        self._end += len(content)
+
+    def _make(self, index: int) -> Float[Array, "..."]:
+        offset, shape = self._spots[index]
+        if 0 in shape:
+            return np.zeros(shape)
+        return np.asarray(np.memmap(self._file, dtype=float, mode="r", offset=offset, shape=shape))
+
+
+class SpooledMotions(OnDemand[Motion]):
+    """The motions of a long session.
+
+    Attributes:
+        recorded: Number of runs; long ones are held in pieces.
+        samples: Number of samples.
+        most: Samples that are asked where a few are enough.
+    """
+
+    def __init__(self, motions: Iterable[Motion], most: int | None = None) -> None:
+        self.recorded, self.samples, self.most = 0, 0, most or HELD_SAMPLES
+        self._bare: list[Motion] = []
+        self._channels = {name: SpooledArrays() for name in CHANNELS}
+        for motion in motions:
+            self.recorded += 1
+            for piece in cut(motion, PIECE_SAMPLES):
+                self._append(piece)
+
+    def __len__(self) -> int:
+        return len(self._bare)
+
+    @property
+    def every(self) -> int:
+        """One of how many motions is asked where a few are enough."""
+        return max(1, -(-self.samples // self.most))
+
+    def _append(self, motion: Motion) -> None:
+        nothing = np.zeros(0)
+        for name, channel in self._channels.items():
+            values = getattr(motion, name)
+            channel.append(nothing if values is None else values)
+        self._bare.append(_with_channels(motion, dict.fromkeys(CHANNELS, nothing)))
+        self.samples += len(motion.time)
+
+    def _make(self, index: int) -> Motion:
+        return _with_channels(self._bare[index], {name: values[index] for name, values in self._channels.items()})
+
+
+def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
+    """Motions in memory, or on disk as soon as they are more than memory should hold."""
+    coming = iter(motions)
+    held: list[Motion] = []
+    samples = 0
+    for motion in coming:
+        held.append(motion)
+        samples += len(motion.time)
+        if samples > HELD_SAMPLES:
+            return SpooledMotions(chain(emptied(held), coming))
+    return tuple(held)
+
+
+def few(motions: Sequence[Motion]) -> Sequence[Motion]:
+    """Enough motions for typical sizes: all that are held in memory, or an even choice of spooled ones."""
+    if not isinstance(motions, SpooledMotions):
+        return motions
+    return tuple(motions[k] for k in choose_runs(len(motions), motions.every))
+
+
+def choose_runs(count: int, every: int) -> list[int]:
+    """One run out of each stretch of `every`, at a random but always the same place of it; all of them if that is 1.
+
+    Recordings often go through a few kinds of motion in turn. Runs at even distances, or at places that shift by an
+    even step, may all be of the same few kinds; runs at random places are of all kinds in proportion.
+
+    Args:
+        count: Number of runs.
+        every: Length of a stretch; the last may be shorter.
+
+    Returns:
+        Indices of the chosen runs, ascending.
+    """
+    starts = np.arange(0, count, every)
+    places = np.random.default_rng(CHOICE_SEED).integers(np.minimum(every, count - starts))
+    return [int(k) for k in starts + places]
+
+
+def runs_recorded(motions: Sequence[Motion]) -> int:
+    """Number of runs, pieces of one counted as one."""
+    return motions.recorded if isinstance(motions, SpooledMotions) else len(motions)
+
+
+def cut(motion: Motion, most: int) -> Iterator[Motion]:
+    """A run in pieces of about equal length, each of at most so many samples; a short one as it is."""
+    count = -(-len(motion.time) // most)
+    if count <= 1:
+        yield motion
+        return
+    edges = np.linspace(0, len(motion.time), count + 1).astype(int)
+    for k, (start, end) in enumerate(pairwise(edges), start=1):
+        given = {name: values for name in CHANNELS if (values := getattr(motion, name)) is not None}
+        pieces = {name: values[start:end] for name, values in given.items()}
+        name = f"{motion.name} ({k} of {count})"
+        yield replace(_with_channels(motion, pieces), name=name, continues=motion.continues or k > 1)
+
+
+def _with_channels(motion: Motion, values: dict[str, Array]) -> Motion:
+    """The same run with other signals, those that it lacks left out."""
+    given = {name: array for name, array in values.items() if getattr(motion, name) is not None}
+    return replace(motion, **given)  # type: ignore[arg-type]
+
+
+def emptied(held: list[T]) -> Iterator[T]:
+    """Hands out what a list holds and lets it go."""
+    while held:
+        yield held.pop(0)

@@ -1,0 +1,126 @@
+"""The links of a patched arm: the URDF's, tuned, and changed by the named effects; each a body that can exist.
+
+A simulator integrates what identification only solves for: a link whose inertia no body has makes motion unstable or is
+refused. Tuning says only which combinations of inertial numbers act on the torques, so that among all links of the same
+torques those nearest to the URDF's that are bodies can be taken. The same holds for a named error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cvxpy as cp
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+from ident.model.inertia import base_parameters, parameter_scale
+from ident.patches.change import Change, Diagnosed
+from ident.patches.standalone.chain import link_change
+from ident.robot.arm import ArmModel
+
+# How much more the torques count than the numbers behind them, when bodies are sought.
+TORQUE_WEIGHT = 1e6
+# Least eigenvalue of a sought body's pseudo-inertia, as a share of its mass [m²].
+BODY_MARGIN = 1e-6
+# A link that the URDF itself leaves without extent is not held to having one.
+LEAST_EIGENVALUE = -1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Change of each link against the URDF.
+
+    Attributes:
+        tuned: By tuning, shape (n, 10).
+        named: By named link errors, shape (n, 10).
+        missed: Share of the changes' torque that no bodies give, 0 where they could be written whole.
+    """
+
+    tuned: Float[Array, "n 10"]
+    named: Float[Array, "n 10"]
+    missed: float
+
+    @property
+    def total(self) -> Float[Array, "n 10"]:
+        """Both changes."""
+        return self.tuned + self.named
+
+
+def pseudo_inertia(link: Float[Array, " 10"]) -> Float[Array, "4 4"]:
+    """Positive semidefinite for every body that can exist.
+
+    Source: Wensing, Kim and Slotine 2018, eq. 12.
+    """
+    mass, x, y, z, xx, xy, yy, xz, yz, zz = link
+    half = 0.5 * (xx + yy + zz)
+    return np.array([[half - xx, -xy, -xz, x], [-xy, half - yy, -yz, y], [-xz, -yz, half - zz, z], [x, y, z, mass]])
+
+
+_UNIT_BODIES = [pseudo_inertia(unit) for unit in np.eye(10)]
+
+
+def is_body(link: Float[Array, " 10"]) -> bool:
+    """Whether ten inertial numbers are those of a body."""
+    return bool(link[0] > 0.0 and np.linalg.eigvalsh(pseudo_inertia(link))[0] >= LEAST_EIGENVALUE)
+
+
+def change_links(arm: ArmModel, tuning: Float[Array, "n 10"], changes: Sequence[Change]) -> Links:
+    """What becomes of the links.
+
+    A named error is told as a change of one link. Where that alone leaves no body, the links together give its torque.
+
+    Args:
+        arm: The arm as its URDF describes it.
+        tuning: Change by tuning.
+        changes: Named effects; link errors among them count.
+    """
+    nominal = arm.inertial_parameters.reshape(arm.n, 10)
+    tuned, missed = nearest_bodies(arm, tuning)
+    named = np.zeros((arm.n, 10))
+    for change in changes:
+        if change.effect == "link_inertial_error":
+            named[change.joint] += link_change(nominal[change.joint] + tuned[change.joint], change.values)
+    if named.any():
+        whole, missed = nearest_bodies(arm, tuning + named)
+        named = whole - tuned
+    return Links(freeze(tuned), freeze(named), missed)
+
+
+def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[Array, "n 10"], float]:
+    """The change nearest to a tuned one that leaves bodies, torques first.
+
+        min ‖B (Δ − Δ₀) / β‖² · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body
+
+    Args:
+        arm: The arm as its URDF describes it; links that are no bodies there are left free.
+        tuning: Δ₀.
+
+    Returns:
+        The change, and the part of BΔ₀ that it misses, as a share.
+    """
+    nominal = arm.inertial_parameters.reshape(arm.n, 10)
+    held = [j for j in range(arm.n) if is_body(nominal[j])]
+    if all(is_body(nominal[j] + tuning[j]) for j in held):
+        return np.array(tuning), 0.0
+    scale, mapping = parameter_scale(arm), base_parameters(arm).mapping
+    size = np.sqrt(np.diag(mapping * scale**2 @ mapping.T))
+    moved = cp.Variable(10 * arm.n)  # Δ − Δ₀ in units of scale
+    torque = (mapping * scale) / size[:, None]
+    links = (nominal + tuning).ravel() + cp.multiply(scale, moved)
+    constraints = [
+        sum(links[10 * j + k] * _UNIT_BODIES[k] for k in range(10)) >> BODY_MARGIN * scale[10 * j] * np.eye(4)
+        for j in held
+    ]
+    objective = TORQUE_WEIGHT * cp.sum_squares(torque @ moved) + cp.sum_squares(moved)
+    cp.Problem(cp.Minimize(objective), constraints).solve(solver=cp.CLARABEL)
+    if moved.value is None:
+        return np.zeros_like(tuning), 1.0
+    missed = np.linalg.norm(torque @ moved.value) / np.linalg.norm(torque @ (tuning.ravel() / scale))
+    return tuning + (scale * moved.value).reshape(tuning.shape), float(missed)
+
+
+def tuned_arm(arm: ArmModel, diagnosed: Diagnosed) -> tuple[ArmModel, Links]:
+    """The arm with tuned links, without named effects; and what the links become with them."""
+    links = change_links(arm, diagnosed.tuned.links, diagnosed.changes)
+    return arm.with_inertial_parameters(arm.inertial_parameters + links.tuned.ravel()), links

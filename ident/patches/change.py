@@ -1,0 +1,181 @@
+"""What a diagnosis says, in the terms of a patch: named effects with their figures, and the tuned baseline.
+
+Read from the JSON alone, so that a patch can be made where the recordings are not.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Float, freeze
+from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
+from ident.diagnosis.diagnose import SCHEMA
+from ident.effects.base import Interval
+from ident.effects.catalogue import CATALOGUE
+from ident.errors import InputError
+from ident.patches.shaped import shape_figures
+from ident.patches.standalone.chain import Array
+from ident.patches.standalone.motion import Losses
+from ident.robot.arm import ArmModel
+
+WHOLE_ARM = -1
+ARM_WIDE = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
+# Width of the sign of a sum of two joints' speeds [rad/s].
+COUPLING_WIDTH = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One named effect.
+
+    Attributes:
+        effect: Its id.
+        joint: Index of its joint; -1 for the whole arm.
+        joints: Names of the joints where it shows.
+        figures: The reported figures with their intervals.
+        law: Coefficients and shape of a law that has more figures than are reported, or None.
+    """
+
+    effect: str
+    joint: int
+    joints: tuple[str, ...]
+    figures: Mapping[str, Interval]
+    law: Mapping[str, Any] | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The figures' values, and what the law needs besides and follows from them."""
+        found = {name: figure.value for name, figure in self.figures.items()}
+        found |= shape_figures(self.effect, found, self.law)
+        if self.effect == "joint_coupling":
+            # Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign.
+            common = self.figures["inertia_kgm2"].low == self.figures["inertia_kgm2"].high == 0.0
+            mix = float(np.sign(found["viscous_Nms_rad"])) if common else 0.0
+            found |= {"mix": mix, "width_rad_s": COUPLING_WIDTH}
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """The tuned baseline.
+
+    Attributes:
+        losses: Rotor inertia, viscous and Coulomb friction.
+        links: Change of the URDF's inertial numbers, shape (n, 10).
+    """
+
+    losses: Losses
+    links: Float[Array, "n 10"]
+
+    @classmethod
+    def none(cls, n: int) -> Tuning:
+        """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
+        zero = np.zeros(n)
+        return cls(Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS)))))
+
+    def with_losses_of(self, other: Tuning, joints: set[int]) -> Losses:
+        """These losses, but those of another tuning at some joints."""
+        names = ("motor_inertia", "viscous", "coulomb", "transition", "range")
+        mask = np.isin(np.arange(len(self.losses.viscous)), sorted(joints))
+        return Losses(*(np.where(mask, getattr(other.losses, name), getattr(self.losses, name)) for name in names))
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis as a patch needs it.
+
+    Attributes:
+        path: Its file.
+        joints: Joints of the diagnosed arm.
+        verdict: Its verdict.
+        changes: The named effects.
+        tuned: The baseline tuned together with them.
+        alone: The baseline tuned without them.
+        urdf: Losses tuned without them and with the URDF's own link inertias.
+        has_baseline: Whether the file says how the baseline was tuned.
+    """
+
+    path: Path
+    joints: tuple[str, ...]
+    verdict: str
+    changes: tuple[Change, ...]
+    tuned: Tuning
+    alone: Tuning
+    urdf: Tuning
+    has_baseline: bool
+
+    @classmethod
+    def load(cls, path: Path) -> Diagnosed:
+        """Reads the JSON that `ident diagnose --json` writes.
+
+        Raises:
+            InputError: No such file, not a diagnosis, or one that names nothing.
+        """
+        record = _read(path)
+        try:
+            return cls._of(path, record)
+        except (KeyError, TypeError, ValueError) as error:
+            what = f"it is damaged ({type(error).__name__}: {error})"
+            raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+
+    @classmethod
+    def _of(cls, path: Path, record: dict[str, Any]) -> Diagnosed:
+        joints = tuple(record["joints"])
+        changes = tuple(_change(finding, joints, record.get("baseline", {})) for finding in record["findings"])
+        if not changes:
+            what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
+            raise InputError(path, what, "give a diagnosis with findings")
+        known = "baseline" in record
+        keys = ("baseline", "baseline_alone", "baseline_urdf")
+        tuned, alone, urdf = (
+            _tuning(record[key], joints) if key in record else Tuning.none(len(joints)) for key in keys
+        )
+        urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
+        return cls(path, joints, record["verdict"], changes, tuned, alone, urdf, known)
+
+    def fit_to(self, arm: ArmModel) -> ArmModel:
+        """The arm with the joints that the diagnosis does not know locked.
+
+        Raises:
+            InputError: The diagnosis is one of another arm.
+        """
+        foreign = [name for name in self.joints if name not in arm.joint_names]
+        if foreign:
+            remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
+            raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
+        missing = [name for name in arm.joint_names if name not in self.joints]
+        return arm.locked(missing) if missing else arm
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, f"can't be read ({error.strerror})", "give the JSON of `ident diagnose`") from None
+    except ValueError as error:
+        raise InputError(path, f"not JSON ({error})", "give the JSON of `ident diagnose`") from None
+    schema = record.get("schema") if isinstance(record, dict) else None
+    if schema != SCHEMA:
+        raise InputError(path, f"its schema is {schema!r}, not {SCHEMA!r}", "give the JSON of `ident diagnose`")
+    return record
+
+
+def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any]) -> Change:
+    effect, where = finding["effect"], tuple(finding["joints"])
+    figures = {name: Interval(**value) for name, value in finding["parameters"].items()}
+    law = baseline.get(where[0], {}).get("laws", {}).get(effect)
+    return Change(effect, WHOLE_ARM if effect in ARM_WIDE else joints.index(where[0]), where, figures, law)
+
+
+def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
+    losses = [np.array([float(record[joint][key]) for joint in joints]) for key in (*LOSS_KEYS, "transition_rad_s")]
+    links = [[float(record[joint]["link_change"][key]) for key in LINK_KEYS] for joint in joints]
+    losses[-1] = np.maximum(losses[-1], 1e-4)
+    losses.append(np.array([float(record[joint].get("sliding_range_rad", 0.0)) for joint in joints]))
+    return Tuning(Losses(*losses), freeze(np.array(links)))

@@ -1,0 +1,57 @@
+"""A patch in plain lines for the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ident.patches.expressed import FORMATS
+
+WHEN = {
+    "before": "before",
+    "tuned": "tuned, no effects",
+    "after": "patched",
+    "after_with_module": "patched + module",
+}
+
+
+def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
+    """What is expressed where, what is not and why, and the gaps before and after."""
+    for effect in record["effects"]:
+        answers = ", ".join(f"{form} {effect['formats'][form]['expressed']}" for form in FORMATS)
+        console.print(f"{', '.join(effect['joints'])}: [bold]{effect['effect']}[/]: {answers}", soft_wrap=True)
+        for form in FORMATS:
+            found = effect["formats"][form]
+            if found["expressed"] != "yes":
+                console.print(f"    {form}: {found['how']}", soft_wrap=True, highlight=False)
+    for line in record["told"]:
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
+    for form, found in record["structure"].items():
+        left = found["torque_difference_Nm"]
+        said = "its torque is not compared state by state" if left is None else f"within {left:.1g} N m of its laws"
+        console.print(f"  {form}: loads, {said}")
+    if "heldout" in record:
+        console.print(gap_table(record["heldout"]))
+    console.print(f"patch written to {out}")
+
+
+def gap_table(heldout: dict[str, Any]) -> Table:
+    """Torque gap of each joint, and the rollout gap over all joints."""
+    gaps = heldout["gaps"]
+    joints = list(next(iter(gaps.values()))["before"]["torque_rms_Nm"])
+    table = Table(title=f"held-out gap on {len(heldout['runs'])} runs", title_justify="left")
+    table.add_column("file")
+    table.add_column("")
+    for name in joints:
+        table.add_column(f"{name} [N m]", justify="right")
+    table.add_column(f"rollout {heldout['window_s']:g} s [mrad]", justify="right")
+    for form, found in gaps.items():
+        for when, gap in found.items():
+            cells = [f"{value:.3f}" for value in gap["torque_rms_Nm"].values()]
+            miss = 1e3 * float(np.sqrt(np.mean(np.square(list(gap["position_rms_rad"].values())))))
+            table.add_row(form, WHEN[when], *cells, f"{miss:.2f}", end_section=when == "after_with_module")
+    return table

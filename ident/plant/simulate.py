@@ -1,0 +1,202 @@
+"""`simulate`: a session of the simulated arm with chosen effects, and the answer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.plant.answer import Answer, TrueEffect
+from ident.plant.causes import CATALOGUE, Scene
+from ident.plant.decoys import add_decoy
+from ident.plant.hardware import Hardware, draw_hardware
+from ident.plant.mjcf import AddedBody, as_point
+from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
+from ident.plant.request import EffectRequest, find_joint, parse_effect
+from ident.plant.visibility import VisibilityMeter
+from ident.recordings.recording import Payload, Session
+from ident.robot.arm import ArmModel
+from ident.trajectories.kinds import plan_motions
+from ident.trajectories.reference import Motion
+
+RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
+"""Motions that let every effect be seen."""
+POOR = ("spline",)
+"""Motions of everyday use only."""
+ORIGIN = {"origin": "simulated by ident.plant; not measured on hardware"}
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """A session to be simulated.
+
+    Attributes:
+        robot: URDF path or name.
+        effects: What is wrong, each ID:JOINT:SIZE.
+        seed: Of everything: arm, motions, noise.
+        arm_seed: Of the individual arm, if it is to be the same in several sessions; as `seed` if None.
+        motions: Kinds of motion, in turn.
+        runs: Number of runs.
+        duration: Rough duration of a run [s].
+        rate: Log rate [Hz].
+        velocity, commands, temperature: Whether these channels are logged.
+        payload: A known body at the flange.
+        decoys: Names of decoys.
+        pause: Bounds of the standstill between runs [s].
+        inertia_error: Standard deviation of the relative error of the URDF's inertias.
+        friction_spread: Relative change of the friction from run to run.
+        noise: Factor on the noise of torque and encoders.
+        measure: Whether the visible amplitude of every effect is measured for the answer.
+        coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
+    """
+
+    robot: str = "tm5-900"
+    effects: tuple[str | EffectRequest, ...] = ()
+    seed: int = 0
+    arm_seed: int | None = None
+    motions: tuple[str, ...] = RICH
+    runs: int = 10
+    duration: float = 8.0
+    rate: float = 250.0
+    velocity: bool = True
+    commands: bool = True
+    temperature: bool = False
+    payload: Payload | None = None
+    decoys: tuple[str, ...] = ()
+    pause: tuple[float, float] = (4.0, 12.0)
+    inertia_error: float = 0.03
+    friction_spread: float = 0.01
+    noise: float = 1.0
+    measure: bool = False
+    coarse: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What a simulation gives.
+
+    Attributes:
+        session: As it would be recorded.
+        answer: What was wrong.
+        hardware: The hidden arm, for tests.
+        motions: What it was asked to do.
+    """
+
+    session: Session
+    answer: Answer
+    hardware: Hardware
+    motions: tuple[Motion, ...]
+
+
+def simulate(
+    options: SimulationOptions,
+    name: str = "session",
+    progress: Progress = no_progress,
+    motions: Sequence[Motion] | None = None,
+) -> Simulation:
+    """Simulates a session.
+
+    Args:
+        options: What is wanted.
+        name: Of the session.
+        progress: Called after each run.
+        motions: Motions to be run instead of planned ones.
+
+    Raises:
+        InputError: Unknown effect, joint, motion or decoy, or a size outside physics.
+    """
+    _check(options)
+    arm = ArmModel.load(options.robot)
+    requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
+    joints = [find_joint(request, arm) for request in requests]
+    plan_rng, effect_rng, run_rng, decoy_rng = np.random.default_rng(options.seed).spawn(4)
+    plans = tuple(motions) if motions is not None else _plan(arm, options, plan_rng)
+    healthy = _healthy(arm, options, decoy_rng)
+    clock_rng, record_rng = run_rng.spawn(2)
+    pauses = draw_pauses(len(plans), options.pause, clock_rng)
+    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse)
+    hardware, effects = healthy, []
+    for request, joint in zip(requests, joints, strict=True):
+        hardware, effect = _add_effect(request, joint, hardware, meter, int(effect_rng.integers(2**63)), options)
+        effects.append(effect)
+    channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
+    runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
+    payload = options.payload
+    session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
+    floor = dict(zip(arm.joint_names, map(float, healthy.sensing.noise_floor), strict=True))
+    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor)
+    return Simulation(session, answer, hardware, plans)
+
+
+def _check(options: SimulationOptions) -> None:
+    bounds = {
+        "--rate": (options.rate, 10.0, 1000.0, "Hz"),
+        "--inertia-error": (options.inertia_error, 0.0, 0.15, ""),
+        "--friction-spread": (options.friction_spread, 0.0, 0.2, ""),
+        "--noise": (options.noise, 0.0, 100.0, ""),
+        "--seed": (options.seed, 0, 2**63 - 1, ""),
+    }
+    for key, (value, low, high, unit) in bounds.items():
+        if not low <= value <= high:
+            raise InputError(key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip())
+    if options.payload is not None and not 0.0 <= options.payload.mass_kg <= 1000.0:
+        raise InputError("--payload", f"a mass of {options.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
+    if not 0.0 <= options.pause[0] <= options.pause[1]:
+        raise InputError("--pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
+
+
+def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[Motion, ...]:
+    return plan_motions(arm, options.motions, options.runs, options.duration, rng)
+
+
+def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Generator) -> Hardware:
+    """The individual arm, with its known payload and decoys, before anything is wrong."""
+    seed = options.seed if options.arm_seed is None else options.arm_seed
+    hardware = draw_hardware(arm, np.random.default_rng([seed, 1]), options.inertia_error)
+    for decoy in options.decoys:
+        hardware = add_decoy(hardware, decoy, decoy_rng)
+    if options.payload is not None:
+        body = AddedBody(arm.links[-1], options.payload.mass_kg, as_point(options.payload.com_m))
+        hardware = hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
+    sensing = hardware.sensing
+    sensing = sensing.replace(
+        white=options.noise * sensing.white,
+        coloured=options.noise * sensing.coloured,
+        count_noise=options.noise * sensing.count_noise,
+    )
+    return hardware.replace(sensing=sensing, friction_spread=options.friction_spread)
+
+
+def _add_effect(
+    request: EffectRequest,
+    joint: int,
+    hardware: Hardware,
+    meter: VisibilityMeter,
+    seed: int,
+    options: SimulationOptions,
+) -> tuple[Hardware, TrueEffect]:
+    """The hardware with one more effect, and the truth about it."""
+    cause = request.cause
+    alone = Scene(meter.hardware, joint, meter.motions, np.random.default_rng(seed))
+    if request.amplitude is not None:
+        size = meter.find_size(cause, alone, request.amplitude, seed)
+    else:
+        size = cause.typical(alone) if request.size is None else request.size
+    size = cause.checked(alone, float(size))
+    names = hardware.arm.joint_names
+    visible: Float[Array, " n"] | tuple[()] = ()
+    if options.measure or request.amplitude is not None:
+        visible = meter.measure(cause, alone, size, seed)
+    changed, parameters = cause.apply(replace(alone, hardware=hardware), size)
+    return changed, TrueEffect(
+        effect=cause.id,
+        in_catalogue=cause.id in CATALOGUE,
+        joints=() if cause.whole_arm else (names[joint],),
+        size=size,
+        parameter=cause.parameter,
+        parameters=parameters,
+        visible_Nm=dict(zip(names, map(float, visible), strict=False)),
+    )

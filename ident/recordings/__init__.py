@@ -1,0 +1,1 @@
+"""Recordings: runs and sessions, read from and written to every kind of file, damage cut out."""

@@ -1,0 +1,198 @@
+"""Files and folders -> sessions: the one door by which recordings come in."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from ident.errors import RecordingError
+from ident.recordings.columns import Table, assemble
+from ident.recordings.parquet import read_npz, read_parquet
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.rosbag import METADATA, read_bag
+from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
+from ident.recordings.text import read_text_table
+
+BAGS = (".mcap", ".db3")
+TEXTS = (".csv", ".txt", ".tsv", ".dat")
+# Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
+SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
+TOPIC = "/joint_states"
+# Samples that are read at once by whoever goes through a long session part by part.
+PART_SAMPLES = 500_000
+Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
+
+
+def load_sessions(
+    paths: Iterable[str | Path], topic: str = TOPIC, session_file: str | Path | None = None
+) -> tuple[Session, ...]:
+    """Loads several sessions; see `load_session`."""
+    return tuple(load_session(path, topic, session_file) for path in paths)
+
+
+def load_session(path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None) -> Session:
+    """Reads a session: a folder of runs in file-name order, or a single file.
+
+    Args:
+        path: A folder of runs, a table (.parquet, .csv, .npz, …), or a ROS 2 bag (folder, .db3 or .mcap).
+        topic: Topic of the joint states, for bags.
+        session_file: The session.toml; by default the one in the folder, or `<stem>.toml` or `session.toml` beside
+            a single file.
+
+    Raises:
+        RecordingError: Nothing there, or something that can't be used; says which file, what and the remedy.
+    """
+    (session,) = load_parts(path, topic, session_file, most=sys.maxsize)
+    return session
+
+
+def load_parts(
+    path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, most: int = PART_SAMPLES
+) -> Iterator[Session]:
+    """The same as one session or, where it is long, as several of consecutive runs, each read when it is asked for.
+
+    Args:
+        path, topic, session_file: As for `load_session`.
+        most: A part ends with the run that fills so many samples.
+
+    Raises:
+        RecordingError: As `load_session`, when the part's turn comes.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
+    settings = _settings_of(path, session_file)
+    files, notes = _find_runs(path, settings)
+    before: list[Recording] = []
+    for batch in _batches((load_recording(file, settings, topic) for file in files), most):
+        runs = _same_joints([*before, *batch])
+        common, clock_notes = _common_clock(runs)
+        yield Session(
+            name=path.name if path.is_dir() else path.stem,
+            runs=tuple(runs[len(before) :]),
+            payload=settings.payload,
+            robot=settings.robot,
+            common_clock=common,
+            path=path,
+            metadata=dict(settings.metadata),
+            notes=(*notes, *clock_notes),
+        )
+        notes, before = [], runs[-1:]
+        del batch, runs  # a part is let go before the next is read
+
+
+def robot_named_in(path: str | Path, session_file: str | Path | None = None) -> str | None:
+    """The robot that a session's settings name, if any; no recording is read.
+
+    Raises:
+        RecordingError: The session.toml can't be used.
+    """
+    return _settings_of(Path(path), session_file).robot
+
+
+def _settings_of(path: Path, session_file: str | Path | None) -> SessionFile:
+    settings_path = Path(session_file) if session_file else find_session_file(path)
+    return load_session_file(settings_path) if settings_path else SessionFile()
+
+
+def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
+    batch: list[Recording] = []
+    for run in runs:
+        batch.append(run)
+        if sum(len(one) for one in batch) >= most:
+            yield batch
+            batch = []
+            del run
+    if batch:
+        yield batch
+
+
+def load_recording(path: str | Path, session_file: SessionFile | None = None, topic: str = TOPIC) -> Recording:
+    """Reads one run from a file or a bag folder.
+
+    Raises:
+        RecordingError: The file can't be used.
+    """
+    path, settings = Path(path), session_file or SessionFile()
+    table, names = _reader(path, topic)(path, settings)
+    return assemble(path.name if path.is_dir() else path.stem, table, settings, path, names)
+
+
+def _reader(path: Path, topic: str) -> Reader:
+    suffix = path.suffix.lower()
+    if path.is_dir() or suffix in BAGS:
+        return lambda file, settings: read_bag(file, settings, topic)
+    if suffix in TEXTS:
+        return read_text_table
+    if suffix == ".parquet":
+        return read_parquet
+    if suffix == ".npz":
+        return read_npz
+    raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
+
+
+def _is_bag_folder(path: Path) -> bool:
+    return path.is_dir() and (path / METADATA).is_file()
+
+
+def _find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[TelemetryIssue]]:
+    """The runs of a session in file-name order; of one run in several formats, one is taken."""
+    if path.is_file() or _is_bag_folder(path):
+        return [path], []
+    # Without [columns], a text that is not a CSV is more likely a remark than a recording.
+    suffixes = SUFFIXES if settings.columns else SUFFIXES[: SUFFIXES.index(".csv") + 1]
+    by_stem: dict[str, list[Path]] = {}
+    for entry in sorted(path.iterdir()):
+        if not entry.name.startswith(".") and (
+            _is_bag_folder(entry) or (entry.is_file() and entry.suffix.lower() in suffixes)
+        ):
+            by_stem.setdefault(entry.stem if entry.is_file() else entry.name, []).append(entry)
+    if not by_stem:
+        raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders")
+    files, notes = [], []
+    for stem in sorted(by_stem):
+        first, *others = sorted(by_stem[stem], key=_preference)
+        files.append(first)
+        if others:
+            evidence = f"{path.name}: {first.name} is read, not {', '.join(other.name for other in others)}"
+            notes.append(TelemetryIssue("duplicate_run", (), "note", evidence, "none needed; or remove one"))
+    return files, notes
+
+
+def _preference(path: Path) -> int:
+    return SUFFIXES.index(".mcap") if path.is_dir() else SUFFIXES.index(path.suffix.lower())
+
+
+def _same_joints(runs: Sequence[Recording]) -> list[Recording]:
+    """Puts the joints of all runs in the order of the first run's.
+
+    Raises:
+        RecordingError: A run has other joints than the first.
+    """
+    first = runs[0]
+    for run in runs[1:]:
+        different = set(run.joints) ^ set(first.joints)
+        if different:
+            raise RecordingError(
+                run.source or run.name,
+                f"has other joints than {first.name}: {', '.join(sorted(different))}",
+                "a session is one set-up of the arm: give the run as a session of its own",
+            )
+    return [run if run.joints == first.joints else run.select(first.joints) for run in runs]
+
+
+def _common_clock(runs: Sequence[Recording]) -> tuple[bool, list[TelemetryIssue]]:
+    """Whether time goes on from run to run; a table without time has no clock to share."""
+    if len(runs) == 1:
+        return True, []
+    for before, after in itertools.pairwise(runs):
+        if not before.time.max(initial=-float("inf")) < after.time.min(initial=float("inf")):
+            evidence = (
+                f"{after.name} starts at {after.time[0]:.3f} s, before {before.name} ends at {before.time[-1]:.3f} s: "
+                "the runs are taken as independent"
+            )
+            remedy = "none needed; effects that need a common clock are not testable"
+            return False, [TelemetryIssue("clock_restarts", (), "note", evidence, remedy)]
+    return True, []

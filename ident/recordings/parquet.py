@@ -1,0 +1,115 @@
+"""Parquet files and NumPy archives."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ident.arrays import Array, Float
+from ident.errors import RecordingError
+from ident.recordings.bad_cells import screen_cells
+from ident.recordings.columns import TIME, Table, native_names
+from ident.recordings.recording import CHANNELS
+from ident.recordings.session_toml import SessionFile
+
+
+def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
+    """Reads the native columns of a Parquet file, and tells the file's own column names.
+
+    Raises:
+        RecordingError: Not a Parquet file, no rows, or a column that holds no numbers.
+    """
+    try:
+        names = tuple(pq.read_schema(path).names)
+        chosen = native_names(names, session_file, path)
+        table = pq.read_table(path, columns=[names[index] for index in chosen])
+    except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
+        raise RecordingError(path, f"not a whole Parquet file ({_first_line(error)})", "write the file again") from None
+    if chosen and table.num_rows == 0:
+        raise RecordingError(path, "has no rows", "give a table with samples")
+    columns = {native: _numbers(table, names[index], path) for index, native in chosen.items()}
+    return screen_cells(columns, path), names
+
+
+def _numbers(table: pa.Table, name: str, path: Path) -> Float[Array, " T"]:
+    """A column as float; timestamps and durations become seconds."""
+    column = table.column(name)
+    try:
+        if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+            nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
+            return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
+        return column.cast(pa.float64()).to_numpy()
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        raise RecordingError(
+            f"{path}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
+        ) from None
+
+
+def read_npz(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
+    """Reads an archive of native columns, or of 2-D arrays `position`, `velocity`, `effort`, … with `joints`.
+
+    Raises:
+        RecordingError: Not an archive, arrays of different lengths, or no names of the joints.
+    """
+    arrays = _load_arrays(path)
+    if "position" in arrays:
+        arrays = _unstack(arrays, path)
+    names = tuple(arrays)
+    chosen = native_names(names, session_file, path)
+    columns: dict[str, Float[Array, " T"]] = {}
+    for index, native in chosen.items():
+        values = arrays[names[index]]
+        if values.ndim != 1 or values.dtype.kind not in "fiu":
+            raise RecordingError(
+                f"{path}, array {names[index]}",
+                f"has {values.ndim} dimensions of {values.dtype}",
+                "a native column is one-dimensional and holds numbers",
+            )
+        columns[native] = values.astype(float)
+    lengths = {native: len(values) for native, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        first, *rest = lengths
+        other = next(name for name in rest if lengths[name] != lengths[first])
+        raise RecordingError(
+            path, f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
+        )
+    if columns and not next(iter(lengths.values())):
+        raise RecordingError(path, "has no samples", "give a recording with samples")
+    return screen_cells(columns, path), names
+
+
+def _load_arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise RecordingError(
+            path, f"not a NumPy archive of plain arrays ({_first_line(error)})", "write it with numpy.savez"
+        ) from None
+
+
+def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """2-D arrays of all joints -> one column a joint and channel."""
+    if "joints" not in arrays:
+        raise RecordingError(path, "has no array joints", "add the names: joints = ['joint_1', …]")
+    joints = [str(name) for name in np.atleast_1d(arrays["joints"])]
+    columns = {TIME: np.atleast_1d(arrays[TIME])} if TIME in arrays else {}
+    for channel in CHANNELS:
+        if channel not in arrays:
+            continue
+        values = arrays[channel]
+        if values.ndim != 2 or values.shape[1] != len(joints):
+            raise RecordingError(
+                f"{path}, array {channel}", f"has shape {values.shape}", f"make it (samples, {len(joints)} joints)"
+            )
+        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(joints)})
+    return columns
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

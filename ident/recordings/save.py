@@ -1,0 +1,68 @@
+"""Recordings and sessions -> files in the native form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+import tomli_w
+
+from ident.errors import RecordingError
+from ident.files import atomic_folder, atomic_write
+from ident.recordings.columns import TIME
+from ident.recordings.recording import Recording, Session
+from ident.recordings.session_toml import NAME
+
+
+def to_table(recording: Recording) -> pa.Table:
+    """A recording as a table of native columns."""
+    columns = {TIME: recording.time}
+    for channel, values in recording.channels().items():
+        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)})
+    return pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
+
+
+def write_recording(recording: Recording, path: str | Path) -> None:
+    """Writes a run in native columns, as Parquet or CSV by the path's suffix.
+
+    The effort is written as it is held, drive gain and sign applied; both formats give back the same numbers.
+
+    Raises:
+        RecordingError: Another suffix.
+    """
+    path = Path(path)
+    if path.suffix not in (".parquet", ".csv"):
+        raise RecordingError(path, f"can't write {path.suffix!r}", "choose a name that ends in .parquet or .csv")
+    table = to_table(recording)
+    with atomic_write(path) as temporary:
+        if path.suffix == ".parquet":
+            pq.write_table(table, temporary, compression="zstd")
+        else:
+            pacsv.write_csv(table, temporary)
+
+
+def write_session(session: Session, folder: str | Path) -> None:
+    """Writes a folder of Parquet runs and their session.toml, whole or not at all.
+
+    Drive gains and effort signs are not written: they are in the effort already.
+    """
+    with atomic_folder(folder) as temporary:
+        for run in session.runs:
+            write_recording(run, temporary / f"{run.name}.parquet")
+        settings = session_settings(session)
+        if settings:
+            (temporary / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")
+
+
+def session_settings(session: Session) -> dict[str, Any]:
+    """What session.toml says about a session in the native form."""
+    settings: dict[str, Any] = dict(session.metadata)
+    if session.robot is not None:
+        settings["robot"] = session.robot
+    if session.payload is not None:
+        settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}
+    return settings

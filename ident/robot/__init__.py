@@ -1,0 +1,1 @@
+"""The arm: from its URDF to inverse dynamics, regressors and the lumped three-joint model."""

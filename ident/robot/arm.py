@@ -1,0 +1,355 @@
+"""ArmModel: a URDF as batched rigid-body dynamics. The only importer of Pinocchio in the identification."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ident.arrays import Array, Bool, Float, freeze
+from ident.errors import RobotError
+from ident.recordings.recording import Payload
+from ident.robot.regressor import compute_regressor
+from ident.robot.urdf import example_robots_folder, find_urdf, normalise_urdf, read_reductions
+
+THREADS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """A serial arm of n one-axis joints: kinematics, inverse dynamics, regressor and collision geometry.
+
+    Attributes:
+        name: Name of the robot, as the URDF gives it.
+        urdf: URDF text with locked joints fixed and continuous joints made revolute.
+        model: Pinocchio model built from it; treat as read-only.
+        joint_names: The n joint names, base to tip.
+        source: The URDF file.
+        locked_joints: Joints fixed on the way, with their positions [rad or m].
+    """
+
+    name: str
+    urdf: str
+    model: pin.Model
+    joint_names: tuple[str, ...]
+    source: Path | None = None
+    locked_joints: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, robot: str | Path, joints: Sequence[str] | None = None) -> ArmModel:
+        """Loads a URDF path, `tm5-900`, or a name of example-robot-data; grippers are locked at zero.
+
+        Args:
+            robot: Path or name.
+            joints: Joints to keep; the others are locked at their neutral position. All if None.
+
+        Raises:
+            RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
+        """
+        path = find_urdf(robot)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            raise RobotError(path, "not a text file", "give a URDF file") from None
+        except OSError as error:
+            raise RobotError(path, f"can't be read ({error.strerror})", "check its permissions") from None
+        arm = cls.from_urdf(text, path)
+        if joints is None:
+            return arm
+        arm._require_joints(joints)
+        return arm.locked([name for name in arm.joint_names if name not in set(joints)])
+
+    @classmethod
+    def from_urdf(cls, text: str, source: Path | None = None, locked: dict[str, float] | None = None) -> ArmModel:
+        """Builds the arm from a URDF text.
+
+        Raises:
+            RobotError: As `load`.
+        """
+        where = str(source or "URDF")
+        urdf, fixed = normalise_urdf(text, where, locked or {})
+        try:
+            model = pin.buildModelFromXML(urdf)
+        except (ValueError, RuntimeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise RobotError(where, f"the URDF parser refused it ({reason})", "check it with check_urdf") from None
+        _require_serial_arm(model, where)
+        return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.model.nv
+
+    @property
+    def lower(self) -> Float[Array, " n"]:
+        """Lower position limits [rad or m]."""
+        return freeze(self.model.lowerPositionLimit)
+
+    @property
+    def upper(self) -> Float[Array, " n"]:
+        """Upper position limits [rad or m]."""
+        return freeze(self.model.upperPositionLimit)
+
+    @property
+    def velocity_limit(self) -> Float[Array, " n"]:
+        """Velocity limits [rad/s or m/s]."""
+        return freeze(self.model.velocityLimit)
+
+    @property
+    def effort_limit(self) -> Float[Array, " n"]:
+        """Torque limits [N m or N]."""
+        return freeze(self.model.effortLimit)
+
+    @property
+    def gear_ratios(self) -> Float[Array, " n"] | None:
+        """Reduction of each joint from the URDF's transmissions; None where a joint has none."""
+        ratios = read_reductions(self.urdf)
+        if any(name not in ratios for name in self.joint_names):
+            return None
+        return freeze([ratios[name] for name in self.joint_names])
+
+    @property
+    def joint_axes(self) -> Float[Array, "n 3"]:
+        """Axis of each joint in its own frame, unit length."""
+        return self._chain[2]
+
+    @property
+    def sliding_joints(self) -> Bool[Array, " n"]:
+        """Which joints are prismatic."""
+        return self._chain[3]
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Name of the link that each joint moves."""
+        frames = self.model.frames
+        bodies = [frame for frame in frames if frame.type == pin.FrameType.BODY]
+        return tuple(next(body.name for body in bodies if body.parentJoint == i) for i in range(1, self.n + 1))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the URDF text: two arms with one digest are the same arm."""
+        return hashlib.sha256(self.urdf.encode()).hexdigest()
+
+    @property
+    def neutral(self) -> Float[Array, " n"]:
+        """The neutral position: zero where the limits allow it [rad or m]."""
+        return freeze(np.clip(np.zeros(self.n), self.lower, self.upper))
+
+    def inverse_dynamics(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    ) -> Float[Array, "T n"]:
+        """Joint torque of the rigid arm, M ddq + C dq + G [N m], for T states at once.
+
+        Source: paper, eq. 2 (with the erratum: C(θ, dθ) dθ).
+        """
+        states = [np.asfortranarray(np.asarray(values, dtype=float).T) for values in (q, dq, ddq)]
+        if states[0].shape[1] == 0:
+            return np.zeros((0, self.n))
+        torque = pin.rneaInParallel(THREADS, self._pool, *states)
+        return np.ascontiguousarray(np.reshape(torque, states[0].shape).T)  # one state comes back as a vector
+
+    def gravity(self, q: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        """Torque that holds the arm still [N m]."""
+        return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
+
+    def regressor(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    ) -> Float[Array, "T n 10n"]:
+        """Y with τ = Y π, π the `inertial_parameters`."""
+        return compute_regressor(*self._chain, q, dq, ddq)
+
+    def derivatives(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+    ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
+        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques, columns are joints."""
+        data = self.model.createData()
+        states = [np.ascontiguousarray(values, dtype=float) for values in (q, dq, ddq)]
+        out = np.empty((3, len(states[0]), self.n, self.n))
+        for k, state in enumerate(zip(*states, strict=True)):
+            out[0, k], out[1, k], out[2, k] = pin.computeRNEADerivatives(self.model, data, *state)
+        return out[0], out[1], out[2]
+
+    @property
+    def inertial_parameters(self) -> Float[Array, " 10n"]:
+        """Ten numbers a link: m, m c, and inertia about the joint frame as xx, xy, yy, xz, yz, zz [SI]."""
+        return freeze(np.concatenate([self.model.inertias[i].toDynamicParameters() for i in range(1, self.n + 1)]))
+
+    def with_inertial_parameters(self, parameters: Float[Array, " 10n"]) -> ArmModel:
+        """The same arm with other link inertias, in the order of `inertial_parameters`."""
+        model = pin.Model(self.model)
+        for i, link in enumerate(np.reshape(np.asarray(parameters, dtype=float), (self.n, 10))):
+            model.inertias[i + 1] = _inertia(link)
+        return self._with_model(model)
+
+    def with_payload(self, payload: Payload | None) -> ArmModel:
+        """The same arm carrying a point mass at the payload's centre of mass, in the last link's frame."""
+        if payload is None or payload.mass_kg == 0.0:
+            return self
+        body = pin.Inertia(float(payload.mass_kg), np.array(payload.com_m, dtype=float), np.zeros((3, 3)))
+        model = pin.Model(self.model)
+        model.inertias[self.n] = model.inertias[self.n] + body
+        return self._with_model(model)
+
+    def with_gravity(self, gravity: Float[Array, " 3"]) -> ArmModel:
+        """The same arm under another gravity vector in the base frame [m/s²]."""
+        model = pin.Model(self.model)
+        model.gravity.linear = np.asarray(gravity, dtype=float)
+        return self._with_model(model)
+
+    def with_rotors(self, inertia: Float[Array, " n"]) -> ArmModel:
+        """The same arm with rotors on its joints [kg m²]: inverse and forward dynamics feel them, the regressor not."""
+        model = pin.Model(self.model)
+        model.armature = np.array(inertia, dtype=float)
+        return self._with_model(model)
+
+    def forward_dynamics(
+        self, q: Float[Array, " n"], dq: Float[Array, " n"], tau: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """Joint accelerations of one state under joint torques [rad/s²]."""
+        return np.asarray(pin.aba(self.model, self._data, q, dq, tau))
+
+    def locked(self, joints: Sequence[str], positions: Sequence[float] | None = None) -> ArmModel:
+        """The arm with some joints fixed, at the given positions or at neutral: the exact reduction.
+
+        Inertias changed by `with_inertial_parameters` are carried over.
+        """
+        if not joints:
+            return self
+        self._require_joints(joints)
+        if set(joints) == set(self.joint_names):
+            raise RobotError(self.source or self.name, "every joint would be locked", "keep at least one joint")
+        at = self.neutral[[self.joint_names.index(name) for name in joints]] if positions is None else positions
+        fixed = {name: float(value) for name, value in zip(joints, at, strict=True)}
+        reduced = ArmModel.from_urdf(self.urdf, self.source, fixed)
+        reduced = reduced.with_inertial_parameters(self._merged_inertias(reduced, fixed))
+        return reduced._with_model(reduced.model, {**self.locked_joints, **fixed}).with_gravity(
+            self.model.gravity.linear
+        )
+
+    def forward_kinematics(self, q: Float[Array, " n"]) -> dict[str, Float[Array, "4 4"]]:
+        """Pose of every link in the base frame, as homogeneous transforms."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
+        return {
+            frame.name: data.oMf[i].homogeneous
+            for i, frame in enumerate(self.model.frames)
+            if frame.type == pin.FrameType.BODY
+        }
+
+    @cached_property
+    def geometry(self) -> pin.GeometryModel:
+        """Collision geometry.
+
+        Raises:
+            RobotError: The meshes that the URDF names are not there.
+        """
+        folders = [str(example_robots_folder().parent.parent), str(example_robots_folder())]
+        if self.source is not None:
+            folders.append(str(self.source.resolve().parent))
+        try:
+            return pin.buildGeomFromUrdfString(self.model, self.urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+        except (ValueError, RuntimeError) as error:
+            where = str(self.source or self.name)
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise RobotError(
+                where, f"collision geometry can't be read ({reason})", "give boxes or the mesh files"
+            ) from None
+
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self.model.createData()
+
+    @cached_property
+    def _pool(self) -> pin.ModelPool:
+        return pin.ModelPool(self.model, THREADS)
+
+    @cached_property
+    def _chain(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Joint placements, axes and gravity as plain arrays, for the compiled regressor."""
+        model, n = self.model, self.n
+        rotations = np.array([model.jointPlacements[i].rotation for i in range(1, n + 1)])
+        offsets = np.array([model.jointPlacements[i].translation for i in range(1, n + 1)])
+        axes, sliding = np.zeros((n, 3)), np.zeros(n, dtype=bool)
+        for i in range(n):
+            linear, angular = _joint_axis(model, i + 1)
+            sliding[i] = bool(np.linalg.norm(linear) > 0.5)
+            axes[i] = linear if sliding[i] else angular
+        return rotations, offsets, axes, sliding, np.array(model.gravity.linear)
+
+    def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
+        """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""
+        q = np.array([fixed.get(name, 0.0) for name in self.joint_names])
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, q)
+        inertias = {}
+        anchor = 0
+        for i, name in enumerate(self.joint_names, start=1):
+            if name not in fixed:
+                anchor = i
+                inertias[name] = pin.Inertia(self.model.inertias[i])  # a copy: Pinocchio hands out references
+            elif anchor:
+                placed = data.oMi[anchor].actInv(data.oMi[i]).act(self.model.inertias[i])
+                held = self.joint_names[anchor - 1]
+                inertias[held] = inertias[held] + placed
+        return np.concatenate([inertias[name].toDynamicParameters() for name in reduced.joint_names])
+
+    def _require_joints(self, joints: Sequence[str]) -> None:
+        """Raises RobotError unless all are joints of this arm."""
+        unknown = next((name for name in joints if name not in self.joint_names), None)
+        if unknown is not None:
+            what, remedy = f"no moving joint {unknown!r}", f"its joints are: {', '.join(self.joint_names)}"
+            raise RobotError(self.source or self.name, what, remedy)
+
+    def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
+        fixed = self.locked_joints if locked is None else locked
+        return ArmModel(self.name, self.urdf, model, self.joint_names, self.source, fixed)
+
+
+def _inertia(link: Float[Array, " 10"]) -> pin.Inertia:
+    """A link's inertia from its ten parameters; a zero mass carries its moments about the joint frame."""
+    mass = float(link[0])
+    lever = link[1:4] / mass if mass != 0.0 else np.zeros(3)
+    about_origin = np.array([[link[4], link[5], link[7]], [link[5], link[6], link[8]], [link[7], link[8], link[9]]])
+    cross = pin.skew(lever)
+    # Set piece by piece: the constructor refuses what least squares may find, an inertia that no body could have.
+    inertia = pin.Inertia.Zero()
+    inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
+    return inertia
+
+
+def _joint_axis(model: pin.Model, joint: int) -> tuple[Array, Array]:
+    """Linear and angular part of a one-axis joint's motion, in the joint frame."""
+    data = model.joints[joint].createData()
+    model.joints[joint].calc(data, np.zeros(1))
+    subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
+    return subspace[:3], subspace[3:]
+
+
+def _require_serial_arm(model: pin.Model, where: str) -> None:
+    """Raises RobotError unless the model is a chain of one-axis joints whose every joint moves some mass."""
+    if model.nv == 0:
+        raise RobotError(where, "it has no moving joint", "give an arm")
+    if model.nq != model.nv or model.nv != model.njoints - 1:
+        raise RobotError(where, "it has joints of more than one axis", "give an arm of revolute and prismatic joints")
+    parents = list(model.parents)[1:]
+    if parents != list(range(model.njoints - 1)):
+        fork = next(i for i, parent in enumerate(parents, start=1) if parent != i - 1)
+        raise RobotError(
+            where,
+            f"not a serial chain: {model.names[fork]} forks off",
+            "lock the other branches by fixed joints",
+        )
+    moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
+    for i, mass in enumerate(moved, start=1):
+        if not mass > 0.0:
+            raise RobotError(
+                where,
+                f"joint {model.names[i]} moves no mass",
+                "add <inertial> to the links beyond that joint",
+            )

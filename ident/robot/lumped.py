@@ -1,0 +1,225 @@
+"""The paper's three-joint model: links 1 to 3, and the wrist as a point mass m4 at the end of link 3.
+
+Two forms of one model: the closed form of the paper's appendix, with its printed errors mended, and an `ArmModel`
+built from the same figures. The exact reduction, with the wrist frozen as it really is, is `ArmModel.locked`.
+
+What the lumped model leaves out, and the exact reduction keeps: lateral offsets of the links (so M12 = M13 = 0 here),
+products of inertia, the wrist's own inertia and its centre of mass beyond the J4 axis.
+
+Source: Machines 2023, 11, 350, appendix A; (A2), (A8) M33, (A9) C21 and C32, (A10) G2 corrected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.arrays import Array, Float
+from ident.errors import RobotError
+from ident.robot.arm import ArmModel
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class LumpedParameters:
+    """Figures of the three-joint model, named as in the paper's table A1.
+
+    Attributes:
+        m2, m3, m4: Masses of link 2, link 3 and the wrist [kg].
+        a2, a3: Length of upper arm, and of forearm up to the J4 axis [m].
+        d1: Height of the J2 axis [m].
+        l2, l3: Distance of the centres of mass from the J2 and J3 axes, along the link [m].
+        I1y: Moment of link 1 about the vertical [kg m²].
+        I2x, I2y, I2z, I3x, I3y, I3z: Principal moments about the centres of mass; x along the link, z along the
+            joint axis [kg m²].
+        sign, offset: Angles of the paper from joint positions: θ = sign · q + offset; θ2 = 0 is an upright upper
+            arm, θ3 = 0 a straight one.
+    """
+
+    m2: float
+    m3: float
+    m4: float
+    a2: float
+    a3: float
+    d1: float
+    l2: float
+    l3: float
+    I1y: float
+    I2x: float
+    I2y: float
+    I2z: float
+    I3x: float
+    I3y: float
+    I3z: float
+    sign: tuple[int, int, int] = (1, 1, 1)
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def angles(self, q: Float[Array, "T 3"]) -> Float[Array, "T 3"]:
+        """The paper's θ from joint positions [rad]."""
+        return np.asarray(self.sign) * q + np.asarray(self.offset)
+
+
+def closed_form_torque(
+    parameters: LumpedParameters, q: Float[Array, "T 3"], dq: Float[Array, "T 3"], ddq: Float[Array, "T 3"]
+) -> Float[Array, "T 3"]:
+    """Torque of the lumped model in closed form [N m], T states at once.
+
+    Source: paper, eq. A5 to A10, corrected; Coriolis and centrifugal torque in Christoffel form.
+    """
+    p, sign = parameters, np.asarray(parameters.sign)
+    _, t2, t3 = p.angles(q).T
+    (v1, v2, v3), (w1, w2, w3) = (sign * dq).T, (sign * ddq).T
+    s2, c2, s3, c3 = np.sin(t2), np.cos(t2), np.sin(t3), np.cos(t3)
+    s23, c23 = np.sin(t2 + t3), np.cos(t2 + t3)
+    reach3, reach4 = p.a2 * s2 + p.l3 * s23, p.a2 * s2 + p.a3 * s23
+    k = p.a2 * (p.l3 * p.m3 + p.a3 * p.m4)
+
+    m11 = p.I1y + p.I2x * c2**2 + (p.I2y + p.m2 * p.l2**2) * s2**2 + p.I3x * c23**2 + p.I3y * s23**2
+    m11 = m11 + p.m3 * reach3**2 + p.m4 * reach4**2
+    m33 = p.I3z + p.m3 * p.l3**2 + p.m4 * p.a3**2
+    m23 = m33 + k * c3
+    m22 = p.I2z + p.m2 * p.l2**2 + (p.m3 + p.m4) * p.a2**2 + m33 + 2 * k * c3
+
+    # d2 and d3 are the derivatives of m11 by θ2 and θ3; the forearm's share is in both.
+    forearm = (p.I3y - p.I3x) * s23 * c23
+    upper = (p.I2y - p.I2x + p.m2 * p.l2**2) * s2 * c2
+    both3, both4 = p.a2 * c2 + p.l3 * c23, p.a2 * c2 + p.a3 * c23
+    d2 = 2 * (upper + forearm + p.m3 * reach3 * both3 + p.m4 * reach4 * both4)
+    d3 = 2 * (forearm + p.m3 * reach3 * p.l3 * c23 + p.m4 * reach4 * p.a3 * c23)
+    h1 = d2 * v1 * v2 + d3 * v1 * v3
+    h2 = -d2 * v1**2 / 2 - k * s3 * (2 * v2 * v3 + v3**2)
+    h3 = -d3 * v1**2 / 2 + k * s3 * v2**2
+
+    g3 = -GRAVITY * (p.m3 * p.l3 + p.m4 * p.a3) * s23
+    g2 = g3 - GRAVITY * (p.m2 * p.l2 + (p.m3 + p.m4) * p.a2) * s2
+    torque = np.stack([m11 * w1 + h1, m22 * w2 + m23 * w3 + h2 + g2, m23 * w2 + m33 * w3 + h3 + g3], axis=-1)
+    return sign * torque
+
+
+def lumped_parameters(arm: ArmModel) -> LumpedParameters:
+    """The paper's figures from an arm's first three joints and the masses beyond them.
+
+    Raises:
+        RobotError: The arm is not of the paper's kind: joint 1 vertical, joints 2 and 3 horizontal and parallel.
+    """
+    model, n = arm.model, arm.n
+    where = str(arm.source or arm.name)
+    if n < 4:
+        raise RobotError(where, f"it has {n} joints", "the three-joint model needs an arm with a wrist; use --links 6")
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.zeros(n))
+    poses = [data.oMi[i] for i in range(1, n + 1)]
+    axes = [pose.rotation @ axis for pose, axis in zip(poses, arm.joint_axes, strict=True)]
+    vertical, horizontal = np.array([0.0, 0.0, 1.0]), axes[1]
+    aligned = (
+        abs(axes[0] @ vertical) > 0.999 and abs(horizontal @ vertical) < 1e-3 and abs(axes[2] @ horizontal) > 0.999
+    )
+    if not aligned or np.any(arm.sliding_joints[:3]):
+        raise RobotError(
+            where,
+            "the first three joints are not vertical, horizontal, parallel",
+            "use --links 6, or lock joints for the exact reduction",
+        )
+    return _planar_figures(arm, poses, axes)
+
+
+def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> LumpedParameters:
+    """Projects the arm at zero onto the plane across the J2 axis."""
+    up = np.array([0.0, 0.0, 1.0])
+    out = np.cross(axes[1], up)  # a positive turn about J2 leans an upright arm this way
+    upper = _across(poses[2].translation - poses[1].translation, axes[1])
+    fore = _across(poses[3].translation - poses[2].translation, axes[1])
+    a2, a3 = float(np.linalg.norm(upper)), float(np.linalg.norm(fore))
+    turn2 = float(np.arctan2(upper @ out, upper @ up))
+    turn3 = float(np.arctan2(fore @ out, fore @ up)) - turn2
+    links = [arm.model.inertias[i] for i in range(1, arm.n + 1)]
+    com2, moments2 = _along_link(links[1], poses[1], upper / a2, axes[1])
+    com3, moments3 = _along_link(links[2], poses[2], fore / a3, axes[1])
+    first = poses[0].rotation @ links[0].inertia @ poses[0].rotation.T
+    same = 1 if axes[2] @ axes[1] > 0 else -1
+    # θ is measured the way in which joint 2 turns, so that sign2 = 1; joint 1 enters by squares only.
+    return LumpedParameters(
+        m2=links[1].mass,
+        m3=links[2].mass,
+        m4=sum(link.mass for link in links[3:]),
+        a2=a2,
+        a3=a3,
+        d1=float(poses[1].translation[2]),
+        l2=com2,
+        l3=com3,
+        I1y=float(first[2, 2]),
+        **dict(zip(("I2x", "I2y", "I2z"), moments2, strict=True)),
+        **dict(zip(("I3x", "I3y", "I3z"), moments3, strict=True)),
+        sign=(1 if axes[0][2] > 0 else -1, 1, same),
+        offset=(0.0, turn2, _wrap(turn3)),
+    )
+
+
+def _across(vector: Array, axis: Array) -> Array:
+    return vector - axis * (axis @ vector)
+
+
+def _wrap(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _along_link(link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array) -> tuple[float, tuple[float, ...]]:
+    """Distance of the centre of mass along a link, and the moments about it: along the link, across, joint axis."""
+    frame = np.stack([direction, np.cross(axis, direction), axis])
+    moments = np.diag(frame @ pose.rotation @ link.inertia @ pose.rotation.T @ frame.T)
+    return float(direction @ pose.rotation @ link.lever), tuple(float(moment) for moment in moments)
+
+
+def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) -> ArmModel:
+    """The lumped model as an `ArmModel` with the names and limits of the arm's first three joints."""
+    p = parameters or lumped_parameters(arm)
+    half, names = np.pi / 2, arm.joint_names[:3]
+    m34 = p.m3 + p.m4
+    com34 = (p.m3 * p.l3 + p.m4 * p.a3) / m34
+    # Link 3 and the point mass as one body: parallel axes about the common centre of mass.
+    extra = p.m3 * (p.l3 - com34) ** 2 + p.m4 * (p.a3 - com34) ** 2
+    links = [
+        (1.0, 0.0, (1e-9, 1e-9, p.I1y)),
+        (p.m2, p.l2, (p.I2x, p.I2y, p.I2z)),
+        (m34, com34, (p.I3x, p.I3y + extra, p.I3z + extra)),
+    ]
+    origins = [
+        (f"0 0 {p.d1!r}", (0.0, 0.0, p.offset[0])),
+        ("0 0 0", (-half, -half, 0.0)),
+        (f"{p.a2!r} 0 0", (0.0, 0.0, p.offset[2])),
+    ]
+    limits = zip(arm.lower, arm.upper, arm.velocity_limit, arm.effort_limit, strict=True)
+    parts = ['<robot name="' + arm.name + '_lumped">', '  <link name="base"/>']
+    for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(zip(links, origins, limits, strict=False)):
+        if i == 1:  # turn joint 2's zero within its own plane
+            rpy = tuple(_turned(rpy, p.offset[1]))
+        parts.append(_joint_text(names[i], i, xyz, rpy, p.sign[i], limit))
+        parts.append(_link_text(i, mass, com, moments))
+    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source)
+
+
+def _turned(rpy: tuple[float, ...], angle: float) -> Array:
+    turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", angle)
+    return pin.rpy.matrixToRpy(turned)
+
+
+def _joint_text(name: str, i: int, xyz: str, rpy: tuple[float, ...], sign: int, limit: tuple[float, ...]) -> str:
+    lower, upper, velocity, effort = (repr(float(value)) for value in limit)
+    turn = " ".join(repr(float(value)) for value in rpy)
+    parent = "base" if i == 0 else f"lumped_{i}"
+    return (
+        f'  <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="lumped_{i + 1}"/>'
+        f'<origin xyz="{xyz}" rpy="{turn}"/><axis xyz="0 0 {sign}"/>'
+        f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/></joint>'
+    )
+
+
+def _link_text(i: int, mass: float, com: float, moments: tuple[float, ...]) -> str:
+    ixx, iyy, izz = (repr(float(value)) for value in moments)
+    return (
+        f'  <link name="lumped_{i + 1}"><inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
+        f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
+    )

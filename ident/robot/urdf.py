@@ -1,0 +1,201 @@
+"""Robots by name, and their URDF brought into the one form that the rest works on: a chain of one-axis joints."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ident.errors import RobotError
+from ident.robot.urdf_checks import check_urdf
+
+# The name a user types -> path below example-robot-data's robots folder.
+EXAMPLE_ROBOTS = {
+    "kinova": "kinova_description/robots/kinova.urdf",
+    "panda": "panda_description/urdf/panda.urdf",
+    "so100": "so_arm_description/urdf/so100.urdf",
+    "ur3": "ur_description/urdf/ur3_robot.urdf",
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "ur10": "ur_description/urdf/ur10_robot.urdf",
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
+    "z1": "z1_description/urdf/z1.urdf",
+}
+SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf"}
+MOVING = ("revolute", "continuous", "prismatic")
+# A branch with more joints than a finger has is another arm.
+MOST_FINGER_JOINTS = 4
+
+
+def data_path(relative: str) -> Path:
+    """A file or folder shipped with armgap: inside the installed package, else in the source tree."""
+    here = Path(__file__).resolve().parents[1]
+    packaged = here / "_data" / relative
+    return packaged if packaged.exists() else here.parent / relative
+
+
+def example_robots_folder() -> Path:
+    """Where example-robot-data's wheel puts its robots; the wheel holds data only, no Python module."""
+    relative = "cmeel.prefix/share/example-robot-data/robots"
+    return Path(str(importlib.metadata.distribution("example-robot-data").locate_file(relative)))
+
+
+def robot_names() -> list[str]:
+    """The names that `--robot` takes beside a URDF path."""
+    return [*SHIPPED_ROBOTS, *EXAMPLE_ROBOTS]
+
+
+def find_urdf(robot: str | Path) -> Path:
+    """The URDF file of a path or name.
+
+    Raises:
+        RobotError: Neither a file nor a known name.
+    """
+    name = str(robot)
+    if name in SHIPPED_ROBOTS or name.replace("_", "-") in SHIPPED_ROBOTS:
+        return data_path(SHIPPED_ROBOTS[name.replace("_", "-")])
+    if name in EXAMPLE_ROBOTS:
+        return example_robots_folder() / EXAMPLE_ROBOTS[name]
+    path = Path(name)
+    if path.is_file():
+        return path
+    raise RobotError(name, "no such URDF file or robot", f"give a URDF path or one of: {', '.join(robot_names())}")
+
+
+def parse_urdf(text: str, where: str) -> ET.Element:
+    """The `<robot>` element of a URDF text."""
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError(where, f"not XML ({error})", "give a URDF file") from None
+    if root.tag != "robot":
+        raise RobotError(where, f"the root element is <{root.tag}>, not <robot>", "give a URDF file (expand xacro)")
+    check_urdf(root, where)
+    return root
+
+
+def moving_joints(root: ET.Element) -> list[ET.Element]:
+    """Joint elements with a degree of freedom, in document order."""
+    return [joint for joint in root.findall("joint") if joint.get("type") in MOVING]
+
+
+def gripper_joints(root: ET.Element) -> list[str]:
+    """Names of the joints beyond the first fork of the tree: fingers, by which an arm is no longer a chain.
+
+    Empty where the branches are no fingers: they begin at the base, or are as long as an arm.
+    """
+    children: dict[str, list[ET.Element]] = {}
+    for joint in root.findall("joint"):
+        children.setdefault(link_of(joint, "parent"), []).append(joint)
+
+    def moving_below(joint: ET.Element) -> list[str]:
+        own = [joint.get("name") or ""] if joint.get("type") in MOVING else []
+        return own + [name for child in children.get(link_of(joint, "child"), []) for name in moving_below(child)]
+
+    child_links = {link_of(joint, "child") for joint in root.findall("joint")}
+    link = next((item.get("name") for item in root.findall("link") if item.get("name") not in child_links), None)
+    arm_joints = 0
+    while link is not None:
+        alive = [(joint, names) for joint in children.get(link, []) if (names := moving_below(joint))]
+        if len(alive) > 1:
+            fingers = arm_joints > 0 and max(len(names) for _, names in alive) <= MOST_FINGER_JOINTS
+            return [name for _, names in alive for name in names] if fingers else []
+        arm_joints += bool(alive) and alive[0][0].get("type") in MOVING
+        link = link_of(alive[0][0], "child") if alive else None
+    return []
+
+
+def link_of(joint: ET.Element, end: str) -> str:
+    """Name of a joint's parent or child link; `parse_urdf` has checked that it is there."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rotation matrix by Rodrigues' formula, shape (3, 3)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def rpy_to_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Rotation of URDF's fixed-axis roll, pitch and yaw [rad]."""
+    unit = np.eye(3)
+    return rotation_about(unit[2], rpy[2]) @ rotation_about(unit[1], rpy[1]) @ rotation_about(unit[0], rpy[0])
+
+
+def matrix_to_rpy(rotation: np.ndarray) -> np.ndarray:
+    """Inverse of `rpy_to_matrix` [rad]."""
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    if np.hypot(rotation[0, 0], rotation[1, 0]) < 1e-12:  # gimbal lock: yaw is free, set to zero
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    return np.array([roll, pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])
+
+
+def read_vector(element: ET.Element | None, key: str, default: str = "0 0 0") -> np.ndarray:
+    text = default if element is None else element.get(key, default)
+    return np.array([float(part) for part in text.split()])
+
+
+def lock_joints(root: ET.Element, positions: Mapping[str, float]) -> None:
+    """Turns joints into fixed ones at the given positions [rad or m], in place.
+
+    Done in the URDF, not with Pinocchio's `buildReducedModel`, so that every later reader of the text (Pinocchio,
+    Coal, MuJoCo) sees the same arm.
+    """
+    for joint in moving_joints(root):
+        name = joint.get("name") or ""
+        if name not in positions:
+            continue
+        origin = joint.find("origin")
+        if origin is None:
+            origin = ET.SubElement(joint, "origin")
+        xyz, rotation = read_vector(origin, "xyz"), rpy_to_matrix(read_vector(origin, "rpy"))
+        axis = read_vector(joint.find("axis"), "xyz", "1 0 0")
+        if joint.get("type") == "prismatic":
+            xyz = xyz + rotation @ (axis / np.linalg.norm(axis)) * positions[name]
+        else:
+            rotation = rotation @ rotation_about(axis, positions[name])
+        origin.set("xyz", " ".join(repr(float(value)) for value in xyz))
+        origin.set("rpy", " ".join(repr(float(value)) for value in matrix_to_rpy(rotation)))
+        joint.set("type", "fixed")
+        for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+
+
+def normalise_urdf(text: str, where: str, locked: Mapping[str, float]) -> tuple[str, dict[str, float]]:
+    """Locks joints and makes continuous joints revolute without limits, so that nq = nv = n.
+
+    Returns:
+        The URDF, and the joints that are locked in it: those given, and a gripper's at zero [rad or m].
+    """
+    root = parse_urdf(text, where)
+    names = [joint.get("name") or "" for joint in moving_joints(root)]
+    unknown = [name for name in locked if name not in names]
+    if unknown:
+        raise RobotError(where, f"no moving joint {unknown[0]!r}", f"its joints are: {', '.join(names)}")
+    fixed = {**dict.fromkeys(gripper_joints(root), 0.0), **locked}
+    lock_joints(root, fixed)
+    for joint in moving_joints(root):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ET.SubElement(joint, "limit", effort="1e6", velocity="1e3")
+            limit.set("lower", "-1e9")
+            limit.set("upper", "1e9")
+    return ET.tostring(root, encoding="unicode"), fixed
+
+
+def read_reductions(text: str) -> dict[str, float]:
+    """Gear ratio of each joint that a URDF's `<transmission>` elements name."""
+    found = {}
+    for transmission in ET.fromstring(text).findall("transmission"):
+        joint, reduction = transmission.find("joint"), transmission.find("actuator/mechanicalReduction")
+        if joint is not None and reduction is not None and reduction.text:
+            found[joint.get("name", "")] = abs(float(reduction.text))
+    return found

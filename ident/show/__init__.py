@@ -1,0 +1,1 @@
+"""All that a person sees: terminal, HTML report, Rerun timeline."""

@@ -1,0 +1,79 @@
+"""What the commands print: tables, progress and plain lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from ident.model.evaluation import SessionScore
+from ident.recordings.recording import TelemetryIssue
+
+COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
+RUNG_WORDS = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "net": "+ net"}
+
+
+def ladder_table(score: SessionScore) -> Table:
+    """Energy error and torque RMSE of every rung, in the shape of the paper's table 1."""
+    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+    table = Table(title=f"{score.name}: {len(score.runs)} runs{payload}", title_justify="left")
+    table.add_column("model")
+    table.add_column("")
+    for joint in [*score.joints, "total"]:
+        table.add_column(joint, justify="right")
+    rows = zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True)
+    for rung, mean, std, rmse in rows:
+        table.add_row(RUNG_WORDS.get(rung, rung), "energy error [J]", *_pairs(mean, std))
+        table.add_row("", "torque RMSE [N m]", *[f"{value:.2f}" for value in rmse], end_section=True)
+    return table
+
+
+def _pairs(mean: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray) -> list[str]:
+    return [f"{a:.2f} ± {b:.2f}" for a, b in zip(mean, std, strict=True)]
+
+
+def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
+    """Telemetry issues, the worst first, a line each and the remedy below."""
+    for issue in sorted(issues, key=lambda found: list(COLOURS).index(found.severity)):
+        head = f"[{COLOURS[issue.severity]}]{issue.severity}[/] [bold]{issue.issue}[/]: {escape(issue.evidence)}"
+        console.print(head, soft_wrap=True)
+        if issue.severity != "note":
+            console.print(f"    remedy: {escape(issue.remedy)}", soft_wrap=True)
+
+
+def make_console() -> Console:
+    """Standard output; wide where it is no terminal, since a file has no edge."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
+
+
+@contextmanager
+def progress_bar(console: Console, label: str, figure: str = "error") -> Iterator[Callable[[int, int, float], None]]:
+    """Lends a callback (done, total, figure): a bar on a terminal, a plain line at every tenth elsewhere."""
+
+    def tail(value: float) -> str:
+        return f", {figure} {value:.4f}" if figure else ""
+
+    if not console.is_terminal:
+        said = [-1]
+
+        def line(done: int, total: int, error: float) -> None:
+            if 10 * done // total > said[0]:
+                said[0] = 10 * done // total
+                console.print(f"{label}: {done} of {total}{tail(error)}")
+
+        yield line
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+        task = progress.add_task(label, total=None)
+
+        def bar(done: int, total: int, error: float) -> None:
+            progress.update(task, completed=done, total=total, description=f"{label}{tail(error)}")
+
+        yield bar

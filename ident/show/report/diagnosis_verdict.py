@@ -1,0 +1,162 @@
+"""The diagnosis in one sentence, and the gap of every joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ident.diagnosis.verdict import above_noise
+from ident.show.report.numbers import fixed, glue, percent
+from ident.show.report.page import Section
+from ident.show.report.source import DiagnosisInput
+from ident.show.report.words import effect_name, join_words
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisVerdictSection(Section):
+    """Verdict, what to make of it, and the gap joint by joint."""
+
+    source: DiagnosisInput
+    anchor: ClassVar[str] = "verdict"
+    title: ClassVar[str] = "Verdict"
+    template: ClassVar[str] = "diagnosis_verdict.html"
+
+    def context(self) -> dict[str, Any]:
+        record = self.source.record
+        session = record.get("session", {})
+        return {
+            "headline": diagnosis_headline(record),
+            "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
+            "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
+            "motion": glue(describe_motion(record)),
+            "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
+            f"{fixed(session.get('duration_s', 0.0), 0)} s",
+            "gaps": gap_rows(record),
+            "as_it_is": as_it_is(record),
+        }
+
+
+def diagnosis_headline(record: Mapping[str, Any]) -> str:
+    """The verdict as a sentence."""
+    if is_small(record):
+        return "There is a small gap: more than chance, and too little for a name."
+    named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
+    more = len(record.get("findings", [])) - 3
+    named += f", and {more} more" if more > 0 else ""
+    return {
+        "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
+        "named": f"The gap has a name: {named}.",
+        "partial": f"Part of the gap has a name: {named}.",
+        "none_of_catalogue": "There is a gap, and no effect of the catalogue explains it.",
+        "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
+        "refused": "Refused: the recordings are unfit for a diagnosis.",
+    }.get(record["verdict"], record["verdict"].replace("_", " "))
+
+
+def is_small(record: Mapping[str, Any]) -> bool:
+    """Whether the only thing that speaks for a gap is a candidate that came near to a name."""
+    gaps = record.get("gap", {}).values()
+    loud = any(gap.get("unexplained") or gap.get("tuned_away_Nm") or above_noise(gap) for gap in gaps)
+    return record["verdict"] == "none_of_catalogue" and bool(record.get("nearest")) and not loud
+
+
+def describe_findings(record: Mapping[str, Any]) -> str:
+    """How far the named effects shrink the gap."""
+    heldout = record.get("heldout") or {}
+    if not record.get("findings") or "shrink" not in heldout:
+        return ""
+    parts = [
+        f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))}"
+        for joint, before in heldout.get("rms_before_Nm", {}).items()
+        if joint in _named_joints(record)
+    ]
+    closes = f"On runs that the fit never saw they close {percent(heldout['shrink'])} of what can be closed"
+    return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
+
+
+def describe_unnamed(record: Mapping[str, Any]) -> str:
+    """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that came near."""
+    parts = []
+    hidden = {
+        joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
+        for joint, gap in record.get("gap", {}).items()
+        if gap.get("tuned_away_Nm")
+    }
+    if hidden:
+        most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
+        parts.append(
+            "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
+            f"on {most}. Wrong links in the URDF, a load or a wrong gain look like this."
+        )
+    nearest = record.get("nearest")
+    if nearest:
+        parts.append(
+            f"Nearest to a name came {effect_name(nearest['effect'])} in {join_words(nearest['joints'])}: more than "
+            f"chance (p = {nearest['p_value']:.3f}); it lowers the error on unseen runs by "
+            f"{percent(nearest['rms_fall'])}."
+        )
+    return " ".join(parts)
+
+
+def describe_motion(record: Mapping[str, Any]) -> str:
+    """By how much the replayed motion comes nearer, of the joints that the names are about."""
+    forward = (record.get("heldout") or {}).get("forward")
+    if not record.get("findings") or not forward:
+        return ""
+    before, after = (forward["position_rms_rad"][key] for key in ("before", "after"))
+    parts = [
+        f"{joint} {fixed(1e3 * before[joint], 1)} → {fixed(1e3 * after[joint], 1)}"
+        for joint in before
+        if joint in _named_joints(record)
+    ]
+    if not parts:
+        return ""
+    window = f"{1e3 * forward['window_s']:.0f} ms"
+    return f"Replayed under the recorded torques, the motion is off after {window} by [mrad]: {', '.join(parts)}."
+
+
+def as_it_is(record: Mapping[str, Any]) -> str:
+    """What the model untuned is: the user's own where one was given."""
+    own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
+    return "the model that was given" if own else "inertias of the URDF, friction tuned"
+
+
+def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Residual, ceiling and noise of every joint, with bars on one scale."""
+    gaps = record.get("gap", {})
+    heldout = record.get("heldout") or {}
+    after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
+    joules = heldout.get("energy_error_after_J", {})
+    top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
+    scale = 100.0 / top if top > 0 else 0.0
+    rows = []
+    for joint, gap in gaps.items():
+        energy = gap.get("energy_error_J") or {}
+        rows.append(
+            {
+                "joint": joint,
+                "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
+                "rms": gap["rms_Nm"],
+                "after": after.get(joint) if record.get("findings") else None,
+                "trees": trees.get(joint),
+                "noise": gap["noise_floor_Nm"],
+                "energy": f"{fixed(energy.get('mean'))} ± {fixed(energy.get('std'))}",
+                "energy_after": joules.get(joint) if record.get("findings") else None,
+                "trees_bar": round(scale * trees[joint], 1) if joint in trees else None,
+                "rms_bar": round(scale * gap["rms_Nm"], 1),
+                "noise_bar": round(scale * gap["noise_floor_Nm"], 1),
+                "after_bar": round(scale * after[joint], 1) if joint in after and record.get("findings") else None,
+            }
+        )
+    return rows
+
+
+def _named_joints(record: Mapping[str, Any]) -> set[str]:
+    return {joint for finding in record.get("findings", []) for joint in finding["joints"]}
+
+
+def _finding(finding: Mapping[str, Any]) -> str:
+    joints = finding["joints"]
+    where = join_words(joints) if len(joints) <= 3 else "the whole arm"
+    return f"{effect_name(finding['effect'])} in {where}" if where else effect_name(finding["effect"])

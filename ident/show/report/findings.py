@@ -1,0 +1,65 @@
+"""The named effects, the most telling first: how sure, how large, how far they shrink the gap, and their twins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ident.show.report.numbers import fixed, percent, significant
+from ident.show.report.page import Section
+from ident.show.report.source import DiagnosisInput
+from ident.show.report.words import effect_name, join_words, parameter_name
+
+# Figures that are counted, not measured.
+COUNTED = frozenset({"order", "link", "other_joint"})
+
+
+@dataclass(frozen=True, eq=False)
+class FindingsSection(Section):
+    """One card a finding."""
+
+    source: DiagnosisInput
+    anchor: ClassVar[str] = "findings"
+    title: ClassVar[str] = "What causes it, and how far it shrinks"
+    template: ClassVar[str] = "findings.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.source.record.get("findings"))
+
+    def context(self) -> dict[str, Any]:
+        return {"findings": [finding_card(finding) for finding in self.source.record["findings"]]}
+
+
+def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
+    """A finding as text."""
+    heldout = finding["heldout"]
+    twins = [effect_name(effect) for effect in finding.get("class", []) if effect != finding["effect"]]
+    return {
+        "effect": effect_name(finding["effect"])[0].upper() + effect_name(finding["effect"])[1:],
+        "joints": join_words(finding["joints"]),
+        "probability": percent(finding.get("probability")),
+        "twins": join_words(twins),
+        "shrink": percent(heldout["shrink"]),
+        "share": percent(heldout.get("share")) if "share" in heldout else "",
+        "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
+        "torque": [
+            f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))} N m"
+            for joint, before in heldout["rms_before_Nm"].items()
+        ],
+        "energy": f"{fixed(heldout.get('energy_error_before_J'))} → {fixed(heldout.get('energy_error_after_J'))} J",
+        "parameters": [_parameter(name, value) for name, value in finding.get("parameters", {}).items()],
+    }
+
+
+def _parameter(name: str, value: Any) -> dict[str, str]:
+    words, unit = parameter_name(name)
+    if isinstance(value, Mapping) and name in COUNTED:
+        return {"name": words, "unit": unit, "value": f"{value['value']:.0f}", "interval": ""}
+    if not isinstance(value, Mapping):
+        return {"name": words, "unit": unit, "value": str(value), "interval": ""}
+    interval = f"{significant(value.get('low'), 3)} to {significant(value.get('high'), 3)}"
+    return {"name": words, "unit": unit, "value": significant(value["value"], 3), "interval": interval}

@@ -1,0 +1,90 @@
+"""The page: sections in order, one template each, everything inline."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from ident.files import atomic_write
+from ident.show.palette import rung_colours, rung_name
+from ident.show.report.numbers import fixed, pair, significant
+
+
+class Section(ABC):
+    """One section of the page: a heading, and what its template is told.
+
+    Attributes:
+        anchor: Its address on the page.
+        title: Its heading.
+        template: File name of its template.
+    """
+
+    anchor: ClassVar[str]
+    title: ClassVar[str]
+    template: ClassVar[str]
+
+    @property
+    def is_present(self) -> bool:
+        """Whether there is anything to show."""
+        return True
+
+    @abstractmethod
+    def context(self) -> dict[str, Any]:
+        """What the template is told."""
+
+
+def write_report(path: str | Path, title: str, sections: Sequence[Section], subtitle: str = "") -> Path:
+    """Writes one self-contained HTML page, whole or not at all; sections with nothing to show are left out.
+
+    Args:
+        path: The file to be written.
+        title: Heading of the page.
+        sections: What it shows, in this order.
+        subtitle: A line under the heading: robot, recordings.
+
+    Raises:
+        InputError: The folder can't be written to.
+    """
+    target = Path(path)
+    page = render_page(title, sections, subtitle)
+    with atomic_write(target) as part:
+        part.write_text(page, encoding="utf-8")
+    return target
+
+
+def render_page(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
+    """The page as text."""
+    environment = _environment()
+    shown = [section for section in sections if section.is_present]
+    bodies = [
+        {
+            "anchor": section.anchor,
+            "title": section.title,
+            "html": Markup(environment.get_template(section.template).render(section.context())),
+        }
+        for section in shown
+    ]
+    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=bodies)
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("ident.show.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(fixed=fixed, pair=pair, significant=significant, rung=rung_name, breakable=breakable)
+    environment.globals["rung_colours"] = rung_colours
+    return environment
+
+
+def breakable(name: str) -> Markup:
+    """A name that may break after its underscores: joint names are long, phones are narrow."""
+    return Markup(escape(name).replace("_", Markup("_<wbr>")))

@@ -1,0 +1,124 @@
+"""Loss figures with their 95 % intervals, and what was done to the inertias."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ident.model.hybrid import HybridModel, LossFigure
+from ident.model.loss import NAMES
+from ident.show.palette import model_colour
+from ident.show.report.figures import make_panel, to_svg
+from ident.show.report.numbers import fixed, significant
+from ident.show.report.page import Section
+from ident.show.report.source import ReportInput
+
+WORDS = {
+    "motor_inertia": "Rotor inertia B_m",
+    "viscous": "Viscous friction C_m",
+    "coulomb": "Coulomb friction f_c",
+    "offset": "Torque offset",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSection(Section):
+    """One picture a figure, joints in rows, models side by side; then the numbers."""
+
+    source: ReportInput
+    anchor: ClassVar[str] = "parameters"
+    title: ClassVar[str] = "What was fitted"
+    template: ClassVar[str] = "parameters.html"
+
+    def context(self) -> dict[str, Any]:
+        names = [one.model for one in self.source.evaluations]
+        shown = [name for name in NAMES if any(f.name == name for m in self.source.models for f in m.figures)]
+        return {
+            "models": [(name, model_colour(k)) for k, name in enumerate(names)],
+            "pictures": [draw_figures(self.source.models, name) for name in shown],
+            "model": self.source.evaluation.model,
+            "columns": [(WORDS[name], _unit(self.source.model, name)) for name in shown],
+            "rows": [
+                {"joint": joint, "cells": [_cell(self.source.model, joint, name) for name in shown]}
+                for joint in self.source.model.joint_names
+            ],
+            "inertia": describe_inertia(self.source.model),
+            "links": link_rows(self.source.model),
+        }
+
+
+def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
+    """One loss figure of all joints and models: a dot and its 95 % interval."""
+    joints = list(max(models, key=lambda model: model.arm.n).joint_names)
+    unit = next(figure.unit for model in models for figure in model.figures if figure.name == name)
+    longest = max(len(joint) for joint in joints)
+    height = 0.55 + 0.24 * len(joints) + 0.04 * len(joints) * (len(models) - 1)
+    figure, axes = make_panel(f"[{unit}]", "", (3.5, height), left=min(1.5, 0.2 + 0.068 * longest))
+    for k, model in enumerate(models):
+        found = [f for f in model.figures if f.name == name and f.joint in joints]
+        y = [joints.index(f.joint) + 0.16 * (k - (len(models) - 1) / 2) for f in found]
+        x = np.array([f.value for f in found])
+        reach = np.array([[f.value - f.low, f.high - f.value] for f in found]).T.reshape(2, -1)
+        axes.errorbar(x, y, xerr=np.maximum(reach, 0.0), fmt="o", markersize=3, color=model_colour(k), linewidth=1.1)
+    axes.set_yticks(range(len(joints)), joints)
+    axes.set_ylim(len(joints) - 0.4, -0.6)
+    axes.grid(axis="x", color="#dddddd", linewidth=0.5)
+    axes.grid(axis="y", visible=False)
+    axes.axvline(0.0, color="#333333", linewidth=0.6)
+    return {"title": f"{WORDS[name]} [{unit}]", "svg": to_svg(figure, f"{WORDS[name]} of every joint")}
+
+
+def describe_inertia(model: HybridModel) -> str:
+    """What was done to the link inertias, in a sentence or two."""
+    if model.inertia == "nominal":
+        text = "Link inertias are the URDF's; nothing was fitted."
+    else:
+        before, after = model.nominal.inertial_parameters[::10], model.arm.inertial_parameters[::10]
+        if model.inertia == "consistent":
+            text = (
+                "Link inertias were fitted near the URDF's, under the condition that every link could be a real body: "
+            )
+        else:
+            text = (
+                "Base parameters were fitted and written back with as little change to the URDF as that needs; "
+                "single link numbers need not be physical, only their sums act: "
+            )
+        text += f"moving mass {fixed(before.sum(), 2)} → {fixed(after.sum(), 2)} kg."
+    condition = model.provenance.get("condition_number")
+    if condition is not None:
+        text += f" Condition number of the training motions: {significant(condition, 3)}."
+    return text
+
+
+def link_rows(model: HybridModel) -> list[dict[str, str]]:
+    """Mass and first moment of every link, before and after; none where nothing was fitted."""
+    if model.inertia == "nominal":
+        return []
+    before = model.nominal.inertial_parameters.reshape(-1, 10)
+    after = model.arm.inertial_parameters.reshape(-1, 10)
+    return [
+        {
+            "link": link,
+            "mass": f"{fixed(old[0], 3)} → {fixed(new[0], 3)}",
+            "moment": f"({_vector(old[1:4])}) → ({_vector(new[1:4])})",
+        }
+        for link, old, new in zip(model.nominal.links, before, after, strict=True)
+    ]
+
+
+def _vector(values: Sequence[float] | np.ndarray) -> str:
+    return ", ".join(fixed(value, 3) for value in values)
+
+
+def _unit(model: HybridModel, name: str) -> str:
+    return next((figure.unit for figure in model.figures if figure.name == name), "")
+
+
+def _cell(model: HybridModel, joint: str, name: str) -> str:
+    found: LossFigure | None = next((f for f in model.figures if f.joint == joint and f.name == name), None)
+    if found is None:
+        return "–"
+    return f"{significant(found.value, 3)} [{significant(found.low, 3)}, {significant(found.high, 3)}]"

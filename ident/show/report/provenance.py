@@ -1,0 +1,69 @@
+"""Where the numbers come from: data, options, versions. Folded, for those who need it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ident.model.hybrid import HybridModel
+from ident.show.report.page import Section
+
+
+@dataclass(frozen=True, eq=False)
+class ProvenanceSection(Section):
+    """One folded block a model."""
+
+    models: Sequence[tuple[str, HybridModel]]
+    anchor: ClassVar[str] = "provenance"
+    title: ClassVar[str] = "Provenance"
+    template: ClassVar[str] = "provenance.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.models)
+
+    def context(self) -> dict[str, Any]:
+        return {"models": [{"name": name, **_facts(model)} for name, model in self.models]}
+
+
+def _facts(model: HybridModel) -> dict[str, Any]:
+    past = model.provenance
+    options = ", ".join(f"{name} {value}" for name, value in past.get("options", {}).items())
+    facts = [
+        ("robot", model.robot.name),
+        ("URDF, SHA-256", model.robot.digest),
+        ("options", options or "not recorded"),
+        ("fitted on", f"{past['runs']} runs, {past['samples']:,} samples" if "samples" in past else "not recorded"),
+        ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else "not recorded"),
+        ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
+        ("data, SHA-256 of all", past.get("data_sha256", "not recorded")),
+        ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
+    ]
+    return {"facts": facts, "data": past.get("data", [])}
+
+
+@dataclass(frozen=True, eq=False)
+class FactsSection(Section):
+    """Names and values, nested ones flattened."""
+
+    facts: Mapping[str, Any]
+    anchor: ClassVar[str] = "provenance"
+    title: ClassVar[str] = "Provenance"
+    template: ClassVar[str] = "facts.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.facts)
+
+    def context(self) -> dict[str, Any]:
+        return {"facts": list(_flat(self.facts))}
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        words = f"{prefix}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{words}: ")
+        else:
+            yield words, str(value)

@@ -1,0 +1,76 @@
+"""Identifiers of the contract as words: effects, parameters with their units, axes of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.show.report.numbers import significant
+
+# Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.
+SUFFIXES = {
+    "_Nms_rad": "N m s/rad",
+    "_Nm_rad": "N m/rad",
+    "_rad_s": "rad/s",
+    "_Nm_s": "N m/s",
+    "_kgm2": "kg m²",
+    "_kgm": "kg m",
+    "_Nm": "N m",
+    "_kg": "kg",
+    "_rad": "rad",
+    "_degC": "°C",
+    "_N": "N",
+    "_m": "m",
+    "_s": "s",
+}
+AXES = {
+    "speed": ("speed", "rad/s"),
+    "direction": ("direction", ""),
+    "load": ("load", "N m"),
+    "position": ("position", "rad"),
+    "reversal": ("time since reversal", "s"),
+    "frequency": ("frequency", "Hz"),
+    "time": ("session time", "s"),
+    "temperature": ("temperature", "°C"),
+    "pose": ("reach", "m"),
+}
+
+
+def effect_name(effect: str) -> str:
+    """An effect's identifier as words."""
+    return (
+        effect.replace("_dependent", "-dependent")
+        .replace("_", " ")
+        .replace("stribeck", "Stribeck")
+        .replace("presliding", "pre-sliding")
+    )
+
+
+def parameter_name(name: str) -> tuple[str, str]:
+    """A parameter's name as words, and its unit."""
+    for suffix, unit in SUFFIXES.items():
+        if name.endswith(suffix):
+            return effect_name(name.removesuffix(suffix)), unit
+    return effect_name(name), ""
+
+
+def axis_name(axis: str) -> str:
+    """An axis of the map as words."""
+    return AXES.get(axis, (axis, ""))[0]
+
+
+def axis_unit(axis: str) -> str:
+    """Its unit."""
+    return AXES.get(axis, ("", ""))[1]
+
+
+def interval_words(axis: str, low: float, high: float) -> str:
+    """Where on an axis."""
+    if axis == "direction":
+        return "both ways" if low < 0 < high else "forwards" if low + high > 0 else "backwards"
+    unit = axis_unit(axis)
+    return f"{significant(low)} to {significant(high)} {unit}".strip()
+
+
+def join_words(words: Sequence[str]) -> str:
+    """A list in a sentence."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -1,0 +1,116 @@
+"""A diagnosis in plain lines for the terminal, and as marks on the timeline."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+from rich.console import Console
+
+from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
+from ident.diagnosis.gap.axes import Axis, session_axes
+from ident.diagnosis.gap.gap_map import SIGNIFICANT
+from ident.show.report.diagnosis_verdict import describe_unnamed, is_small
+from ident.show.report.words import axis_name, interval_words
+from ident.show.timeline import Curve, Mark
+
+VERDICTS = {
+    "no_gap": "no gap: the tuned model explains these recordings down to their noise",
+    "named": "the gap has a name",
+    "partial": "part of the gap has a name",
+    "none_of_catalogue": "there is a gap, and no effect of the catalogue explains it",
+    "not_testable": "these recordings can't tell",
+    "refused": "the recordings are unfit; nothing was fitted",
+}
+SMALL_GAP = "there is a small gap: more than chance, and too little for a name"
+MOST_MARKS = 60
+MARK_LENGTH = 0.5  # [s]
+# Mean square of a stretch that is marked, in units of the noise's.
+MARK_FROM = 4.0
+TUNED_COLOUR, NAMED_COLOUR = "#d55e00", "#009e73"
+
+
+def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
+    """Verdict, findings, and what could not be judged."""
+    facts = diagnosis.session
+    console.print(f"{diagnosis.robot}: {facts['runs']} runs, {facts['samples']} samples, {facts['duration_s']:.0f} s")
+    for issue in diagnosis.telemetry:
+        if issue.severity != "note":
+            console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
+    record = diagnosis.to_dict()
+    words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
+    console.print(f"[bold]{diagnosis.verdict}[/]: {words}")
+    for finding in diagnosis.findings:
+        console.print(describe(finding), soft_wrap=True, highlight=False)
+    if unnamed := describe_unnamed(record):
+        console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
+    for name, gap in diagnosis.gap.items():
+        left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""
+        console.print(f"  {name}: {gap['rms_Nm']:.3f} N m against {gap['noise_floor_Nm']:.3f} of noise{left}")
+    silent = Counter(item["effect"] for item in diagnosis.not_testable)
+    if silent:
+        told = ", ".join(f"{effect} ({count} joints)" if count > 1 else effect for effect, count in silent.items())
+        console.print(f"  not testable with these motions: {told}; the page says why", soft_wrap=True)
+
+
+def describe(finding: Finding) -> str:
+    """One finding in one line: where, what, how sure, how large, how far."""
+    estimate = finding.estimate
+    name = estimate.group.effect.id
+    rivals = f"; can't be told from {', '.join(estimate.rivals[1:])}" if len(estimate.rivals) > 1 else ""
+    figures = ", ".join(
+        f"{key} {value.value:.3g} [{value.low:.3g}, {value.high:.3g}]" for key, value in estimate.parameters.items()
+    )
+    energy = f"energy error {finding.energy_before:.2f} → {finding.energy_after:.2f} J"
+    return (
+        f"  {', '.join(finding.joints)}: {name} ({estimate.probability:.0%}{rivals}), {figures}; "
+        f"closes {finding.shrink:.0%} of the reducible held-out gap, {energy}"
+    )
+
+
+def gap_marks(analysis: Analysis) -> list[Mark]:
+    """The half seconds in which a joint's residual stands highest above its noise, and the cells that they lie in."""
+    found: list[tuple[float, int, int, slice]] = []
+    level = np.maximum(analysis.evidence.whitening.level, 1e-9)
+    for k, item in enumerate(analysis.series):
+        width = max(1, round(MARK_LENGTH / item.step))
+        power = np.where(item.counts, (item.before / level) ** 2, 0.0)
+        for start in range(0, len(power) - width + 1, width):
+            rows = slice(start, start + width)
+            heights = power[rows].mean(axis=0)
+            found += [(float(heights[j]), k, int(j), rows) for j in np.flatnonzero(heights > MARK_FROM)]
+    found.sort(key=lambda one: -one[0])
+    axes = session_axes(analysis.series)
+    return [_mark(analysis, axes, *one) for one in found[:MOST_MARKS]]
+
+
+def _mark(analysis: Analysis, axes: Mapping[str, Axis], height: float, k: int, j: int, rows: slice) -> Mark:
+    """One stretch in words: how high, and which of the joint's significant cells it lies in."""
+    item, name = analysis.series[k], analysis.diagnosis.joints[j]
+    cells = []
+    for place in analysis.diagnosis.where:
+        if place.joint == name and place.axis in axes and place.p_value <= SIGNIFICANT:
+            middle = float(np.median(axes[place.axis](item, j)[rows]))
+            if place.low <= middle <= place.high:
+                cells.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")
+    text = ", ".join([f"gap {np.sqrt(height):.1f} times the noise", *cells])
+    return Mark(item.index, rows.start * item.step, rows.stop * item.step, name, text)
+
+
+def gap_curves(analysis: Analysis) -> list[list[Curve]]:
+    """What the tuned model leaves, run by run, with the named effects and without; the latter last: it is marked.
+
+    Of very many runs only some have curves.
+    """
+    rungs = [("tuned", "after tuning", TUNED_COLOUR)]
+    if analysis.diagnosis.findings:
+        rungs.insert(0, ("named", "with the named effects", NAMED_COLOUR))
+    curves: list[list[Curve]] = [[] for _ in analysis.session.runs]
+    for item in analysis.series:
+        curves[item.index] = [
+            Curve(joint, ("residual", rung), words, colour, (item.after if rung == "named" else item.before)[:, j])
+            for j, joint in enumerate(analysis.diagnosis.joints)
+            for rung, words, colour in rungs
+        ]
+    return curves

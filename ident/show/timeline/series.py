@@ -1,0 +1,85 @@
+"""The curves of one run: what was measured, what every rung makes of it, and the work done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from ident.arrays import Array, Float
+from ident.model.evaluation import RunTrace, trace_run
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion
+from ident.show.palette import MEASURED, rung_colours, rung_name
+
+MARK_COLOUR = "#d00000"
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One curve of one joint over a run's filtered samples.
+
+    Attributes:
+        joint: The joint.
+        path: Group (`torque`, `residual`, `power`, `energy`, `motion`) and name within it.
+        label: Its name in the legend.
+        colour: Its colour.
+        values: One value a filtered sample.
+    """
+
+    joint: str
+    path: tuple[str, str]
+    label: str
+    colour: str
+    values: Float[Array, " t"]
+
+
+def run_curves(motion: Motion, model: HybridModel | None) -> Iterator[Curve]:
+    """All curves of a run; power of the last rung only, the others' can be read off torque and speed."""
+    yield from _measured_curves(motion)
+    if model is not None:
+        yield from _rung_curves(trace_run(model, motion))
+
+
+def _measured_curves(motion: Motion) -> Iterator[Curve]:
+    coarse = motion.coarse
+    work = _work(motion, motion.tau)
+    tables = (
+        ("torque", motion.tau_filtered),
+        ("power", motion.filtered(motion.tau * motion.dq)),
+        ("energy", work[coarse]),
+    )
+    for j, joint in enumerate(motion.joints):
+        for group, table in tables:
+            yield Curve(joint, (group, "measured"), "measured", MEASURED, table[:, j])
+        yield Curve(joint, ("motion", "position"), "position [rad]", "#444444", motion.q[coarse, j])
+        yield Curve(joint, ("motion", "velocity"), "velocity [rad/s]", "#0072b2", motion.dq[coarse, j])
+
+
+def _rung_curves(trace: RunTrace) -> Iterator[Curve]:
+    motion = trace.motion
+    colours, last = rung_colours(tuple(trace.rungs)), tuple(trace.rungs)[-1]
+    for rung, torque in trace.rungs.items():
+        tables = (
+            ("torque", trace.filtered[rung]),
+            ("residual", motion.tau_filtered - trace.filtered[rung]),
+            ("energy", _work(motion, torque)[motion.coarse]),
+            *([("power", motion.filtered(torque * motion.dq))] if rung == last else []),
+        )
+        for j, joint in enumerate(motion.joints):
+            for group, table in tables:
+                yield Curve(joint, (group, rung), rung_name(rung), colours[rung], table[:, j])
+
+
+def _work(motion: Motion, torque: Float[Array, "T n"]) -> Float[Array, "T n"]:
+    """Work since the run's start [J], of the unfiltered torque: its end is what the energy error compares."""
+    return cumulative_trapezoid(torque * motion.dq, dx=motion.interval, axis=0, initial=0.0)
+
+
+def marked(curve: Curve, time: Float[Array, " t"], start: float, end: float) -> Curve:
+    """The part of a curve within a mark, red; not a number elsewhere, so that nothing is drawn there."""
+    inside = (time >= start) & (time <= end)
+    values = np.where(inside, curve.values, np.nan)
+    return Curve(curve.joint, (curve.path[0], "mark"), "mark", MARK_COLOUR, values)

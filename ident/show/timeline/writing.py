@@ -1,0 +1,211 @@
+"""Writes the timeline as a Rerun recording, or opens it in the viewer."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion
+from ident.recordings.recording import TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.show.timeline.blueprint import TIMELINE, entity, make_blueprint
+from ident.show.timeline.boxes import arm_reach, link_boxes, link_poses
+from ident.show.timeline.marks import Mark
+from ident.show.timeline.series import Curve, marked, run_curves
+
+# Runs lie end to end with this pause [s]: the clocks of sessions overlap, and a page can't be in two places.
+PAUSE = 1.0
+# The arm is drawn this often; the curves keep every sample [1/s].
+ARM_RATE = 25.0
+LEVELS = {"fatal": "CRITICAL", "warning": "WARN", "note": "INFO"}
+Rows = dict[tuple[str, tuple[str, str]], list[tuple[Array, Curve]]]
+
+
+def write_timeline(
+    path: str | Path,
+    arm: ArmModel,
+    motions: Sequence[Motion],
+    model: HybridModel | None = None,
+    issues: Sequence[TelemetryIssue] = (),
+    marks: Sequence[Mark] = (),
+    further: Sequence[Sequence[Curve]] = (),
+) -> Path:
+    """Writes the timeline to a `.rrd` file, whole or not at all.
+
+    Args:
+        path: The file.
+        arm: The robot, for its boxes.
+        motions: Runs, laid end to end on the time axis with a pause of a second.
+        model: Model whose rungs are compared; measured curves only if None.
+        issues: What the telemetry check found.
+        marks: Moments to point at.
+        further: Curves of each run beside its own, such as what a diagnosis leaves.
+
+    Raises:
+        InputError: The folder can't be written to.
+    """
+    target = Path(path)
+    with atomic_write(target) as part:
+        recording = rr.RecordingStream("armgap", recording_id=_recording_id(motions))
+        joints = motions[0].joints
+        layout = make_blueprint(joints, model is not None or bool(further), arm_reach(arm) if link_boxes(arm) else 0.0)
+        recording.save(part, default_blueprint=layout)
+        _log(recording, arm, motions, model, issues, marks, further)
+        recording.flush()
+        recording.disconnect()
+    return target
+
+
+def show_timeline(
+    arm: ArmModel,
+    motions: Sequence[Motion],
+    model: HybridModel | None = None,
+    issues: Sequence[TelemetryIssue] = (),
+    marks: Sequence[Mark] = (),
+) -> None:
+    """Opens the timeline in Rerun's viewer, and returns when its window is closed.
+
+    The viewer listens on this machine only. Arguments as `write_timeline`.
+
+    Raises:
+        InputError: The viewer can't be opened, for lack of a screen, say.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = write_timeline(Path(folder) / "timeline.rrd", arm, motions, model, issues, marks)
+        command = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", str(file)]
+        if subprocess.run(command, check=False).returncode != 0:
+            raise InputError("viewer", "Rerun's window can't be opened", "save the timeline with --rrd FILE instead")
+
+
+def run_starts(motions: Sequence[Motion]) -> list[float]:
+    """Start of each run on the timeline [s]."""
+    lengths = [motion.time[-1] - motion.time[0] + PAUSE for motion in motions]
+    return [0.0, *np.cumsum(lengths)[:-1].tolist()]
+
+
+def _recording_id(motions: Sequence[Motion]) -> str:
+    return f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
+
+
+def _log(
+    recording: rr.RecordingStream,
+    arm: ArmModel,
+    motions: Sequence[Motion],
+    model: HybridModel | None,
+    issues: Sequence[TelemetryIssue],
+    marks: Sequence[Mark],
+    further: Sequence[Sequence[Curve]],
+) -> None:
+    starts = run_starts(motions)
+    rows: Rows = defaultdict(list)
+    for k, (motion, start) in enumerate(zip(motions, starts, strict=True)):
+        time = motion.time[motion.coarse] - motion.time[0]
+        curves = [*run_curves(motion, model), *(further[k] if further else ())]
+        curves += _marked_curves(curves, time, [mark for mark in marks if mark.run == k])
+        for curve in curves:
+            rows[curve.joint, curve.path].append((time + start, curve))
+    for (joint, path), pieces in rows.items():
+        _send_curve(recording, entity(joint, *path), pieces)
+    _send_arm(recording, arm, motions, starts)
+    _send_log(recording, motions, starts, issues, marks)
+
+
+def _marked_curves(curves: Sequence[Curve], time: Float[Array, " t"], marks: Sequence[Mark]) -> list[Curve]:
+    """The marked parts of each joint's last residual, or of its torque where there is no model."""
+    found = []
+    for mark in marks:
+        own = [curve for curve in curves if curve.joint == mark.joint]
+        group = "residual" if any(curve.path[0] == "residual" for curve in own) else "torque"
+        found += [marked(curve, time, mark.start_s, mark.end_s) for curve in own if curve.path[0] == group][-1:]
+    merged: dict[tuple[str, tuple[str, str]], Curve] = {}
+    for curve in found:
+        before = merged.get((curve.joint, curve.path), curve)
+        values = np.where(np.isnan(before.values), curve.values, before.values)
+        merged[curve.joint, curve.path] = replace(curve, values=values)
+    return list(merged.values())
+
+
+def _send_curve(recording: rr.RecordingStream, path: str, pieces: Sequence[tuple[Array, Curve]]) -> None:
+    """One entity's curve over all runs; between runs stands one value that is not a number, which breaks the line."""
+    times: list[Array] = []
+    values: list[Array] = []
+    for time, curve in pieces:
+        times += [time, time[-1:] + PAUSE / 2]
+        values += [curve.values, np.array([np.nan])]
+    first = pieces[0][1]
+    style = rr.SeriesLines(colors=_rgb(first.colour), names=first.label, widths=2.5 if first.path[1] == "mark" else 1.2)
+    recording.log(path, style, static=True)
+    index = rr.TimeColumn(TIMELINE, duration=np.concatenate(times))
+    recording.send_columns(path, [index], rr.Scalars.columns(scalars=np.concatenate(values)))
+
+
+def _send_arm(recording: rr.RecordingStream, arm: ArmModel, motions: Sequence[Motion], starts: Sequence[float]) -> None:
+    """Boxes fixed to their links, and the links' poses over all runs."""
+    boxes = link_boxes(arm)
+    if not boxes:
+        return
+    recording.log("/arm", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    times, positions = [], []
+    for motion, start in zip(motions, starts, strict=True):
+        step = slice(None, None, max(1, round(motion.lowpass.rate / ARM_RATE)))
+        times.append(motion.time[step] - motion.time[0] + start)
+        positions.append(motion.select(arm.joint_names).q[step])
+    poses = link_poses(arm, np.concatenate(positions), tuple(box.link for box in boxes))
+    index = rr.TimeColumn(TIMELINE, duration=np.concatenate(times))
+    for k, box in enumerate(boxes):
+        path = f"/arm/{rr.escape_entity_path_part(box.link)}"
+        shade = 90 + 110 * k // len(boxes)
+        shape = rr.Boxes3D(
+            centers=box.centres,
+            half_sizes=box.half_sizes,
+            quaternions=box.rotations,
+            colors=[shade, shade + 20, 235],
+            fill_mode="solid",
+        )
+        recording.log(path, shape, static=True)
+        translation, quaternion = poses[box.link]
+        columns = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
+        recording.send_columns(path, [index], columns)
+
+
+def _send_log(
+    recording: rr.RecordingStream,
+    motions: Sequence[Motion],
+    starts: Sequence[float],
+    issues: Sequence[TelemetryIssue],
+    marks: Sequence[Mark],
+) -> None:
+    """Runs at their starts, telemetry issues at the beginning, marks at their moments."""
+    entries = {
+        "telemetry": [(0.0, f"{i.issue}: {i.evidence}; {i.remedy}", LEVELS[i.severity]) for i in issues],
+        "runs": [(start, _describe(motion), "INFO") for motion, start in zip(motions, starts, strict=True)],
+        "marks": [
+            (starts[m.run] + m.start_s, f"{m.joint}, {m.end_s - m.start_s:.2f} s: {m.text}", "WARN") for m in marks
+        ],
+    }
+    for name, lines in entries.items():
+        if lines:
+            times, texts, levels = zip(*lines, strict=True)
+            index = rr.TimeColumn(TIMELINE, duration=np.array(times))
+            recording.send_columns(f"/log/{name}", [index], rr.TextLog.columns(text=texts, level=levels))
+
+
+def _describe(motion: Motion) -> str:
+    payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
+    return f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}"
+
+
+def _rgb(colour: str) -> list[int]:
+    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]

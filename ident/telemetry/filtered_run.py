@@ -1,0 +1,73 @@
+"""The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from ident.arrays import Array, Float
+from ident.recordings.recording import Recording
+
+# Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.
+CUTOFF_HZ = 5.0
+# The filter's transient at both ends of a run, in periods of the cut-off.
+EDGE_PERIODS = 1.5
+# Samples kept per period of the cut-off: twice Nyquist's two, so that nothing folds.
+SAMPLES_PER_PERIOD = 4
+LEAST_SAMPLES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Low-passed motion of a run on an even grid, shapes (T, n).
+
+    Attributes:
+        run: Name of the run.
+        time: Session clock [s].
+        q, dq, ddq: Position and its derivatives [rad, rad/s, rad/s²].
+        tau: Measured torque through the same filter [N m].
+        dq_measured: Measured velocity through the same filter [rad/s], or None.
+    """
+
+    run: str
+    time: Float[Array, " T"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+    dq_measured: Float[Array, "T n"] | None
+
+
+def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> Motion | None:
+    """Brings a run to an even grid, low-passes it without phase and thins it out.
+
+    Args:
+        run: A run whose time increases and whose cells are finite.
+        cutoff: Cut-off of the filter [Hz]; lowered where the sampling is too slow for it.
+
+    Returns:
+        The motion without the filter's transients, or None where the run is too short to have any.
+    """
+    if len(run) < LEAST_SAMPLES or run.duration <= 0.0:
+        return None
+    interval = run.sample_interval
+    cutoff = min(cutoff, 0.2 / interval)
+    grid = np.arange(run.time[0], run.time[-1], interval)
+    edge = int(EDGE_PERIODS / cutoff / interval)
+    step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))
+    if len(grid) < 2 * edge + 8 * step or len(grid) < LEAST_SAMPLES:
+        return None
+    sos = butter(4, cutoff, fs=1.0 / interval, output="sos")
+
+    def smooth(values: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        even = np.column_stack([np.interp(grid, run.time, column) for column in values.T])
+        return sosfiltfilt(sos, even, axis=0)
+
+    q = smooth(run.position)
+    dq = np.gradient(q, interval, axis=0)
+    ddq = np.gradient(dq, interval, axis=0)
+    keep = slice(edge, len(grid) - edge, step)
+    measured = None if run.velocity is None else smooth(run.velocity)[keep]
+    return Motion(run.name, grid[keep], q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)

@@ -1,7 +1,0 @@
-"""The Rerun timeline: measured torque against every rung, what is left, and the moving arm."""
-
-from ident.timeline.marks import Mark
-from ident.timeline.series import Curve
-from ident.timeline.writing import show_timeline, write_timeline
-
-__all__ = ["Curve", "Mark", "show_timeline", "write_timeline"]

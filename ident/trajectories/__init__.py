@@ -1,0 +1,1 @@
+"""Reference motions of an arm, within its limits, and the files that command them."""

@@ -1,0 +1,1 @@
+"""The command `plan`: parse, call, print."""

@@ -1,0 +1,156 @@
+"""The `plan` command: parses, calls, prints."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.errors import InputError
+from plan.show.console import make_console, print_comparison, print_result, progress_bar
+
+app = typer.Typer(
+    name="plan",
+    help="Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+console = make_console()
+
+SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
+ModelFolder = Annotated[
+    Path | None, typer.Option("--model", help="Folder of a fitted model; the rigid arm without losses if not given.")
+]
+Objective = Annotated[str, typer.Option(help="energy or time.")]
+Metric = Annotated[str, typer.Option(help="signed (the paper's), positive, absolute or copper.")]
+Variables = Annotated[
+    str | None, typer.Option(help="What is searched: vias, times or both. Energy: vias; time: both, if not given.")
+]
+Vias = Annotated[Path | None, typer.Option(help="File of taught via points ([[trial]] tables) to start from.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+Seed = Annotated[int, typer.Option(help="Seed of all randomness.")]
+
+
+@app.callback()
+def plan() -> None:
+    """Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm."""
+
+
+@app.command()
+def solve(
+    scene: SceneFile,
+    model: ModelFolder = None,
+    objective: Objective = "energy",
+    method: Annotated[
+        str, typer.Option(help="reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress or toppra.")
+    ] = "reference",
+    metric: Metric = "absolute",
+    variables: Variables = None,
+    vias: Vias = None,
+    trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
+    seed: Seed = 0,
+    evaluations: Annotated[int | None, typer.Option(help="Most trajectories evaluated.", min=1)] = None,
+    seconds: Annotated[float | None, typer.Option(help="Longest search [s].", min=0.0)] = None,
+    gap: Annotated[bool, typer.Option(help="Run the reference too and tell the gap to it.")] = True,
+    resume: Annotated[Path | None, typer.Option(help="Checkpoint file: written on the way, taken up if there.")] = None,
+    json_file: JsonFile = None,
+    picture: Annotated[Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG).")] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording.")] = None,
+) -> None:
+    """Finds one trajectory and certifies it."""
+    from plan.cli.commands import open_task, save_outputs, solve_task
+
+    opened = open_task(scene, model, objective, metric, variables, vias, trial)
+    with progress_bar(console, method) as progress:
+        result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
+    print_result(console, result)
+    save_outputs(opened, result, json_file, picture, rrd)
+
+
+@app.command()
+def compare(
+    scene: SceneFile,
+    model: ModelFolder = None,
+    objective: Objective = "energy",
+    metric: Metric = "absolute",
+    variables: Variables = None,
+    vias: Vias = None,
+    trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
+    methods: Annotated[
+        str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Number of seeds.", min=1)] = 5,
+    evaluations: Annotated[int, typer.Option(help="Evaluations at which costs are compared.", min=1)] = 2100,
+    seconds: Annotated[float, typer.Option(help="Time at which costs are compared [s].", min=0.0)] = 1.0,
+    json_file: JsonFile = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")] = None,
+) -> None:
+    """Runs all methods on one task."""
+    from plan.cli.commands import compare_task, open_task, save_comparison
+
+    opened = open_task(scene, model, objective, metric, variables, vias, trial)
+    with progress_bar(console, "compare") as progress:
+        table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
+    print_comparison(console, table)
+    save_comparison(opened, table, json_file, out)
+
+
+@app.command()
+def excite(
+    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
+    separate: Annotated[str | None, typer.Option(help="Effects to tell apart, or one to show: ID,ID.")] = None,
+    diagnosis: Annotated[
+        Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
+    ] = None,
+    joint: Annotated[str | None, typer.Option(help="The joint in question: its name or number.")] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
+    ] = None,
+    evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """The next motion to record: what tells two effects apart, in the fewest minutes."""
+    from ident.robot.arm import ArmModel
+    from plan.experiment.console import print_excitation
+    from plan.experiment.design import excite as find_motion
+    from plan.experiment.question import ask
+    from plan.experiment.result import require_replaceable, save_record
+
+    if out is not None:
+        require_replaceable(out)
+    arm = ArmModel.load(robot)
+    question = ask(arm, separate, joint, diagnosis)
+    with progress_bar(console, "excite") as progress:
+        found = find_motion(arm, question, minutes, evaluations, seed, progress)
+    print_excitation(console, found)
+    if out is not None:
+        found.write(out)
+        console.print(f"motion written to {out}")
+    save_record(found, json_file)
+
+
+def main() -> None:
+    """Runs the command; the user's mistakes end in one line and exit status 2."""
+    try:
+        status = app(standalone_mode=False)
+    except InputError as error:
+        print(f"plan: {error}".replace("\n", " "), file=sys.stderr)
+        sys.exit(2)
+    except (typer.Abort, KeyboardInterrupt):
+        print("plan: stopped", file=sys.stderr)
+        sys.exit(130)
+    except Exception as error:
+        if type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
+            print(f"plan: {error.format_message()}; see plan --help", file=sys.stderr)
+            sys.exit(2)
+        raise
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""What the commands do between parsing and printing: open files, call, write files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from ident.files import atomic_write
+from ident.model.hybrid import HybridModel
+from plan.errors import MethodError, SceneError
+from plan.planners import METHODS, Budget, default_budget, make_planner
+from plan.planners.base import Progress
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.problem.task_file import Task, Trial, load_task, load_trials
+from plan.solving.compare import Comparison, compare
+from plan.solving.set_up import require_valid_ends, set_up
+from plan.solving.solve import solve
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A task that was read and checked.
+
+    Attributes:
+        task: The scene file's contents.
+        problem: The problem, started from the straight line.
+        trial: Taught via points, if the user gave some.
+    """
+
+    task: Task
+    problem: PlanningProblem
+    trial: Trial | None
+
+
+def open_task(
+    scene: Path,
+    model: Path | None,
+    objective: str,
+    metric: str,
+    variables: str | None,
+    vias: Path | None,
+    trial: int,
+) -> Opened:
+    """Reads scene, model and taught via points, and checks start and goal.
+
+    Raises:
+        InputError: Any of them is at fault.
+    """
+    task = load_task(scene)
+    fitted = None if model is None else HybridModel.load(model)
+    problem = set_up(task, fitted, objective, metric, variables)  # type: ignore[arg-type]
+    require_valid_ends(problem, task)
+    taught = task.taught[0] if task.taught else None
+    if vias is not None:
+        trials = load_trials(vias, task.n)
+        if trial > len(trials):
+            raise SceneError(vias, f"it has {len(trials)} trials, not {trial}", f"use --trial 1 to {len(trials)}")
+        taught = trials[trial - 1]
+    return Opened(task, problem, taught)
+
+
+def solve_task(
+    opened: Opened,
+    method: str,
+    seed: int,
+    evaluations: int | None,
+    seconds: float | None,
+    gap: bool,
+    resume: Path | None,
+    progress: Progress | None,
+) -> PlanResult:
+    """Solves an opened task.
+
+    Raises:
+        MethodError: No such method, or not for this task.
+    """
+    make_planner(method, opened.problem.objective)
+    usual = default_budget(method)
+    budget = Budget(
+        usual.evaluations if evaluations is None else evaluations, usual.seconds if seconds is None else seconds
+    )
+    return solve(opened.problem, method, seed, budget, opened.trial, progress, resume, gap)
+
+
+def save_outputs(
+    opened: Opened, result: PlanResult, json_file: Path | None, picture: Path | None, rrd: Path | None
+) -> None:
+    """Writes what was asked for; pictures only of a motion."""
+    if json_file is not None:
+        result.save(json_file)
+    if result.splines is None:
+        return
+    if picture is not None:
+        from plan.show.pictures import draw_motion, save_figure
+
+        save_figure(draw_motion(opened.problem, result), picture)
+    if rrd is not None:
+        from plan.show.timeline import save_timeline
+
+        save_timeline(opened.problem, result, rrd)
+
+
+def compare_task(
+    opened: Opened,
+    methods: str | None,
+    seeds: int,
+    evaluations: int,
+    seconds: float,
+    progress: Progress | None,
+) -> Comparison:
+    """Compares methods on an opened task.
+
+    Raises:
+        MethodError: No such method.
+    """
+    chosen = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
+    if chosen is not None and not chosen:
+        raise MethodError("--methods", "names no method", f"use some of: {', '.join(METHODS)}")
+    name = opened.task.source.stem
+    return compare(opened.problem, name, chosen, seeds, evaluations, seconds, opened.trial, progress)
+
+
+def save_comparison(opened: Opened, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:
+    """Writes the record, and a folder with pictures and the best plan."""
+    if json_file is not None:
+        with atomic_write(json_file) as part:
+            part.write_text(json.dumps(comparison.to_dict(), indent=1) + "\n", encoding="utf-8")
+    best = comparison.best()
+    if out is None:
+        return
+    from plan.show.pictures import draw_comparison, draw_motion, save_figure
+    from plan.show.timeline import save_timeline
+
+    save_figure(draw_comparison(comparison), out / "comparison.png")
+    if best is not None:
+        save_figure(draw_motion(opened.problem, best), out / "best.png")
+        save_timeline(opened.problem, best, out / "best.rrd")
+        best.save(out / "best.json")

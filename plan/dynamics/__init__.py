@@ -1,0 +1,1 @@
+"""Torque and power of trajectories, in batches."""

@@ -1,0 +1,171 @@
+"""Torque, power and energy of trajectories, thousands at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal, Protocol
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float
+from plan.dynamics.chain import Chain
+from plan.dynamics.compiled_nets import ResidualTerm
+from plan.dynamics.newton_euler import _rnea
+from plan.spline import Splines
+
+Metric = Literal["signed", "positive", "absolute", "copper"]
+METRICS: tuple[Metric, ...] = ("signed", "positive", "absolute", "copper")
+# Gauss-Legendre points a section: exact for smooth power to far below a per cent.
+POINTS = 8
+
+
+class TorqueModel(Protocol):
+    """What the planner needs of a model: joint torque of batches of trajectories."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+
+    def torque(
+        self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
+    ) -> Float[Array, "B T n"]:
+        """Joint torque [N m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Loss figures of n joints: τ = B_m ddq + C_m dq + f_c sign(dq) + offset (paper, eq. 3, and an offset).
+
+    Attributes:
+        motor_inertia: B_m [kg m²].
+        viscous: C_m [N m s/rad].
+        coulomb: f_c [N m].
+        offset: Constant torque [N m].
+        transition_speed: Width v₀ of tanh(dq / v₀) in place of the sign, joint by joint; 0 for the sign [rad/s].
+    """
+
+    motor_inertia: Float[Array, " n"]
+    viscous: Float[Array, " n"]
+    coulomb: Float[Array, " n"]
+    offset: Float[Array, " n"]
+    transition_speed: Float[Array, " n"]
+
+    @classmethod
+    def zero(cls, n: int) -> Losses:
+        """No loss."""
+        return cls(*(np.zeros(n) for _ in range(5)))
+
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """What the compiled loop reads."""
+        parts = (self.motor_inertia, self.viscous, self.coulomb, self.offset, self.transition_speed)
+        return tuple(np.ascontiguousarray(part, dtype=float) for part in parts)
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _torque_states(rot, off, axes, sliding, mass, com, inertia, gravity, bm, cm, fc, offset, width, q, dq, ddq):  # type: ignore[no-untyped-def]
+    """Rigid torque with losses, and rigid torque alone."""
+    tau, rigid = np.empty(q.shape), np.empty(q.shape)
+    work = np.empty((q.shape[1], 18))
+    for t in range(q.shape[0]):
+        _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], ddq[t], work, rigid[t])
+        for j in range(q.shape[1]):
+            v = dq[t, j]
+            slip = np.tanh(v / width[j]) if width[j] > 0.0 else np.sign(v)
+            tau[t, j] = rigid[t, j] + bm[j] * ddq[t, j] + cm[j] * v + fc[j] * slip + offset[j]
+    return tau, rigid
+
+
+@dataclass(frozen=True, eq=False)
+class ChainTorque:
+    """Rigid body, losses and perhaps a net, compiled: eq. 1 of the paper for a planner's appetite.
+
+    Attributes:
+        chain: The arm as arrays.
+        losses: Loss figures.
+        net: Residual net of the chain's joints; None without.
+    """
+
+    chain: Chain
+    losses: Losses
+    net: ResidualTerm | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.chain.n
+
+    def torque(
+        self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
+    ) -> Float[Array, "B T n"]:
+        """Joint torque [N m]."""
+        flat_q, flat_dq, flat_ddq = (
+            np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)
+        )
+        tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, flat_q, flat_dq, flat_ddq)  # type: ignore[call-arg]
+        if self.net is not None:
+            tau += self.net.torque(flat_q, flat_dq, flat_ddq, rigid)
+        return tau.reshape(np.shape(q))
+
+
+@cache
+def section_nodes(points: int = POINTS) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Local times of a section and their weights: Gauss-Legendre inside, and both ends with weight zero.
+
+    The ends are where acceleration, and mostly torque, peaks: a cubic's acceleration is linear in each section.
+    """
+    x, w = np.polynomial.legendre.leggauss(points)
+    return np.concatenate([[0.0], (x + 1) / 2, [1.0]]), np.concatenate([[0.0], w / 2, [0.0]])
+
+
+def power_integrals(
+    tau: Float[Array, "B T n"], dq: Float[Array, "B T n"], weights: Float[Array, "B T"]
+) -> dict[Metric, Float[Array, " B"]]:
+    """Energy by every metric, summed over the joints.
+
+    signed: ∫ τ dq dt, the paper's eq. 8, which credits negative work; positive: braking is lost, not credited;
+    absolute: braking costs as much as driving; copper: ∫ τ² dt, what heats the motors.
+
+    Args:
+        tau, dq: Torque [N m] and speed [rad/s] at the nodes.
+        weights: Quadrature weights [s].
+
+    Returns:
+        Joules, and N² m² s for copper.
+    """
+    power = tau * dq
+    return {
+        "signed": (power.sum(axis=2) * weights).sum(axis=1),
+        "positive": (np.maximum(power, 0.0).sum(axis=2) * weights).sum(axis=1),
+        "absolute": (np.abs(power).sum(axis=2) * weights).sum(axis=1),
+        "copper": ((tau * tau).sum(axis=2) * weights).sum(axis=1),
+    }
+
+
+def energy(
+    model: TorqueModel, splines: Splines, metric: Metric, points: int = POINTS
+) -> tuple[Float[Array, " B"], Float[Array, "B n"]]:
+    """Energy of each trajectory by one metric [J], and the peak torque of each joint [N m].
+
+    Args:
+        model: Torque model.
+        splines: Trajectories.
+        metric: How power is counted, see `power_integrals`.
+        points: Gauss-Legendre points a section.
+    """
+    s, w = section_nodes(points)
+    q, dq, ddq = splines.states(s)
+    tau = model.torque(q, dq, ddq)
+    weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
+    return _integral(tau, dq, weights, metric), np.abs(tau).max(axis=1)
+
+
+def _integral(tau: Array, dq: Array, weights: Array, metric: Metric) -> Float[Array, " B"]:
+    rate = tau * tau if metric == "copper" else tau * dq
+    if metric == "absolute":
+        rate = np.abs(rate)
+    elif metric == "positive":
+        rate = np.maximum(rate, 0.0)
+    return np.einsum("btn,bt->b", rate, weights)

@@ -1,0 +1,78 @@
+"""May the arm do this? Limits of position, speed and torque, and no link near another, proven at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import RobotError
+from ident.robot.arm import ArmModel
+from ident.trajectories.limits import Limits, thin
+from ident.trajectories.reference import Motion
+from plan.geometry.scene import Scene
+
+# Links keep this distance [m]: an arm under test doesn't follow its commands to the millimetre.
+MARGIN = 0.01
+# Largest move of a joint between two looks of the quick check [rad].
+STEP = 0.04
+# Positions that the proof walks over at once.
+STRIDE = 4096
+
+
+class Feasibility:
+    """What one arm may be asked to do.
+
+    Args:
+        arm: The arm.
+    """
+
+    def __init__(self, arm: ArmModel) -> None:
+        self.limits = Limits(arm)
+        try:
+            self.scene: Scene | None = Scene.build(arm)
+        except RobotError:  # its meshes are not there: nothing is known of its shape
+            self.scene = None
+
+    @property
+    def checks_collisions(self) -> bool:
+        """Whether the arm's shape is known."""
+        return self.scene is not None
+
+    def allows(self, motion: Motion) -> bool:
+        """Whether a motion keeps all limits and, by the quick check, its distance from itself."""
+        limits = self.limits
+        if (motion.q < limits.lower).any() or (motion.q > limits.upper).any():
+            return False
+        if limits.excess(motion.q, motion.dq, motion.ddq) > 1.0:
+            return False
+        return self.scene is None or bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGIN)
+
+    def clearance(self, motion: Motion) -> float:
+        """A distance that the links keep at every instant, by Coal [m]; 0 where they can't be proven to keep any.
+
+        From a position in which a pair is d apart, it can't be nearer than c before the joints have moved by
+        (d − c) / lever; the walk goes on from the last position before that.
+        """
+        if self.scene is None or len(self.scene.pairs) == 0:
+            return 1.0
+        travel = np.concatenate([np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)])
+        for target in (MARGIN, 0.5 * MARGIN, 0.1 * MARGIN):
+            if _walk(self.scene, motion.q, travel, target):
+                return target
+        return 0.0
+
+
+def _walk(scene: Scene, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:
+    """Whether every pair is proven to keep a distance along a densely sampled path."""
+    at = 0
+    while True:
+        spare = scene.proximity.distances(q[at]) - target
+        if spare.min() <= 0.0:
+            return False
+        if at == len(q) - 1:
+            return True
+        moved = (travel[at + 1 : at + 1 + STRIDE] - travel[at]) @ scene.levers.T
+        short = np.flatnonzero((moved > spare).any(axis=1))
+        if len(short) and short[0] == 0:
+            return False  # a single tick could bring them too near
+        at += int(short[0]) if len(short) else len(moved)

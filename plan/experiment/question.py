@@ -1,0 +1,162 @@
+"""What the next motion is to tell: which models apart, which effect at all, or simply the arm's inertias."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.informative_motions import SHOWN_BY, family_for
+from ident.errors import InputError
+from ident.robot.arm import ArmModel
+from plan.experiment.distance import View
+from plan.experiment.indistinguishable import widen
+from plan.experiment.sizes import Told
+
+Aim = Literal["separate", "show", "identify"]
+SCHEMA = "ident.diagnosis/1"
+# Of a large class, the nearest are asked for: each pair costs time.
+MOST_EFFECTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A question to the arm.
+
+    Attributes:
+        aim: `separate` effects from each other, `show` effects, or `identify` the base parameters.
+        effects: Effects and their joints (0 for one of the whole arm).
+        joint: The joint that moves most.
+        told: What a diagnosis knows of their sizes, by effect.
+        noise: Noise of each joint [N m], or None.
+        tellable: Of the pairs (true, rival) those that motion can tell; None for all.
+    """
+
+    aim: Aim
+    effects: tuple[tuple[Effect, int], ...]
+    joint: int
+    told: Mapping[str, Told] = field(default_factory=dict)
+    noise: Array | None = None
+    tellable: tuple[tuple[str, str], ...] | None = None
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(effect.id for effect, _ in self.effects)
+
+    @property
+    def family(self) -> str:
+        """The kind of motion that is known to answer such questions."""
+        return family_for(self.ids) if self.ids else "wide"
+
+    def distances(self, view: View) -> dict[tuple[str, str], float]:
+        """All that must be large [nats]: nothing where the base parameters are asked for."""
+        if self.aim == "identify":
+            return {}
+        return view.between() if self.aim == "separate" else view.visible()
+
+    def counted(self, distances: Mapping[tuple[str, str], float]) -> list[float]:
+        """Those distances that motion can make large; all where it can make none large [nats]."""
+        return [value for pair, value in distances.items() if not self.tellable or pair in self.tellable]
+
+    def score(self, view: View) -> float:
+        """What the search makes large: the smallest distance; the information on a single model's parameters."""
+        if len(self.effects) < 2:
+            return view.information()
+        found = self.counted(self.distances(view))
+        # Where one effect is nearly contained in another, the rest still decides between motions.
+        return min(found) + 1e-3 * float(np.mean(found))
+
+
+def ask(arm: ArmModel, separate: str | None, joint: str | None, diagnosis: Path | None) -> Question:
+    """The question that options ask.
+
+    Args:
+        arm: The arm.
+        separate: Effects' ids, with commas.
+        joint: Name or number from 1.
+        diagnosis: JSON file of `ident diagnose`.
+
+    Raises:
+        InputError: Unknown effect or joint, or a file that is no diagnosis of this arm.
+    """
+    record = {} if diagnosis is None else _read(diagnosis, arm)
+    ids = [name.strip() for name in (separate or "").split(",") if name.strip()]
+    names: list[str] = []
+    aim: Aim = "separate" if len(ids) > 1 else "show"
+    if not ids and record:
+        ids, names, aim = _open_question(record)
+    effects = widen(list(dict.fromkeys(ids))[:MOST_EFFECTS])
+    at = _joint(arm, joint or (names[0] if names else _told_joint(record, ids)))
+    placed = tuple((effect, at if effect.scope == "joint" else 0) for effect in effects)
+    return Question(aim if ids else "identify", placed, at, _told(record), _noise(record, arm))
+
+
+def _read(path: Path, arm: ArmModel) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"can't be read ({error})", "give the file of `ident diagnose --json`") from None
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise InputError(path, f"is no {SCHEMA}", "give the file of `ident diagnose --json`")
+    unknown = [name for name in record["joints"] if name not in arm.joint_names]
+    if unknown:
+        raise InputError(path, f"it speaks of {unknown[0]}, which {arm.name} lacks", "give the robot that it is of")
+    return record
+
+
+def _open_question(record: Mapping[str, Any]) -> tuple[list[str], list[str], Aim]:
+    """The first tied class; else the effects that one kind of motion would show."""
+    known = {effect.id for effect in CATALOGUE}
+    for finding in record["findings"]:
+        tied = [name for name in finding["class"] if name in known]
+        if len(tied) > 1:
+            return tied, list(finding["joints"]), "separate"
+    unseen = [one for one in record["not_testable"] if one["effect"] in known]
+    if not unseen:
+        return [], [], "identify"
+    family = Counter(SHOWN_BY[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][0]
+    wanted = [one for one in unseen if SHOWN_BY[one["effect"]] == family]
+    joint = Counter(name for one in wanted for name in one["joints"]).most_common(1)[0][0]
+    return list(dict.fromkeys(one["effect"] for one in wanted)), [joint], "show"
+
+
+def _told_joint(record: Mapping[str, Any], ids: Sequence[str]) -> str | None:
+    """The joint at which a diagnosis found one of the effects."""
+    for finding in record.get("findings", []):
+        if set(ids) & set(finding["class"]):
+            return str(finding["joints"][0])
+    return None
+
+
+def _joint(arm: ArmModel, name: str | None) -> int:
+    """Its index; of the joint that carries most, where none is named."""
+    if name is None:
+        poses = np.random.default_rng(0).uniform(-1.0, 1.0, (64, arm.n))
+        return int(np.argmax(np.std(arm.gravity(poses), axis=0)))
+    if name in arm.joint_names:
+        return arm.joint_names.index(name)
+    if name.isdecimal() and 1 <= int(name) <= arm.n:
+        return int(name) - 1
+    raise InputError("--joint", f"no joint {name!r}", f"choose from: {', '.join(arm.joint_names)}")
+
+
+def _told(record: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    return {
+        finding["effect"]: {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+        for finding in record.get("findings", [])
+    }
+
+
+def _noise(record: Mapping[str, Any], arm: ArmModel) -> Array | None:
+    gap = record.get("gap") or {}
+    if any(name not in gap for name in arm.joint_names):
+        return None
+    return np.array([float(gap[name]["noise_floor_Nm"]) for name in arm.joint_names])

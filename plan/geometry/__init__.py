@@ -1,0 +1,1 @@
+"""Shapes, distances, and the proof of clearance between samples."""

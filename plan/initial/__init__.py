@@ -1,0 +1,1 @@
+"""Where the planners start: random starts, detours around obstacles, RRT paths."""

@@ -1,0 +1,1 @@
+"""What is asked: the task, its file, and the result that certifies itself."""

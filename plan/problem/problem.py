@@ -1,0 +1,261 @@
+"""PlanningProblem: what is to be found, its limits, and how good a batch of candidates is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, freeze
+from plan.dynamics.manipulability import Manipulability
+from plan.dynamics.power import Metric, TorqueModel, _integral, section_nodes
+from plan.geometry.scene import Scene
+from plan.spline import Splines
+
+Objective = Literal["energy", "time"]
+Free = Literal["vias", "times", "both"]
+OBJECTIVES: tuple[Objective, ...] = ("energy", "time")
+FREE: tuple[Free, ...] = ("vias", "times", "both")
+
+# Limits are kept to this share during the search: torque is sampled there, and checked densely afterwards.
+SHARE = 0.998
+# A sum of broken limits up to this counts as none: a millionth of a limit, or 20 nm.
+TOLERANCE = 1e-6
+# The search stays this far inside the position limits [rad], so that what the tolerance lets pass is inside too.
+INSIDE = 0.999 * TOLERANCE
+# Section durations may shrink to this share of the initial ones, or grow to its inverse.
+SQUEEZE = 0.05
+# Local times at which torque is looked at where time is the objective, and torque the limit.
+TIME_NODES = np.linspace(0.0, 1.0, 25)
+# Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost.
+SINGULAR = 0.02
+SINGULAR_PENALTY = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What the motion has to keep.
+
+    Attributes:
+        lower, upper: Position limits [rad].
+        speed: Speed limits [rad/s].
+        torque: Torque limits [N m].
+        clearance: Smallest distance to keep [m].
+    """
+
+    lower: Float[Array, " n"]
+    upper: Float[Array, " n"]
+    speed: Float[Array, " n"]
+    torque: Float[Array, " n"]
+    clearance: float
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper", "speed", "torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a batch of candidates costs and breaks.
+
+    Attributes:
+        cost: Energy by the metric [J] or duration [s], with the penalty for singular positions.
+        collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
+        speed, torque: Worst excess over the limit, as a share of it.
+        position: Worst excess over the position limits [rad].
+        gap: Smallest separation seen [m].
+        peak: Peak torque of each joint [N m].
+    """
+
+    cost: Float[Array, " B"]
+    collision: Float[Array, " B"]
+    speed: Float[Array, " B"]
+    torque: Float[Array, " B"]
+    position: Float[Array, " B"]
+    gap: Float[Array, " B"]
+    peak: Float[Array, "B n"]
+
+    @property
+    def violation(self) -> Float[Array, " B"]:
+        """Sum of all that is broken; zero where nothing is."""
+        return self.collision + self.speed + self.torque + self.position
+
+    @property
+    def feasible(self) -> Bool[Array, " B"]:
+        """Whether nothing is broken."""
+        return self.violation <= TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """One search: from one initial trajectory, over its via points, its section durations, or both.
+
+    The decision vector holds the V·n via angles [rad], if free, then V + 1 numbers for the durations, if free: their
+    logarithms for the time objective, and logarithms of shares of the fixed whole for the energy objective.
+
+    Attributes:
+        scene: Boxes and pairs.
+        model: Torque model.
+        limits: Limits.
+        start, goal: Ends of the motion [rad].
+        vias: Initial via points [rad].
+        durations: Initial section durations [s].
+        objective: `energy` at fixed whole duration, or `time`.
+        metric: How energy is counted.
+        free: What is searched.
+        radius: How far a via angle may go from the initial one [rad].
+        label: Where the initial trajectory comes from.
+    """
+
+    scene: Scene
+    model: TorqueModel
+    limits: Limits
+    start: Float[Array, " n"]
+    goal: Float[Array, " n"]
+    vias: Float[Array, "V n"]
+    durations: Float[Array, " S"]
+    objective: Objective = "energy"
+    metric: Metric = "absolute"
+    free: Free = "vias"
+    radius: float = np.pi / 2
+    label: str = "straight"
+
+    def __post_init__(self) -> None:
+        for name in ("start", "goal", "vias", "durations"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.start)
+
+    @property
+    def via_count(self) -> int:
+        """Number of via points V."""
+        return len(self.vias)
+
+    @property
+    def dimension(self) -> int:
+        """Length of the decision vector."""
+        return len(self.initial)
+
+    @property
+    def searches_vias(self) -> bool:
+        """Whether via angles are free."""
+        return self.free in ("vias", "both")
+
+    @property
+    def searches_times(self) -> bool:
+        """Whether section durations are free."""
+        return self.free in ("times", "both")
+
+    @cached_property
+    def initial(self) -> Float[Array, " d"]:
+        """Decision vector of the initial trajectory."""
+        return freeze(self.encode(self.vias, self.durations))
+
+    @cached_property
+    def lower(self) -> Float[Array, " d"]:
+        """Lower bounds of the decision vector."""
+        vias = np.maximum(self.vias - self.radius, self.limits.lower)
+        return freeze(self._join(vias, np.log(self.durations * SQUEEZE)))
+
+    @cached_property
+    def upper(self) -> Float[Array, " d"]:
+        """Upper bounds of the decision vector."""
+        vias = np.minimum(self.vias + self.radius, self.limits.upper)
+        return freeze(self._join(vias, np.log(self.durations / SQUEEZE)))
+
+    def encode(self, vias: Float[Array, "V n"], durations: Float[Array, " S"]) -> Float[Array, " d"]:
+        """Decision vector of a trajectory."""
+        return self._join(np.asarray(vias), np.log(durations))
+
+    def decode(self, x: Float[Array, "B d"]) -> Splines:
+        """Trajectories of a batch of decision vectors, which are clipped to their bounds."""
+        x = np.clip(np.atleast_2d(x), self.lower, self.upper)
+        batch, split = len(x), self.via_count * self.n if self.searches_vias else 0
+        vias = x[:, :split].reshape(batch, -1, self.n) if self.searches_vias else np.repeat(self.vias[None], batch, 0)
+        ends = [np.broadcast_to(end, (batch, 1, self.n)) for end in (self.start, self.goal)]
+        durations = np.exp(x[:, split:]) if self.searches_times else np.repeat(self.durations[None], batch, 0)
+        if self.objective == "energy":
+            durations = durations * (self.durations.sum() / durations.sum(axis=1, keepdims=True))
+        return Splines(np.concatenate([ends[0], vias, ends[1]], axis=1), durations)
+
+    def evaluate(self, x: Float[Array, "B d"]) -> Evaluation:
+        """Cost and broken limits of a batch of decision vectors."""
+        splines = self.decode(x)
+        s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
+        q, dq, ddq = splines.states(s)
+        tau = self.model.torque(q, dq, ddq)
+        weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
+        cost = splines.total if self.objective == "time" else _integral(tau, dq, weights, self.metric)
+        peak = np.abs(tau).max(axis=1)
+        gap, shortfall = self.scene.sweep(splines, self.margin)
+        over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
+        return Evaluation(
+            cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)),
+            collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,
+            speed=_excess(splines.top_speed / (SHARE * self.limits.speed)),
+            torque=_excess(peak / (SHARE * self.limits.torque)),
+            position=np.maximum(over, 0.0),
+            gap=gap,
+            peak=peak,
+        )
+
+    @cached_property
+    def margin(self) -> float:
+        """Clearance asked of the motion: the limits' own, or half of what start and goal have if less [m]."""
+        ends = self.scene.separation(np.stack([self.start, self.goal]))
+        return float(min(self.limits.clearance, 0.5 * max(ends.min(), 0.0)))
+
+    @cached_property
+    def initial_evaluation(self) -> Evaluation:
+        """The initial trajectory's evaluation."""
+        return self.evaluate(self.initial[None])
+
+    @property
+    def scale(self) -> float:
+        """Cost of the initial trajectory, by which rewards and penalties are measured."""
+        return max(float(np.abs(self.initial_evaluation.cost[0])), 1e-9)
+
+    def penalised(self, evaluation: Evaluation) -> Float[Array, " B"]:
+        """One number to minimise: cost as a share of the initial one, and a penalty for what is broken."""
+        broken = evaluation.violation
+        return evaluation.cost / self.scale + np.minimum(3.0 * broken, 20.0) + 0.3 * (broken > TOLERANCE)
+
+    def with_initial(self, splines: Splines, **changes: object) -> PlanningProblem:
+        """The same problem started from another trajectory (the first of a batch)."""
+        return replace(
+            self,
+            vias=splines.points[0, 1:-1],
+            durations=splines.durations[0],
+            **changes,  # type: ignore[arg-type]
+        )
+
+    def _join(self, vias: Array, logarithms: Array) -> Array:
+        parts = [vias.reshape(-1)] if self.searches_vias else []
+        return np.concatenate([*parts, logarithms] if self.searches_times else parts)
+
+    @cached_property
+    def _manipulability(self) -> Manipulability:
+        return Manipulability(self.scene.arm)
+
+    @cached_property
+    def _singular_below(self) -> float:
+        """Threshold of manipulability: lower where start or goal are themselves near a singular position."""
+        ends = self._manipulability(np.stack([self.start, self.goal]))
+        return float(min(SINGULAR, 0.9 * ends.min()))
+
+    def _singular(self, q: Float[Array, "B T n"]) -> Float[Array, " B"]:
+        """How singular each trajectory gets, 0 (not) to 1, from every third node."""
+        some = q[:, ::3]
+        measure = self._manipulability(some.reshape(-1, self.n)).reshape(some.shape[:2])
+        if self._singular_below <= 0.0:
+            return np.zeros(len(q))
+        return np.maximum(1.0 - measure / self._singular_below, 0.0).max(axis=1)
+
+
+def _excess(ratio: Float[Array, "B n"]) -> Float[Array, " B"]:
+    return np.maximum(ratio.max(axis=1) - 1.0, 0.0)

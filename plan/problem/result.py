@@ -1,0 +1,193 @@
+"""PlanResult: a plan that certifies itself, and `plan.problem.result/1`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.files import atomic_write
+from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
+from plan.geometry.clearance_proof import Clearance, prove_clearance
+from plan.problem.problem import PlanningProblem
+from plan.spline import Splines
+
+SCHEMA = "plan.result/1"
+Status = Literal["solved", "infeasible", "budget_spent"]
+# A limit counts as kept up to this excess, as a share: rounding, not engineering.
+ROUNDING = 1e-9
+# Clearance may fall short of what was asked for by this [m].
+CLEARANCE_SHORT = 5e-4
+# Quadrature points a section of the certificate: friction that turns round inside a section needs many.
+FINE = 200
+# Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
+# share of the limit, how many more: where a joint turns round, friction jumps within a millisecond.
+DENSE, NEAR_LIMIT, CLOSER = 400, 0.96, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What a motion is, computed afresh and densely, not as the search saw it.
+
+    Attributes:
+        energy: Energy by every metric [J], and N² m² s for copper.
+        torque_share, speed_share: Peak of each joint as a share of its limit.
+        position_margin: Smallest distance to a position limit [rad].
+        clearance: Proven clearance.
+        asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
+    """
+
+    energy: dict[Metric, float]
+    torque_share: Float[Array, " n"]
+    speed_share: Float[Array, " n"]
+    position_margin: float
+    clearance: Clearance
+    asked_clearance: float = 0.0
+
+    @property
+    def broken(self) -> list[str]:
+        """What the motion breaks, in words; empty if nothing."""
+        found = []
+        for name, share in (("torque", self.torque_share), ("speed", self.speed_share)):
+            for joint, value in enumerate(share, start=1):
+                if value > 1.0 + ROUNDING:
+                    found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit")
+        if self.position_margin < -ROUNDING:
+            found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
+        if not self.clearance.collision_free:
+            found.append(f"{self.clearance.pair} collide at {self.clearance.time:.3f} s")
+        elif self.clearance.proven < self.asked_clearance - CLEARANCE_SHORT:
+            near = f"{1000 * self.clearance.proven:.1f} mm at {self.clearance.time:.3f} s"
+            found.append(f"{self.clearance.pair} come within {near}")
+        return found
+
+
+def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
+    """Checks the first of a batch of motions: energy, limits on a dense grid, clearance at every instant."""
+    s, w = section_nodes(FINE)
+    q, dq, ddq = splines.states(s)
+    tau = problem.model.torque(q, dq, ddq)
+    weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
+    energy = {metric: float(value[0]) for metric, value in power_integrals(tau, dq, weights).items()}
+    limits = problem.limits
+    margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
+    return Certificate(
+        energy=energy,
+        torque_share=_torque_share(problem, splines),
+        speed_share=splines.top_speed[0] / limits.speed,
+        position_margin=margin,
+        clearance=prove_clearance(problem.scene, splines),
+        asked_clearance=problem.margin,
+    )
+
+
+def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
+    """Peak torque of each joint as a share of its limit: densely everywhere, and closer where it comes near."""
+    s = np.linspace(0.0, 1.0, DENSE)
+    share = np.abs(problem.model.torque(*splines.states(s))[0]) / problem.limits.torque
+    near = (share.max(axis=1) > NEAR_LIMIT).reshape(-1, DENSE)
+    section, cell = np.nonzero(near[:, :-1] | near[:, 1:])
+    if len(section) == 0:
+        return share.max(axis=0)
+    durations = splines.durations[0]
+    begin = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
+    inside = cell[:, None] + np.arange(1, CLOSER) / CLOSER
+    times = (begin[section, None] + durations[section, None] * inside / (DENSE - 1)).reshape(-1)
+    closer = problem.model.torque(*(part[None] for part in splines.at(times)))[0]
+    return np.maximum(share.max(axis=0), np.abs(closer).max(axis=0) / problem.limits.torque)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """Outcome of one planning task.
+
+    Attributes:
+        status: `solved`, `infeasible` or `budget_spent`.
+        method, objective, metric, seed: What was asked for.
+        reason: Why there is no plan; empty where there is one.
+        splines: The motion, a batch of one; None without.
+        certificate: What the motion was found to be.
+        evaluations, seconds, cpu_seconds: What was spent; processor time is that of the process alone.
+        reference_gap: Cost above the reference's, as a share; None if that was not computed.
+        starts: One record an initial trajectory: label, via points, cost reached, reason where it failed.
+        history: Evaluations, seconds and best cost, each time it fell.
+        notes: Remarks of the planner.
+    """
+
+    status: Status
+    method: str
+    objective: str
+    metric: Metric
+    seed: int
+    reason: str = ""
+    splines: Splines | None = None
+    certificate: Certificate | None = None
+    evaluations: int = 0
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    reference_gap: float | None = None
+    starts: tuple[dict[str, Any], ...] = ()
+    history: tuple[tuple[int, float, float], ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a certified plan."""
+        return self.status == "solved"
+
+    @property
+    def cost(self) -> float:
+        """Energy by the metric [J] or duration [s]; infinite without a plan."""
+        if self.certificate is None or self.splines is None or not self.solved:
+            return float("inf")
+        return float(self.splines.total[0]) if self.objective == "time" else self.certificate.energy[self.metric]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record of `plan.problem.result/1`; lengths in m, angles in rad."""
+        record: dict[str, Any] = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "reason": self.reason,
+            "method": self.method,
+            "objective": self.objective,
+            "metric": self.metric,
+            **self._motion(),
+            "evaluations": self.evaluations,
+            "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
+            "seed": self.seed,
+            "reference_gap": self.reference_gap,
+            "starts": list(self.starts),
+            "history": [list(row) for row in self.history if np.isfinite(row[2])],
+            "notes": list(self.notes),
+        }
+        return record
+
+    def _motion(self) -> dict[str, Any]:
+        if self.splines is None or self.certificate is None:
+            return {}
+        certificate, points = self.certificate, self.splines.points[0]
+        energy = certificate.energy
+        return {
+            "energy_J": {metric: energy[metric] for metric in METRICS if metric != "copper"},
+            "copper_N2m2s": energy["copper"],
+            "duration_s": float(self.splines.total[0]),
+            "peak_torque_share": certificate.torque_share.tolist(),
+            "peak_speed_share": certificate.speed_share.tolist(),
+            "collision_free": certificate.clearance.collision_free,
+            "clearance_m": certificate.clearance.proven,
+            "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},
+            "start_rad": points[0].tolist(),
+            "goal_rad": points[-1].tolist(),
+            "via_points_rad": points[1:-1].tolist(),
+            "times_s": np.cumsum(self.splines.durations[0])[:-1].tolist(),
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Writes the record as JSON, whole or not at all."""
+        with atomic_write(path) as part:
+            part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")

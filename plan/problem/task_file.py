@@ -1,0 +1,247 @@
+"""Scene files: what the arm is to do, and what stands in its way."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.robot.urdf import rpy_to_matrix
+from plan.errors import SceneError
+from plan.geometry.boxes import Box
+
+KEYS = {
+    "": {"robot", "task", "limits", "obstacle", "trial"},
+    "task": {
+        "start_deg",
+        "goal_deg",
+        "duration_s",
+        "via_points",
+        "wrist_deg",
+        "clearance_m",
+        "reach_deg",
+        "via_points_deg",
+        "times_s",
+    },
+    "limits": {"torque_Nm", "speed_deg_s"},
+    "obstacle": {"name", "size_m", "xyz_m", "rpy_rad"},
+}
+DEFAULT_CLEARANCE = 0.005
+DEFAULT_REACH_DEG = 90.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One set of taught via points.
+
+    Attributes:
+        name: Its name.
+        vias: Via points [rad].
+        times: Their time stamps [s]; None if they are to be found.
+    """
+
+    name: str
+    vias: Float[Array, "V n"]
+    times: Float[Array, " V"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a scene file says.
+
+    Attributes:
+        source: The file.
+        robot: Name or URDF path.
+        start, goal: Ends [rad].
+        duration: Duration of the motion, or of the one to start from where time is the objective [s].
+        via_points: Via points at least.
+        wrist: Positions of the joints that do not move [rad]; zeros if None.
+        clearance: Distance to keep [m].
+        reach: How far a via angle may go from the initial one [rad].
+        torque, speed: Limits other than the robot's [N m, rad/s]; None for the robot's.
+        obstacles: Boxes in the base frame.
+        taught: Via points of the file itself.
+    """
+
+    source: Path
+    robot: str
+    start: Float[Array, " n"]
+    goal: Float[Array, " n"]
+    duration: float
+    via_points: int = 2
+    wrist: Float[Array, " k"] | None = None
+    clearance: float = DEFAULT_CLEARANCE
+    reach: float = math.radians(DEFAULT_REACH_DEG)
+    torque: Float[Array, " n"] | None = None
+    speed: Float[Array, " n"] | None = None
+    obstacles: tuple[Box, ...] = ()
+    taught: tuple[Trial, ...] = field(default_factory=tuple)
+
+    @property
+    def n(self) -> int:
+        """Number of joints that move."""
+        return len(self.start)
+
+
+def load_task(path: str | Path) -> Task:
+    """Reads a scene file.
+
+    Raises:
+        SceneError: Not TOML, a key is missing, unknown or of the wrong kind.
+    """
+    file = Path(path)
+    document = _read(file)
+    reader = _Reader(file)
+    reader.known("", document)
+    task = reader.table(document, "task")
+    limits = document.get("limits", {})
+    start = reader.numbers(task, "task.start_deg")
+    count = len(start)
+    taught = _taught(reader, task, count)
+    via_points = len(taught[0].vias) if taught else reader.whole(task, "task.via_points", 2)
+    return Task(
+        source=file,
+        robot=reader.text(document, "robot"),
+        start=np.radians(start),
+        goal=np.radians(reader.numbers(task, "task.goal_deg", count)),
+        duration=reader.number(task, "task.duration_s"),
+        via_points=via_points,
+        wrist=None if "wrist_deg" not in task else np.radians(reader.numbers(task, "task.wrist_deg")),
+        clearance=reader.number(task, "task.clearance_m", DEFAULT_CLEARANCE),
+        reach=math.radians(reader.number(task, "task.reach_deg", DEFAULT_REACH_DEG, least=1e-3)),
+        torque=None if "torque_Nm" not in limits else reader.positive(limits, "limits.torque_Nm", count),
+        speed=None if "speed_deg_s" not in limits else np.radians(reader.positive(limits, "limits.speed_deg_s", count)),
+        obstacles=tuple(_obstacle(reader, entry, i) for i, entry in enumerate(document.get("obstacle", []), start=1)),
+        taught=taught,
+    )
+
+
+def load_trials(path: str | Path, joints: int) -> list[Trial]:
+    """Reads a file of taught via points: `[[trial]]` tables with `via_points_deg`, and `name`, `times_s` if known.
+
+    Raises:
+        SceneError: Not such a file.
+    """
+    file = Path(path)
+    document, reader = _read(file), _Reader(file)
+    entries = document.get("trial")
+    if not isinstance(entries, list) or not entries:
+        raise SceneError(file, "it has no [[trial]] table", "give one [[trial]] with via_points_deg a taught motion")
+    return [_trial(reader, entry, f"trial {i}", joints) for i, entry in enumerate(entries, start=1)]
+
+
+def _taught(reader: _Reader, task: Mapping[str, Any], joints: int) -> tuple[Trial, ...]:
+    return (_trial(reader, task, "task", joints),) if "via_points_deg" in task else ()
+
+
+def _trial(reader: _Reader, entry: Any, name: str, joints: int) -> Trial:
+    if not isinstance(entry, dict) or "via_points_deg" not in entry:
+        raise SceneError(reader.file, f"{name} has no via_points_deg", "give rows of joint angles in degrees")
+    rows = entry["via_points_deg"]
+    if not isinstance(rows, list) or not rows:
+        raise SceneError(reader.file, f"{name}: via_points_deg is not a list of rows", "give rows of joint angles")
+    vias = [reader.numbers({"row": row}, f"{name}.row", joints) for row in rows]
+    times = None
+    if "times_s" in entry:
+        times = reader.positive(entry, f"{name}.times_s", len(rows))
+        if np.any(np.diff(times) <= 0):
+            raise SceneError(reader.file, f"{name}: times_s do not increase", "give one later stamp a via point")
+    return Trial(str(entry.get("name", name)), np.radians(np.array(vias)), times)
+
+
+def _obstacle(reader: _Reader, entry: Any, number: int) -> Box:
+    key = f"obstacle {number}"
+    if not isinstance(entry, dict):
+        raise SceneError(reader.file, f"{key} is not a table", "write [[obstacle]] and its keys")
+    reader.known("obstacle", entry, key)
+    size = reader.numbers(entry, f"{key}.size_m", 3)
+    if np.any(size <= 0):
+        raise SceneError(
+            reader.file, f"{key}: size_m {size.tolist()} has a side that is not above zero", "give lengths"
+        )
+    rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
+    centre = reader.numbers(entry, f"{key}.xyz_m", 3)
+    return Box(str(entry.get("name", key)), 0, rotation, centre, size / 2)
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise SceneError(file, "no such file", "give a scene file (TOML)") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(file, f"can't be read ({error})", "give a scene file (TOML)") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(file, f"not TOML ({error})", "mend that line") from None
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads keys with a message that names file and key."""
+
+    file: Path
+
+    def known(self, table: str, entry: Mapping[str, Any], name: str = "") -> None:
+        unknown = sorted(set(entry) - KEYS[table])
+        if unknown:
+            place = f"{name or table or 'file'}: "
+            raise SceneError(
+                self.file, f"{place}unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(KEYS[table]))}"
+            )
+        for inner in ("task", "limits"):
+            if table == "" and isinstance(entry.get(inner), dict):
+                self.known(inner, entry[inner])
+
+    def table(self, entry: Mapping[str, Any], key: str) -> dict[str, Any]:
+        found = entry.get(key)
+        if not isinstance(found, dict):
+            raise SceneError(self.file, f"it has no [{key}] table", "add one")
+        return found
+
+    def text(self, entry: Mapping[str, Any], key: str) -> str:
+        found = entry.get(key)
+        if not isinstance(found, str) or not found:
+            raise SceneError(self.file, f"{key} is missing", f'add {key} = "…"')
+        return found
+
+    def number(self, entry: Mapping[str, Any], key: str, default: float | None = None, least: float = 0.0) -> float:
+        found = entry.get(key.rsplit(".", 1)[-1], default)
+        if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found) or found < least:
+            raise SceneError(self.file, f"{key} is {found!r}, not a number of {least:g} or more", "give a number")
+        return float(found)
+
+    def whole(self, entry: Mapping[str, Any], key: str, default: int) -> int:
+        found = entry.get(key.rsplit(".", 1)[-1], default)
+        if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= 20:
+            raise SceneError(self.file, f"{key} is {found!r}, not a whole number from 1 to 20", "give one")
+        return found
+
+    def numbers(
+        self, entry: Mapping[str, Any], key: str, count: int | None = None, default: Array | None = None
+    ) -> Float[Array, " k"]:
+        found = entry.get(key.rsplit(".", 1)[-1], default)
+        if found is None:
+            raise SceneError(self.file, f"{key} is missing", "add it")
+        try:
+            values = np.array(found, dtype=float)
+        except (TypeError, ValueError):
+            values = np.array(np.nan)
+        if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all():
+            raise SceneError(self.file, f"{key} is {found!r}, not a list of numbers", "give a list of numbers")
+        if count is not None and len(values) != count:
+            raise SceneError(self.file, f"{key} has {len(values)} numbers, not {count}", f"give {count}")
+        return values
+
+    def positive(self, entry: Mapping[str, Any], key: str, count: int) -> Float[Array, " k"]:
+        values = self.numbers(entry, key, count)
+        if np.any(values <= 0):
+            raise SceneError(
+                self.file, f"{key} {values.tolist()} is not above zero throughout", "give positive numbers"
+            )
+        return values

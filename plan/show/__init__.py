@@ -1,0 +1,1 @@
+"""Console, pictures and the Rerun timeline of a plan."""

@@ -1,0 +1,128 @@
+"""What the commands print: tables, progress and plain lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from plan.planners.base import Progress as Callback
+from plan.problem.result import PlanResult
+from plan.solving.compare import Comparison
+
+UNITS = {"energy": "J", "time": "s"}
+
+
+def make_console() -> Console:
+    """Standard output; wide where it is no terminal, since a file has no edge."""
+    console = Console()
+    return console if console.is_terminal else Console(width=160)
+
+
+@contextmanager
+def progress_bar(console: Console, label: str) -> Iterator[Callback]:
+    """Lends a callback (evaluations, allowed, best cost): a bar on a terminal, lines at powers of ten elsewhere."""
+    if not console.is_terminal:
+        said = [1000]
+
+        def line(done: int, total: int, cost: float) -> None:
+            if done >= said[0]:
+                said[0] *= 10
+                console.print(f"{label}: {done} evaluations, best {cost:.4g}")
+
+        yield line
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(label, total=None)
+
+        def bar(done: int, total: int, cost: float) -> None:
+            progress.update(task, completed=done, description=f"{label} (best {cost:.4g})")
+
+        yield bar
+
+
+def print_result(console: Console, result: PlanResult) -> None:
+    """A plan and its certificate, or why there is none."""
+    colour = "green" if result.solved else "red"
+    spent = f"{result.evaluations} evaluations, {result.seconds:.2f} s"
+    console.print(f"[{colour}]{result.status}[/] by {result.method}, {spent}")
+    if result.reason:
+        console.print(f"reason: {escape(result.reason)}", soft_wrap=True)
+    _print_starts(console, result)
+    certificate, splines = result.certificate, result.splines
+    if not result.solved or certificate is None or splines is None:
+        return
+    energy = ", ".join(f"{name} {value:.2f}" for name, value in certificate.energy.items() if name != "copper")
+    console.print(f"energy [J]: {energy}; copper {certificate.energy['copper']:.1f} N² m² s")
+    console.print(f"duration: {float(splines.total[0]):.4f} s")
+    for name, share in (("torque", certificate.torque_share), ("speed", certificate.speed_share)):
+        console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
+    clearance = certificate.clearance
+    console.print(
+        f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too ({escape(clearance.pair)}, "
+        f"{clearance.time:.3f} s)"
+    )
+    if result.reference_gap is not None and result.method != "reference":
+        console.print(f"gap to the reference: {100 * result.reference_gap:+.2f} %")
+    stamps = np.cumsum(splines.durations[0])[:-1]
+    if len(stamps) <= 10:
+        for stamp, via in zip(stamps, np.degrees(splines.points[0, 1:-1]), strict=True):
+            console.print(f"  via at {stamp:.4f} s: {', '.join(f'{angle:.2f}' for angle in via)} deg")
+    for note in result.notes:
+        console.print(f"note: {escape(note)}", soft_wrap=True)
+
+
+def _print_starts(console: Console, result: PlanResult) -> None:
+    if len(result.starts) < 2:
+        return
+    table = Table(title="initial trajectories", title_justify="left")
+    for name in ("start", f"cost reached [{UNITS[result.objective]}]", "reason"):
+        table.add_column(name)
+    for record in result.starts:
+        cost, reason = record.get("cost"), record["reason"]
+        if "violation" in record and cost is None:
+            reason = reason or "not made feasible"
+        table.add_row(record["label"], "" if cost is None else f"{cost:.3f}", reason)
+    console.print(table)
+
+
+def print_comparison(console: Console, comparison: Comparison) -> None:
+    """Medians over the seeds, a row a method."""
+    unit = UNITS[comparison.objective]
+    table = Table(title=f"{comparison.name}: medians over the seeds", title_justify="left")
+    columns = (
+        "method",
+        "solved",
+        f"cost [{unit}]",
+        "worst",
+        f"at {comparison.evaluations} evaluations",
+        f"at {comparison.seconds:g} s",
+        "evaluations",
+        "time [s]",
+        "clearance [mm]",
+        "above the best [%]",
+    )
+    for name in columns:
+        table.add_column(name, justify="left" if name == "method" else "right")
+    for row in comparison.summary():
+        clear = "" if row["clearance_m"] is None else f"{1000 * row['clearance_m']:.1f}"
+        table.add_row(
+            row["method"],
+            f"{row['solved']}/{row['runs']}",
+            *(_number(row[key]) for key in ("cost", "worst", "cost_at_evaluations", "cost_at_seconds")),
+            str(row["evaluations"]),
+            f"{row['seconds']:.2f}",
+            clear,
+            "" if row["above_best"] is None else f"{100 * row['above_best']:.2f}",
+        )
+    console.print(table)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,152 @@
+"""Pictures of plans: motion, torques before and after, power, and cost against evaluations and time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from ident.files import atomic_write
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.solving.compare import Comparison
+from plan.spline import Splines
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+SAMPLES = 400
+BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Writes a figure, whole or not at all."""
+    with atomic_write(path) as part:
+        figure.savefig(part, dpi=130, bbox_inches="tight")
+    plt.close(figure)
+
+
+def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
+    """Angles, torques against their limits and power of a plan, a column a joint, with the initial motion behind.
+
+    The torque row is the paper's Fig. 13: before and after.
+    """
+    assert result.splines is not None
+    n = problem.n
+    figure, axes = plt.subplots(3, n, figsize=(3.2 * n, 7), sharex=True, squeeze=False)
+    before = problem.decode(problem.initial)
+    for splines, colour, label in ((before, BEFORE, _initial_words(problem)), (result.splines, AFTER, "this plan")):
+        times, q, dq, tau = _profiles(problem, splines)
+        for j in range(n):
+            axes[0, j].plot(times, np.degrees(q[:, j]), color=colour, label=label)
+            axes[1, j].plot(times, tau[:, j], color=colour)
+            axes[2, j].plot(times, tau[:, j] * dq[:, j], color=colour)
+    stamps = np.cumsum(result.splines.durations[0])[:-1]
+    for j in range(n):
+        if len(stamps) <= 10:
+            angles = np.degrees(result.splines.points[0, 1:-1, j])
+            axes[0, j].plot(stamps, angles, "o", color=AFTER, ms=4, label="via points")
+        _draw_limits(axes[1, j], problem.limits.torque[j])
+        axes[0, j].set_title(problem.scene.arm.joint_names[j])
+        axes[2, j].set_xlabel("time [s]")
+        axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
+    for row, name in enumerate(("angle [deg]", "torque [N m]", "power [W]")):
+        axes[row, 0].set_ylabel(name)
+    figure.suptitle(_motion_title(result))
+    figure.tight_layout(rect=(0, 0, 1, 0.98))
+    handles = [*axes[0, 0].get_legend_handles_labels()[0], axes[1, 0].lines[-1]]
+    figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
+def _initial_words(problem: PlanningProblem) -> str:
+    """What the search started from, and whether that would have been allowed."""
+    found = problem.initial_evaluation
+    if found.collision[0] > 0:
+        return f"initial ({problem.label}): not allowed, it hits something"
+    return f"initial ({problem.label})" + ("" if found.feasible[0] else ": not allowed, it breaks a limit")
+
+
+def _motion_title(result: PlanResult) -> str:
+    splines, certificate = result.splines, result.certificate
+    if splines is None or certificate is None or not result.solved:
+        return f"{result.method}: no allowed motion ({result.status})"
+    duration, energy = float(splines.total[0]), certificate.energy[result.metric]
+    clearance = 1000 * certificate.clearance.proven
+    unit = "N² m² s" if result.metric == "copper" else "J"
+    near = f", at least {clearance:.0f} mm clear of all boxes" if clearance < 1000 else ""
+    return f"{result.method}: {duration:.3f} s, {energy:.2f} {unit} ({result.metric}){near}"
+
+
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Best allowed cost so far against evaluations and time: each method's median run; its other seeds thinner."""
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True)
+    colours = plt.get_cmap("tab10")
+    everything = []
+    for i, method in enumerate(comparison.methods):
+        runs = comparison.of(method)
+        order = np.argsort([run.cost for run in runs])
+        middle = runs[int(order[len(order) // 2])]
+        for axis, column in zip(axes, (0, 1), strict=True):
+            for run in runs:
+                _draw_history(axis, run, column, colours(i), run is middle, _method_words(comparison, middle))
+        everything += [row[2] for run in runs for row in run.history if np.isfinite(row[2])]
+    if everything:
+        low, high = min(everything), float(np.quantile(everything, 0.9))
+        axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
+    axes[0].set_ylabel("best allowed plan so far: " + _cost_words(comparison))
+    for axis, name in zip(axes, ("trajectories evaluated", "time of the search [s]"), strict=True):
+        axis.set_xscale("log")
+        axis.set_xlabel(name)
+        axis.grid(alpha=0.25)
+    axes[0].legend(frameon=False, fontsize=8)
+    figure.suptitle(
+        f"{comparison.name}. Lower is better; thick: the median seed, thin: the others, dot: the search's end"
+    )
+    figure.tight_layout()
+    return figure
+
+
+def _method_words(comparison: Comparison, middle: PlanResult) -> str:
+    unit = "s" if comparison.objective == "time" else ""
+    return f"{middle.method}: {middle.cost:.4g} {unit}".rstrip() if middle.solved else f"{middle.method}: no plan"
+
+
+def _cost_words(comparison: Comparison) -> str:
+    if comparison.objective == "time":
+        return "duration [s]"
+    metric = comparison.results[0].metric
+    return "∫ τ² dt [N² m² s]" if metric == "copper" else f"{metric} energy [J]"
+
+
+def _draw_history(axis: Any, run: PlanResult, column: int, colour: Any, middle: bool, label: str) -> None:
+    rows = [row for row in run.history if np.isfinite(row[2])]
+    if not rows:
+        return
+    x = [max(row[column], 1e-3) for row in rows]
+    x.append(max(run.evaluations if column == 0 else run.seconds, x[-1]))
+    y = [row[2] for row in rows]
+    axis.step(
+        x,
+        [*y, y[-1]],
+        where="post",
+        color=colour,
+        lw=1.8 if middle else 0.6,
+        alpha=1.0 if middle else 0.4,
+        label=label if middle else None,
+    )
+    axis.plot(x[-1], y[-1], "o", color=colour, ms=4 if middle else 2)
+
+
+def _draw_limits(axis: Any, limit: float) -> None:
+    for value in (-limit, limit):
+        axis.axhline(value, color=LIMIT, lw=1, label="torque limit")
+
+
+def _profiles(problem: PlanningProblem, splines: Splines) -> tuple[Any, Any, Any, Any]:
+    times = np.linspace(0.0, float(splines.total[0]), SAMPLES)
+    q, dq, ddq = splines.at(times)
+    return times, q, dq, problem.model.torque(q[None], dq[None], ddq[None])[0]

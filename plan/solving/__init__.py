@@ -1,0 +1,1 @@
+"""One task solved, or all methods compared."""

@@ -1,0 +1,151 @@
+"""All methods on one task, over several seeds: cost against evaluations and against time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plan.errors import MethodError
+from plan.planners import METHODS, TIME_ONLY, default_budget
+from plan.planners.base import Progress
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import PlanResult
+from plan.problem.task_file import Trial
+from plan.solving.solve import Starts, find_starts, solve
+
+SCHEMA = "plan.comparison/1"
+# Methods without randomness run once.
+FIXED = ("brute", "compress", "toppra")
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Results of every method and seed on one task.
+
+    Attributes:
+        name: The task.
+        objective: `energy` or `time`.
+        evaluations, seconds: Where costs are compared.
+        results: All results.
+    """
+
+    name: str
+    objective: str
+    evaluations: int
+    seconds: float
+    results: tuple[PlanResult, ...]
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of the methods, in the order of their runs."""
+        return list(dict.fromkeys(result.method for result in self.results))
+
+    def of(self, method: str) -> list[PlanResult]:
+        """Results of one method."""
+        return [result for result in self.results if result.method == method]
+
+    def best(self) -> PlanResult | None:
+        """The cheapest certified plan of all."""
+        solved = [result for result in self.results if result.solved]
+        return min(solved, key=lambda result: result.cost, default=None)
+
+    def summary(self) -> list[dict[str, Any]]:
+        """Medians over the seeds, a record a method; costs are None where the median run had no plan."""
+        best = self.best()
+        rows = []
+        for method in self.methods:
+            runs = self.of(method)
+            costs = np.array([run.cost for run in runs])
+            clear = [run.certificate.clearance.proven for run in runs if run.certificate and run.solved]
+            cost = _finite(np.median(costs))
+            rows.append(
+                {
+                    "method": method,
+                    "runs": len(runs),
+                    "solved": sum(run.solved for run in runs),
+                    "cost": cost,
+                    "worst": _finite(costs.max()),
+                    "cost_at_evaluations": _finite(np.median([cost_at(run, self.evaluations, 0) for run in runs])),
+                    "cost_at_seconds": _finite(np.median([cost_at(run, self.seconds, 1) for run in runs])),
+                    "evaluations": int(np.median([run.evaluations for run in runs])),
+                    "seconds": float(np.median([run.seconds for run in runs])),
+                    "clearance_m": float(np.median(clear)) if clear else None,
+                    "above_best": None if best is None or cost is None else cost / best.cost - 1.0,
+                }
+            )
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record of `plan.comparison/1`."""
+        return {
+            "schema": SCHEMA,
+            "task": self.name,
+            "objective": self.objective,
+            "at_evaluations": self.evaluations,
+            "at_seconds": self.seconds,
+            "summary": self.summary(),
+            "results": [result.to_dict() for result in self.results],
+        }
+
+
+def cost_at(result: PlanResult, limit: float, axis: int) -> float:
+    """Best cost that a run had reached within so many evaluations (axis 0) or seconds (axis 1)."""
+    reached = [row[2] for row in result.history if row[axis] <= limit]
+    return min(reached, default=float("inf"))
+
+
+def compare(
+    problem: PlanningProblem,
+    name: str,
+    methods: Sequence[str] | None = None,
+    seeds: int = 5,
+    evaluations: int = 2100,
+    seconds: float = 1.0,
+    trial: Trial | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Runs every method from the same initial trajectories, seed by seed.
+
+    Args:
+        problem: The task, started from the straight line.
+        name: Its name.
+        methods: Names; all that can do the task if None.
+        seeds: Number of seeds.
+        evaluations, seconds: Where costs are compared.
+        trial: Taught via points to start from.
+        progress: Called while searching.
+
+    Raises:
+        MethodError: No such method.
+    """
+    chosen = list(methods) if methods else able(problem)
+    for method in chosen:
+        if method not in METHODS:
+            raise MethodError("--methods", f"{method!r} is unknown", f"use some of: {', '.join(METHODS)}")
+    starts: dict[int, Starts] = {}
+    results = []
+    for method in chosen:
+        for seed in range(1 if method in FIXED else seeds):
+            if seed not in starts:
+                starts[seed] = find_starts(problem, np.random.default_rng(seed), trial)
+            results.append(
+                solve(problem, method, seed, default_budget(method), trial, progress, gap=False, starts=starts[seed])
+            )
+    return Comparison(name, problem.objective, evaluations, seconds, tuple(results))
+
+
+def able(problem: PlanningProblem) -> list[str]:
+    """Methods that can do the task: compression and toppra for time, brute force for small grids."""
+    small = 11**problem.dimension <= 2_000_000 and problem.free == "vias"
+    return [
+        method
+        for method in METHODS
+        if (problem.objective == "time" or method not in TIME_ONLY) and (small or method != "brute")
+    ]
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,165 @@
+"""From a scene file and a model to a planning problem, with the checks that the user's input needs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.model.hybrid import HybridModel
+from ident.robot.arm import ArmModel
+from plan.dynamics.power import METRICS, Metric
+from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
+from plan.errors import MethodError, TaskError
+from plan.geometry.scene import Scene
+from plan.initial.starts import straight
+from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
+from plan.problem.task_file import Task
+
+
+def set_up(
+    task: Task,
+    model: HybridModel | None = None,
+    objective: Objective = "energy",
+    metric: Metric = "absolute",
+    free: Free | None = None,
+) -> PlanningProblem:
+    """The problem of a task, started from the straight line.
+
+    Args:
+        task: What to do.
+        model: Fitted model; the rigid arm without losses if None.
+        objective: `energy` or `time`.
+        metric: How energy is counted.
+        free: What is searched; via points for energy, via points and time stamps for time if None.
+
+    Raises:
+        TaskError: The task does not fit the robot or the model.
+        MethodError: No such objective, metric or choice of variables.
+    """
+    for option, value, known in (
+        ("--objective", objective, OBJECTIVES),
+        ("--metric", metric, METRICS),
+        ("--variables", free or FREE[0], FREE),
+    ):
+        if value not in known:
+            raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(known)}")
+    if objective == "time" and free == "vias":
+        raise MethodError("--variables", "time can't fall while the time stamps are fixed", "use times or both")
+    robot = ArmModel.load(task.robot)
+    if model is not None:
+        model.require_robot(robot, task.source)
+    arm, held = _moving_arm(task, robot)
+    torque = (
+        torque_of_robot(arm)
+        if model is None
+        else torque_of_model(model, task.n, list(_held_by_model(model, held, task)))
+    )
+    vias = straight(task.start, task.goal, task.via_points)
+    return PlanningProblem(
+        scene=Scene.build(arm, task.obstacles),
+        model=torque,
+        limits=_limits(task, arm),
+        start=task.start,
+        goal=task.goal,
+        vias=vias,
+        durations=np.full(task.via_points + 1, task.duration / (task.via_points + 1)),
+        objective=objective,
+        metric=metric,
+        free=free or ("vias" if objective == "energy" else "both"),
+        radius=task.reach,
+    )
+
+
+def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
+    """Raises TaskError unless start and goal keep the limits and are free of collisions."""
+    limits, scene = problem.limits, problem.scene
+    for name, q in (("task.start_deg", problem.start), ("task.goal_deg", problem.goal)):
+        outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
+        if len(outside):
+            j = int(outside[0])
+            low, high = np.degrees(limits.lower[j]), np.degrees(limits.upper[j])
+            raise TaskError(
+                task.source,
+                f"{name}: {np.degrees(q[j]):.1f} deg of {scene.arm.joint_names[j]} is out of its limits",
+                f"stay within {low:.0f} to {high:.0f} deg",
+            )
+        if len(scene.pairs) == 0:
+            continue
+        distances = scene.proximity.distances(q)
+        pair = int(np.argmin(distances))
+        if distances[pair] <= 0.0:
+            raise TaskError(
+                task.source,
+                f"{name}: {scene.pair_name(pair)} collide there, {1000 * -distances[pair]:.0f} mm deep",
+                "move that position or the obstacle",
+            )
+
+
+def find_obstruction(problem: PlanningProblem) -> str:
+    """Why no search could help: the reason in words, or nothing."""
+    duration = float(problem.durations.sum())
+    if not duration > 0.0:
+        return "the duration is zero"
+    limits, ends = problem.limits, np.stack([problem.start, problem.goal])
+    for name, q in zip(("start", "goal"), ends, strict=True):
+        if np.any(q < limits.lower) or np.any(q > limits.upper):
+            return f"the {name} is out of the position limits"
+        if problem.scene.proximity.clearance(q) <= 0.0:
+            pair = int(np.argmin(problem.scene.proximity.distances(q)))
+            return f"the {name} is in collision: {problem.scene.pair_name(pair)}"
+    need = float(np.max(np.abs(problem.goal - problem.start) / limits.speed))
+    if problem.objective == "energy" and duration < need:
+        return f"{duration:g} s is too short: at the speed limits it takes {need:.3f} s at least"
+    still = np.zeros_like(ends)[None]
+    share = np.abs(problem.model.torque(ends[None], still, still)[0]) / limits.torque
+    if share.max() > 1.0:
+        end, joint = np.unravel_index(int(np.argmax(share)), share.shape)
+        return f"joint {joint + 1} can't hold the arm at the {('start', 'goal')[end]}: {share.max():.0%} of its torque"
+    return ""
+
+
+def with_energy(problem: PlanningProblem) -> PlanningProblem:
+    """The same task at fixed duration with energy as its objective."""
+    return replace(problem, objective="energy", free="vias")
+
+
+def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
+    """The arm of the joints that move, and where the others are held."""
+    if len(task.goal) != task.n or not 1 <= task.n <= robot.n:
+        raise TaskError(
+            task.source,
+            f"task.start_deg has {task.n} angles, {robot.name} has {robot.n} joints",
+            "give as many or fewer",
+        )
+    rest = robot.n - task.n
+    held = robot.neutral[task.n :] if task.wrist is None else task.wrist
+    if len(held) != rest:
+        raise TaskError(
+            task.source, f"task.wrist_deg has {len(held)} angles, {rest} joints stand still", f"give {rest}"
+        )
+    if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
+        raise TaskError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
+    return reduce_arm(robot, task.n, list(held)), np.array(held)
+
+
+def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
+    """Positions of the joints that the model speaks of and that do not move."""
+    if len(model.joint_names) < task.n:
+        raise TaskError(
+            task.source,
+            f"the task moves {task.n} joints, the model knows {len(model.joint_names)}",
+            "fit a model of all joints (--links 6)",
+        )
+    return held[: len(model.joint_names) - task.n]
+
+
+def _limits(task: Task, arm: ArmModel) -> Limits:
+    return Limits(
+        arm.lower,
+        arm.upper,
+        arm.velocity_limit if task.speed is None else task.speed,
+        arm.effort_limit if task.torque is None else task.torque,
+        task.clearance,
+    )

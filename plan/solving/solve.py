@@ -1,0 +1,277 @@
+"""One task, one method, one certified plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plan.dynamics.power import ChainTorque
+from plan.initial.detours import Seed, find_seeds
+from plan.initial.starts import from_seeds, from_vias
+from plan.planners import Budget, Candidate, Ledger, default_budget, make_planner
+from plan.planners.base import Planner, Progress
+from plan.planners.compression import start_compressed
+from plan.planners.evolution import Evolution
+from plan.planners.reference import Reference
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import Certificate, PlanResult, Status, certify
+from plan.problem.task_file import Trial
+from plan.solving.set_up import find_obstruction, with_energy
+from plan.spline import Splines
+
+DEFAULT_METHOD = "reference"
+# Evaluations for each start of the energy search from whose result time is shortened.
+ENERGY_FIRST = 600
+# Longest run of the reference that is only there to tell the gap [s].
+GAP_SECONDS = 60.0
+# Longest search for initial trajectories where no budget says less, and its share of a budget [s].
+STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
+# Times that a plan whose dense check fails is searched anew with tightened limits.
+MENDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Initial trajectories of a task.
+
+    Attributes:
+        problems: One problem each, the straight line or the taught way first.
+        records: What became of each seed, for the result.
+    """
+
+    problems: tuple[PlanningProblem, ...]
+    records: tuple[dict[str, Any], ...] = ()
+
+
+def find_starts(
+    problem: PlanningProblem, rng: np.random.Generator, trial: Trial | None = None, seconds: float = STARTS_SECONDS
+) -> Starts:
+    """Initial trajectories: the taught one alone where one is given; else the line, and seeds round what is in its way.
+
+    For the time objective they are brought to their energy optima first, as in section 3.3 of the paper, and then drawn
+    together in time by one factor: what the time compression of the paper's baseline gives for nothing.
+
+    Args:
+        problem: The task, started from the straight line.
+        rng: Source of randomness.
+        trial: Taught via points.
+        seconds: What may be spent: half on the ways round obstacles, half on energy optima [s].
+    """
+    base = with_energy(problem) if problem.objective == "time" else problem
+    seeds: list[Seed] = []
+    if trial is not None:
+        problems = [_taught(base, trial)]
+    elif base.scene.obstacles or base.initial_evaluation.collision[0] > 0:
+        seeds = find_seeds(base, rng, seconds=seconds / 2)
+        problems = from_seeds(base, seeds)
+    else:
+        problems = [base]
+    records = tuple(
+        {
+            "label": seed.label,
+            "target_m": seed.target.tolist(),
+            "via_points_rad": seed.vias.tolist(),
+            "reason": seed.reason,
+        }
+        for seed in seeds
+    )
+    if problem.objective == "time":
+        problems = _energy_first(problem, problems, rng, seconds / 2)
+    return Starts(tuple(problems), records)
+
+
+def _taught(base: PlanningProblem, trial: Trial) -> PlanningProblem:
+    problem = from_vias(base, trial.vias, trial.name, len(trial.vias))
+    if trial.times is None:
+        return problem
+    stamps = np.concatenate([[0.0], trial.times, [base.durations.sum()]])
+    return replace(problem, durations=np.diff(stamps))
+
+
+def _energy_first(
+    problem: PlanningProblem, problems: Sequence[PlanningProblem], rng: np.random.Generator, seconds: float
+) -> list[PlanningProblem]:
+    """Energy optima of the initial trajectories, the best first; three at most, one where the path stays."""
+    ledger = Ledger(Budget(10**9, seconds))
+    Evolution(most=ENERGY_FIRST * len(problems)).run(problems, ledger, rng)
+    if not ledger.best_of:  # no time was left
+        return [replace(problems[0], objective="time", free=problem.free)]
+    found = sorted(ledger.best_of.values(), key=lambda best: (not best.feasible, best.violation, best.cost))
+    kept = found[: 1 if problem.free == "times" else 3]
+    starts = [
+        best.problem.with_initial(best.splines, objective="time", free=problem.free, label=best.problem.label)
+        for best in kept
+    ]
+    return [start_compressed(start) for start in starts]
+
+
+def solve(
+    problem: PlanningProblem,
+    method: str = DEFAULT_METHOD,
+    seed: int = 0,
+    budget: Budget | None = None,
+    trial: Trial | None = None,
+    progress: Progress | None = None,
+    journal: Path | None = None,
+    gap: bool = True,
+    planner: Planner | None = None,
+    starts: Starts | None = None,
+) -> PlanResult:
+    """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
+
+    Args:
+        problem: The task, started from the straight line.
+        method: Name of the method.
+        seed: Of all randomness.
+        budget: What may be spent; the method's default if None.
+        trial: Taught via points to start from.
+        progress: Called while searching.
+        journal: File by which an interrupted search is resumed.
+        gap: Whether the reference is run too, for `reference_gap`.
+        planner: A planner with other options than the method's default.
+        starts: Initial trajectories, if they are known already.
+
+    Raises:
+        MethodError: No such method, or not for this task.
+    """
+    planner = planner or make_planner(method, problem.objective)
+    head: dict[str, Any] = {
+        "method": method,
+        "objective": problem.objective,
+        "metric": problem.metric,
+        "seed": seed,
+    }
+    reason = find_obstruction(problem)
+    if reason:
+        return PlanResult("infeasible", reason=reason, **head)
+    rng = np.random.default_rng(seed)
+    ledger = Ledger(budget or default_budget(method), progress, journal, _fingerprint(problem, method, seed))
+    seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds)
+    starts = starts or find_starts(problem, rng, trial, seconds)
+    planner.run(starts.problems, ledger, rng)
+    spent, busy = ledger.seconds, ledger.cpu_seconds
+    best, certificate = _certified(ledger, rng)
+    status, reason = _judge(best, certificate, ledger, starts)
+    result = PlanResult(
+        status,
+        reason=reason,
+        splines=None if best is None else best.splines,
+        certificate=certificate,
+        evaluations=ledger.evaluations,
+        seconds=spent,
+        cpu_seconds=busy,
+        starts=_start_records(starts, ledger),
+        history=tuple(ledger.history),
+        notes=tuple(ledger.notes),
+        **head,
+    )
+    if gap and result.solved:
+        result = replace(result, reference_gap=_gap(result, method, starts, rng))
+    return result
+
+
+def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:
+    boxes = [(box.name, box.centre.tolist(), box.half.tolist()) for box in problem.scene.obstacles]
+    ends = problem.start.tolist(), problem.goal.tolist(), problem.durations.tolist()
+    model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3))).tolist()
+    limits = [part.tolist() for part in (problem.limits.lower, problem.limits.upper, problem.limits.torque)]
+    search = (problem.objective, problem.metric, problem.free, problem.radius, problem.margin)
+    return repr((method, seed, ends, boxes, limits, search, model))
+
+
+def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:
+    """The best candidate and its dense check; mended where the search's samples had missed something."""
+    best = ledger.best
+    if best is None:
+        return None, None
+    problem, certificate = best.problem, certify(best.problem, best.splines)
+    for turn in range(MENDS):
+        if not certificate.broken or not best.feasible:
+            break
+        ledger.notes.append(f"mended between the search's samples: {'; '.join(certificate.broken)}")
+        tried = [(mended, certify(problem, mended.splines)) for mended in _mended(best, certificate, rng, turn)]
+        allowed = [pair for pair in tried if not pair[1].broken]
+        if allowed:
+            return min(allowed, key=lambda pair: pair[0].cost)
+    return best, certificate
+
+
+def _mended(best: Candidate, certificate: Certificate, rng: np.random.Generator, turn: int) -> Iterator[Candidate]:
+    """The motion slowed down a little, where time is free; or found anew with limits tighter by what was broken."""
+    problem, limits = best.problem, best.problem.limits
+    if problem.objective == "time" and problem.searches_times:
+        for factor in 1.0 + 0.002 * 1.5 ** np.arange(10):
+            splines = Splines(best.splines.points, best.splines.durations * factor)
+            slower = problem.with_initial(splines)
+            yield Candidate(slower, slower.initial, float(splines.total[0]), 0.0)
+    slack = 1.002 + 0.01 * turn
+    short = certificate.clearance.proven < certificate.asked_clearance
+    tighter = replace(
+        limits,
+        torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
+        speed=limits.speed / np.maximum(certificate.speed_share * slack, 1.0),
+        clearance=limits.clearance + 0.002 * (turn + 1) * short,
+    )
+    around = problem.with_initial(best.splines, limits=tighter, radius=0.15)
+    ledger = Ledger(Budget(10**9, 30.0))
+    Evolution(step=0.01, most=3000).run([around], ledger, rng)
+    found = ledger.best
+    if found is not None and found.feasible:
+        yield Candidate(around, found.x, found.cost, 0.0)
+
+
+def _judge(
+    best: Candidate | None, certificate: Certificate | None, ledger: Ledger, starts: Starts
+) -> tuple[Status, str]:
+    if best is None or certificate is None:
+        return "budget_spent", "the budget ended before anything was evaluated"
+    broken = certificate.broken
+    if not broken:
+        return "solved", ""
+    failed = [f"{record['label']}: {record['reason']}" for record in starts.records if record["reason"]]
+    reason = "; ".join(broken[:2])
+    if starts.records and len(failed) == len(starts.records):
+        reason += f"; no way round the obstacles was found ({'; '.join(sorted(set(failed))[:3])})"
+    over = ledger.remaining == 0
+    return ("budget_spent" if over else "infeasible"), f"the best motion found is not allowed: {reason}"
+
+
+def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]:
+    """What became of every initial trajectory: the cost it reached, or why it failed."""
+    records = {record["label"]: dict(record) for record in starts.records}
+    tried = {problem.label for problem in starts.problems}
+    for label, record in records.items():
+        if label not in tried and not record["reason"]:
+            record["reason"] = "left out: the same way as another, or more energy than the ones tried"
+    for problem in starts.problems:
+        record = records.setdefault(problem.label, {"label": problem.label, "reason": ""})
+        record["initial_via_points_rad"] = problem.vias.tolist()
+        found = ledger.best_of.get(problem.label)
+        if found is not None:
+            record["cost"] = found.cost if found.feasible else None
+            record["violation"] = found.violation
+    return tuple(records.values())
+
+
+def _gap(result: PlanResult, method: str, starts: Starts, rng: np.random.Generator) -> float | None:
+    """Cost above the reference's, as a share."""
+    if method == "reference":
+        return 0.0
+    if not isinstance(starts.problems[0].model, ChainTorque):
+        return None
+    ledger = Ledger(Budget(200_000, GAP_SECONDS))
+    Reference().run(starts.problems, ledger, rng)
+    if ledger.best is None or not ledger.best.feasible:
+        return None
+    known = _cost(ledger.best, ledger.best.splines)
+    return result.cost / known - 1.0
+
+
+def _cost(best: Candidate, splines: Splines) -> float:
+    if best.problem.objective == "time":
+        return float(splines.total[0])
+    return certify(best.problem, splines).energy[best.problem.metric]

@@ -1,0 +1,216 @@
+"""Laws of the hybrid model and of its folder."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.errors import InputError, ModelError
+from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
+from ident.model.loss import LossParameters
+from ident.motion.motion import Motion
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import made_motions, random_states
+
+LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
+DATA = [{"session": "made_up", "file": "run_1.parquet", "sha256": "ab" * 32}]
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="module")
+def motions(arm: ArmModel) -> list[Motion]:
+    """Runs of an arm whose links are 10 % heavier, with a friction bump that only a net can follow."""
+    heavy = arm.with_inertial_parameters(1.1 * arm.inertial_parameters)
+
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        bump = 2.0 * np.tanh(dq / 0.02) * np.exp(-((dq / 0.3) ** 2))
+        return heavy.inverse_dynamics(q, dq, ddq) + LOSS.torque(dq, ddq) + bump
+
+    return made_motions(arm, law, [1, 2], 8.0, noise=0.1)
+
+
+@pytest.fixture(scope="module")
+def fitted(motions: list[Motion], arm: ArmModel) -> FitResults:
+    return fit_hybrid(motions, arm, FitOptions(inertia="base", offset=True), DATA)
+
+
+@pytest.fixture
+def folder(fitted: FitResults, tmp_path: Path) -> Path:
+    return fitted.model.save(tmp_path / "model")
+
+
+def test_terms_sum_to_the_torque(fitted: FitResults) -> None:
+    """Eq. 1: analytic + loss + net, each term its own part's torque."""
+    model, states = fitted.model, random_states(np.random.default_rng(1), 50, 6)
+    terms = model.torque_terms(*states)
+    assert list(terms) == ["analytic", "loss", "net"]
+    assert np.allclose(sum(terms.values()), model.torque(*states))
+    assert np.array_equal(terms["analytic"], model.arm.inverse_dynamics(*states))
+    assert np.array_equal(terms["loss"], model.loss.torque(states[1], states[2]))
+    assert model.net is not None
+    assert np.array_equal(terms["net"], model.net.predict(*states, terms["analytic"]))
+
+
+def test_ladder_climbs_from_the_urdf_to_the_torque(fitted: FitResults, arm: ArmModel) -> None:
+    """Rungs are cumulative: the first is the URDF's rigid arm, the last the model's torque."""
+    model, states = fitted.model, random_states(np.random.default_rng(2), 50, 6)
+    rungs, terms = model.ladder(*states), model.torque_terms(*states)
+    assert list(rungs) == ["analytic", "inertia", "loss", "net"]
+    assert np.array_equal(rungs["analytic"], arm.inverse_dynamics(*states))
+    assert np.allclose(rungs["inertia"], terms["analytic"])
+    assert np.allclose(rungs["loss"] - rungs["inertia"], terms["loss"])
+    assert np.allclose(rungs["net"], model.torque(*states))
+    plain = replace(model, net=None, inertia="nominal", arm=arm)
+    assert list(plain.ladder(*states)) == ["analytic", "loss"]
+    assert np.allclose(plain.ladder(*states)["loss"], plain.torque(*states))
+
+
+def test_every_rung_is_nearer_to_the_truth(fitted: FitResults, motions: list[Motion]) -> None:
+    """On the training runs no rung is worse than the one below it, joint by joint, and inertia takes gravity's part."""
+    errors = []
+    for name in ("analytic", "inertia", "loss", "net"):
+        left = [motion.tau - fitted.model.ladder(motion.q, motion.dq, motion.ddq)[name] for motion in motions]
+        errors.append(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
+    assert np.all(np.diff(errors, axis=0) < 0.05)
+    assert np.all(errors[-1] < 0.5)
+
+
+def test_payload_loads_every_rung(fitted: FitResults, arm: ArmModel) -> None:
+    """A payload told to the model is carried by the URDF's arm and by the identified one alike."""
+    payload, states = Payload(1.5, (0.0, 0.0, 0.05)), random_states(np.random.default_rng(3), 20, 6)
+    added = arm.with_payload(payload).inverse_dynamics(*states) - arm.inverse_dynamics(*states)
+    loaded, free = fitted.model.ladder(*states, payload), fitted.model.ladder(*states)
+    for name in ("analytic", "inertia", "loss"):
+        assert np.allclose(loaded[name] - free[name], added, atol=1e-9)
+
+
+def test_a_saved_model_gives_equal_torques(fitted: FitResults, folder: Path) -> None:
+    """Torque, ladder, figures and provenance are the same after loading, to the last bit of a float's text."""
+    loaded, states = HybridModel.load(folder), random_states(np.random.default_rng(4), 100, 6)
+    assert np.allclose(loaded.torque(*states), fitted.model.torque(*states), rtol=0, atol=1e-10)
+    for name, torque in fitted.model.ladder(*states).items():
+        assert np.allclose(loaded.ladder(*states)[name], torque, rtol=0, atol=1e-10)
+    assert loaded.figures == fitted.model.figures
+    assert loaded.provenance == fitted.model.provenance
+    assert (loaded.links, loaded.inertia, loaded.joint_names) == (6, "base", fitted.model.joint_names)
+
+
+@pytest.mark.parametrize("links", [3, 6])
+def test_a_model_without_a_net_comes_back_too(links: int, motions: list[Motion], arm: ArmModel, tmp_path: Path) -> None:
+    """The lumped arm and the full one, nominal inertias: the folder holds text only."""
+    model = fit_hybrid(motions, arm, FitOptions(links=links, net="none")).model
+    loaded = HybridModel.load(model.save(tmp_path / "model"))
+    n = 3 if links == 3 else 6
+    states = random_states(np.random.default_rng(5), 20, n)
+    assert loaded.joint_names == arm.joint_names[:n]
+    assert np.allclose(loaded.torque(*states), model.torque(*states), rtol=0, atol=1e-10)
+    assert loaded.net is None
+    assert {path.name for path in (tmp_path / "model").iterdir()} == {"robot.urdf", "arm.urdf", "model.toml"}
+
+
+def test_the_folder_is_text_and_weights(fitted: FitResults, folder: Path) -> None:
+    """URDFs, TOML and JSON that can be read, safetensors, no pickle; data hashes and versions are recorded."""
+    suffixes = {path.suffix for path in folder.iterdir()}
+    assert suffixes == {".urdf", ".toml", ".json", ".safetensors"}
+    for path in folder.iterdir():
+        assert not path.read_bytes().startswith((b"\x80", b"PK"))
+    text = (folder / "model.toml").read_text(encoding="utf-8")
+    assert "ab" * 32 in text
+    assert all(f'{name} = "' in text for name in ("torch", "pin", "numpy", "python"))
+    assert fitted.model.provenance["samples"] == 1600
+
+
+def test_fits_are_repeatable(motions: list[Motion], arm: ArmModel) -> None:
+    """The same runs, options and seed give the same torques, to the last bit."""
+    options, states = FitOptions(net="none", inertia="consistent"), random_states(np.random.default_rng(6), 10, 6)
+    first, second = (fit_hybrid(motions, arm, options).model.torque(*states) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_a_model_is_for_its_robot(fitted: FitResults, folder: Path, arm: ArmModel) -> None:
+    """Another robot, or the same one without its joints, is refused with both names; the own one is not."""
+    fitted.model.require_robot(arm, folder)
+    with pytest.raises(ModelError, match=r"the model is of 'tm5_900' \(joint_1.*not of 'panda'"):
+        fitted.model.require_robot(ArmModel.load("panda"), folder)
+    with pytest.raises(ModelError, match="fit a model for this robot"):
+        fitted.model.require_robot(arm.locked(["joint_6"]), folder)
+
+
+def _rewrite(name: str, *changes: tuple[str, str]) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        text = (folder / name).read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        (folder / name).write_text(text, encoding="utf-8")
+
+    return change
+
+
+def _cut(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-200])
+
+
+DAMAGES: dict[str, Callable[[Path], None]] = {
+    "no folder": shutil.rmtree,
+    "empty folder": lambda folder: [path.unlink() for path in folder.iterdir()],
+    "no URDF": lambda folder: (folder / "robot.urdf").unlink(),
+    "cut URDF": _cut("arm.urdf"),
+    "binary URDF": lambda folder: (folder / "arm.urdf").write_bytes(b"\xff\xfe\x00" * 9),
+    "another arm's URDF": lambda folder: (folder / "arm.urdf").write_text(ArmModel.load("panda").urdf),
+    "binary TOML": lambda folder: (folder / "model.toml").write_bytes(b"\xff\xfe\x00" * 9),
+    "not TOML": _rewrite("model.toml", ("[robot]", "[robot")),
+    "another schema": _rewrite("model.toml", ("ident.model/1", "ident.model/9")),
+    "no schema": _rewrite("model.toml", ('schema = "ident.model/1"', "")),
+    "no mode": _rewrite("model.toml", ("mode =", "mood =")),
+    "text for a link": _rewrite("model.toml", ("link_1 = [", 'link_1 = ["x", ')),
+    "too many numbers": _rewrite("model.toml", ("link_1 = [", "link_1 = [1.0, ")),
+    "a link less": _rewrite("model.toml", ("link_6 =", "link_9 =")),
+    "no loss": _rewrite("model.toml", ("viscous =", "vicious =")),
+    "loss of seven joints": _rewrite("model.toml", ("viscous = [", "viscous = [1.0, ")),
+    "loss is NaN": _rewrite("model.toml", ("coulomb = [", "coulomb = [nan]\nspare = [")),
+    "loss is a number": _rewrite("model.toml", ("[loss]", "[spare]"), ("schema =", "loss = 3\nschema =")),
+    "an unknown figure": _rewrite("model.toml", ("joint = ", "gelenk = ")),
+    "no weights": lambda folder: (folder / "residual.safetensors").unlink(),
+    "cut weights": _cut("residual.safetensors"),
+    "no net record": lambda folder: (folder / "residual.json").unlink(),
+    "cut net record": _cut("residual.json"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_folder_is_a_model_error(damage: str, folder: Path) -> None:
+    """Whatever is missing, cut or foreign, the error names a file of the folder and a remedy in one line."""
+    DAMAGES[damage](folder)
+    with pytest.raises(ModelError) as error:
+        HybridModel.load(folder)
+    assert str(folder) in error.value.where
+    assert error.value.remedy
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "name"),
+    [("links", 4, "--links"), ("inertia", "guessed", "--inertia"), ("net", "huge", "--net"), ("links", "6", "--links")],
+)
+def test_an_unknown_option_is_an_input_error(option: str, value: object, name: str) -> None:
+    """The message names the option, what was given and what may be."""
+    with pytest.raises(InputError, match=f"^{name}: {value!r} is unknown; use one of: "):
+        FitOptions(**{option: value})  # type: ignore[arg-type]
+
+
+def test_writing_over_a_model_replaces_it_whole(fitted: FitResults, folder: Path) -> None:
+    """A model saved over another leaves none of the old files."""
+    (folder / "stray.txt").write_text("old")
+    replace(fitted.model, net=None).save(folder)
+    assert {path.name for path in folder.iterdir()} == {"robot.urdf", "arm.urdf", "model.toml"}
+    assert not list(folder.parent.glob(".*part*"))

@@ -1,0 +1,256 @@
+"""Laws of the residual net."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from ident.arrays import Array
+from ident.errors import ModelError
+from ident.model.networks import DenseNet, JointNets
+from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, compute_features, fit_residual_net
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import multisine, two_joint_arm
+
+DEFAULT = PRESETS["default"]
+# A paper net small enough for a test: the same kind, dropout included.
+DENSE = replace(PRESETS["paper"], hidden=(16, 16), epochs=6)
+QUICK = replace(DEFAULT, epochs=6)
+State = tuple[Array, Array, Array, Array]
+
+
+def _states(seed: int, samples: int = 1000, arm: ArmModel | None = None) -> State:
+    arm = arm or two_joint_arm()
+    time = np.arange(samples) / 50.0
+    q, dq, ddq = multisine(np.random.default_rng(seed), time, arm.n)
+    return q, dq, ddq, arm.inverse_dynamics(q, dq, ddq)
+
+
+def _stribeck(state: State) -> Array:
+    """A friction law that no loss figure can follow: a bump at low speed, growing with the load [N m]."""
+    _, dq, _, rigid = state
+    return (3.0 + 0.05 * np.abs(rigid)) * np.tanh(dq / 0.02) * np.exp(-((dq / 0.4) ** 2))
+
+
+def _weights(net: ResidualNet) -> dict[str, torch.Tensor]:
+    return dict(net.network.state_dict())
+
+
+def _same(a: ResidualNet, b: ResidualNet) -> bool:
+    ours, theirs = _weights(a), _weights(b)
+    return ours.keys() == theirs.keys() and all(torch.equal(ours[name], theirs[name]) for name in ours)
+
+
+def test_paper_preset_is_the_papers_net() -> None:
+    """Layers 256-512-1024-512-256 tanh, dropout 0.5, Adam without decay, 100 epochs, 70/30; 1.32 M weights for
+
+    three joints, and a linear output.
+    """
+    options = PRESETS["paper"]
+    net = DenseNet(9, 3, options.hidden, options.dropout)
+    linear = [module for module in net.stack if isinstance(module, torch.nn.Linear)]
+    assert [layer.out_features for layer in linear] == [256, 512, 1024, 512, 256, 3]
+    assert linear[0].in_features == 9
+    assert [module.p for module in net.stack if isinstance(module, torch.nn.Dropout)] == [0.5] * 5
+    assert sum(isinstance(module, torch.nn.Tanh) for module in net.stack) == 5
+    assert isinstance(net.stack[-1], torch.nn.Linear)
+    assert sum(weight.numel() for weight in net.parameters()) == pytest.approx(1.32e6, rel=0.005)
+    assert (options.epochs, options.validation_share, options.weight_decay, options.patience) == (100, 0.3, 0.0, 0)
+
+
+@pytest.mark.parametrize("joints", [3, 6, 7])
+def test_default_is_at_most_a_twentieth_of_it(joints: int) -> None:
+    """Ensemble members counted, the default has at most 1/20 of the paper net's weights."""
+    paper = DenseNet(3 * joints, joints, PRESETS["paper"].hidden, 0.5)
+    default = JointNets(DEFAULT.members, joints, 6, DEFAULT.hidden)
+    sizes = [sum(weight.numel() for weight in net.parameters()) for net in (default, paper)]
+    assert 20 * sizes[0] <= sizes[1]
+
+
+def test_a_joints_net_sees_its_own_joint_only() -> None:
+    """Changing the other joint's state changes nothing in a net a joint; the dense net feels it."""
+    state = _states(1)
+    other = tuple(np.column_stack([part[:, 0], part[:, 1] + 0.3]) for part in state)
+    for options, alone in ((QUICK, True), (DENSE, False)):
+        net = fit_residual_net([state], [_stribeck(state)], options=options)
+        same = np.allclose(net.predict(*state)[:, 0], net.predict(*other)[:, 0], atol=1e-6)
+        assert same is alone
+
+
+def test_features_are_six_a_joint_or_the_papers_nine() -> None:
+    """The paper's inputs are (q, dq, ddq); the default's are odd in the motion's direction where friction is."""
+    q, dq, ddq, rigid = _states(1, 40)
+    assert np.array_equal(compute_features(q, dq, ddq, rigid, "paper"), np.concatenate([q, dq, ddq], axis=1))
+    features = compute_features(q, dq, ddq, rigid, "default")
+    assert features.shape == (40, 2, 6)
+    turned = compute_features(q, -dq, -ddq, rigid, "default")
+    assert np.allclose(turned[..., [0, 1, 2, 3, 5]], -features[..., [0, 1, 2, 3, 5]])
+    assert np.array_equal(turned[..., 4], features[..., 4])
+
+
+@pytest.mark.parametrize("options", [QUICK, DENSE], ids=["default", "paper"])
+def test_same_seed_same_weights(options: NetOptions) -> None:
+    """Two trainings of one seed agree bit for bit, another seed does not, and the global generators are untouched."""
+    state = _states(2)
+    torch.manual_seed(123)
+    before = torch.random.get_rng_state()
+    first, second = (fit_residual_net([state], [_stribeck(state)], options=options) for _ in range(2))
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert _same(first, second)
+    assert not _same(first, fit_residual_net([state], [_stribeck(state)], options=replace(options, seed=1)))
+
+
+class _Interrupted(Exception):
+    """Stands for Ctrl-C."""
+
+
+@pytest.mark.parametrize("options", [replace(QUICK, epochs=15), replace(DENSE, epochs=15)], ids=["default", "paper"])
+def test_a_resumed_training_is_the_uninterrupted_one(options: NetOptions, tmp_path: Path) -> None:
+    """Stopped after epoch 13 and started again, the training goes on from epoch 10's checkpoint to the same weights
+
+    and the same history, bit for bit.
+    """
+    state = _states(3)
+    whole = fit_residual_net([state], [_stribeck(state)], options=options)
+
+    def stop(epoch: int, epochs: int, error: float) -> None:
+        if epoch == 13:
+            raise _Interrupted
+
+    with pytest.raises(_Interrupted):
+        fit_residual_net([state], [_stribeck(state)], options=options, progress=stop, checkpoint=tmp_path)
+    seen: list[int] = []
+    resumed = fit_residual_net(
+        [state],
+        [_stribeck(state)],
+        options=options,
+        progress=lambda epoch, *_: seen.append(epoch),
+        checkpoint=tmp_path,
+    )
+    assert seen[0] == 11
+    assert _same(resumed, whole)
+    assert resumed.history is not None
+    assert whole.history is not None
+    assert vars(resumed.history) == vars(whole.history)
+
+
+def test_a_checkpoint_of_other_data_or_options_is_not_taken_up(tmp_path: Path) -> None:
+    """The checkpoint belongs to one training; another one starts at the beginning, and so does a damaged file."""
+    state, options = _states(4), replace(QUICK, epochs=10)
+    fit_residual_net([state], [_stribeck(state)], options=options, checkpoint=tmp_path)
+    for changed, target in ((replace(options, seed=5), _stribeck(state)), (options, _stribeck(state) + 1.0)):
+        seen: list[int] = []
+        fit_residual_net(
+            [state],
+            [target],
+            options=changed,
+            progress=lambda epoch, *_, seen=seen: seen.append(epoch),
+            checkpoint=tmp_path,
+        )
+        assert seen[0] == 1
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"half a file")
+    again = fit_residual_net([state], [_stribeck(state)], options=options, checkpoint=tmp_path)
+    assert _same(again, fit_residual_net([state], [_stribeck(state)], options=options))
+
+
+@pytest.mark.parametrize("options", [QUICK, DENSE], ids=["default", "paper"])
+def test_a_saved_net_is_the_same_net_without_pickle(options: NetOptions, tmp_path: Path) -> None:
+    """Loaded predictions equal to the last bit; the folder holds JSON and safetensors, no file a pickle or a zip."""
+    state = _states(5)
+    net = fit_residual_net([state], [_stribeck(state)], options=options, checkpoint=tmp_path)
+    net.save(tmp_path)
+    loaded = ResidualNet.load(tmp_path)
+    assert np.array_equal(loaded.predict(*state), net.predict(*state))
+    assert loaded.options == net.options
+    assert loaded.parameters == net.parameters
+    files = [path for path in tmp_path.iterdir() if path.is_file()]
+    assert {path.name for path in files} >= {"residual.json", "residual.safetensors"}
+    for path in files:
+        assert path.suffix in (".json", ".safetensors")
+        assert not path.read_bytes().startswith((b"\x80", b"PK"))
+    assert json.loads((tmp_path / "residual.json").read_text())["options"]["preset"] == options.preset
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("residual.json", b"{"),
+        ("residual.json", b"[]"),
+        ("residual.json", b'{"options": {"preset": "default", "colour": 1}}'),
+        ("residual.safetensors", b"not weights"),
+        ("residual.json", None),
+        ("residual.safetensors", None),
+    ],
+)
+def test_a_damaged_net_is_a_model_error(file: str, content: bytes | None, tmp_path: Path) -> None:
+    """A missing, cut or foreign file names the folder and the remedy."""
+    state = _states(6, 200)
+    fit_residual_net([state], [_stribeck(state)], options=replace(QUICK, epochs=1)).save(tmp_path)
+    path = tmp_path / file
+    if content is None:
+        path.unlink()
+    else:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match=r"the saved net can't be read .*; fit the model again"):
+        ResidualNet.load(tmp_path)
+
+
+def test_a_friction_law_is_learnt() -> None:
+    """On an unseen motion the default net takes away at least 90 % of the mean square of a Stribeck bump that grows
+
+    with the load, measured with a tenth of its size in noise.
+    """
+    rng, train = np.random.default_rng(7), [_states(seed, 1500) for seed in (10, 11, 12)]
+    noise = [0.1 * np.std(_stribeck(state)) * rng.standard_normal(state[0].shape) for state in train]
+    targets = [_stribeck(state) + n for state, n in zip(train, noise, strict=True)]
+    net = fit_residual_net(train, targets)
+    test = _states(13)
+    left = _stribeck(test) - net.predict(*test)
+    assert np.all(np.mean(left**2, axis=0) < 0.1 * np.mean(_stribeck(test) ** 2, axis=0))
+    assert net.history is not None
+    assert net.history.validation[-1] < net.history.validation[0]
+
+
+def test_noise_is_not_learnt() -> None:
+    """On pure noise the default net stays nearly silent: under 3 % of the noise's mean square on an unseen motion."""
+    rng, train = np.random.default_rng(8), [_states(seed) for seed in (20, 21)]
+    net = fit_residual_net(train, [2.0 * rng.standard_normal(state[0].shape) for state in train])
+    assert np.all(np.mean(net.predict(*_states(22)) ** 2, axis=0) < 0.03 * 4.0)
+
+
+def test_samples_at_rest_do_not_count() -> None:
+    """What is masked out may be anything: the weights are the same, bit for bit."""
+    state = _states(9)
+    mask = np.abs(state[1]) > 0.2
+    clean, dirty = _stribeck(state), np.where(mask, _stribeck(state), 1e3)
+    fits = [fit_residual_net([state], [target], [mask], QUICK) for target in (clean, dirty)]
+    assert np.allclose(fits[0].output_std, fits[1].output_std)
+    assert _same(*fits)
+
+
+def test_training_stops_early_and_keeps_its_best_epoch() -> None:
+    """Without any better epoch in `patience` the training ends, and the epoch told is the best that was seen."""
+    state = _states(30, 600)
+    target = np.random.default_rng(1).standard_normal(state[0].shape)
+    net = fit_residual_net([state], [target], options=replace(DEFAULT, patience=4))
+    assert net.history is not None
+    assert len(net.history.train) == net.history.best_epoch + 4 < DEFAULT.epochs
+
+
+def test_a_handful_of_samples_does_not_break_it() -> None:
+    """Ten samples train and predict finite torques, on one joint too."""
+    state = tuple(part[:10, :1] for part in _states(31))
+    net = fit_residual_net([state], [np.ones((10, 1))], options=QUICK)
+    assert np.all(np.isfinite(net.predict(*state)))
+    assert net.predict(*(part[:0] for part in state)).shape == (0, 1)
+
+
+def test_a_dense_net_that_never_gets_better_ends_as_it_is() -> None:
+    """Early stop on the paper's kind of net, on noise alone: the training ends and predicts finite torques."""
+    state = _states(32, 200)
+    target = np.random.default_rng(3).standard_normal(state[0].shape)
+    net = fit_residual_net([state], [target], options=replace(DENSE, patience=2, learning_rate=0.5))
+    assert np.all(np.isfinite(net.predict(*state)))

@@ -1,0 +1,235 @@
+"""Laws of the rigid arm."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.errors import RobotError
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import joint, link, random_states, sliding_arm, urdf
+
+ROBOTS = ("tm5-900", "panda", "ur10", "so100", "sliding")
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def arm(request: pytest.FixtureRequest) -> ArmModel:
+    return sliding_arm() if request.param == "sliding" else ArmModel.load(request.param)
+
+
+@pytest.fixture(scope="module")
+def tm5() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+def _changed(arm: ArmModel, seed: int = 3) -> ArmModel:
+    """The arm with every inertial number 10 % off: no body that exists, but a legal point of a search."""
+    noise = np.random.default_rng(seed).standard_normal(10 * arm.n)
+    return arm.with_inertial_parameters(arm.inertial_parameters * (1 + 0.1 * noise))
+
+
+def test_inverse_dynamics_equals_pinocchio_state_by_state(arm: ArmModel) -> None:
+    """The batch is rnea of every state, to 1e-12 of the torque's size."""
+    states = random_states(np.random.default_rng(1), 50, arm.n)
+    data = arm.model.createData()
+    expected = np.array([pin.rnea(arm.model, data, *state) for state in zip(*states, strict=True)])
+    torque = arm.inverse_dynamics(*states)
+    assert torque.shape == (50, arm.n)
+    assert np.allclose(torque, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2, 3])
+def test_small_batches_keep_their_shape(arm: ArmModel, samples: int) -> None:
+    """No state, one state, fewer states than threads: shape (T, n)."""
+    states = random_states(np.random.default_rng(1), samples, arm.n)
+    assert arm.inverse_dynamics(*states).shape == (samples, arm.n)
+    assert arm.regressor(*states).shape == (samples, arm.n, 10 * arm.n)
+
+
+def test_gravity_is_the_torque_at_standstill(arm: ArmModel) -> None:
+    """G(q) = inverse dynamics at dq = ddq = 0, and it vanishes without gravity."""
+    q, _, _ = random_states(np.random.default_rng(2), 20, arm.n)
+    assert np.allclose(arm.gravity(q), arm.inverse_dynamics(q, 0 * q, 0 * q))
+    assert np.allclose(arm.with_gravity(np.zeros(3)).gravity(q), 0.0, atol=1e-12)
+
+
+def test_power_is_the_rate_of_energy(tm5: ArmModel) -> None:
+    """τ·dq = d(T + V)/dt on a free motion: the sign of gravity and of every inertia is right (to 1e-5 W of 100 W)."""
+    time = np.arange(0, 1, 1e-4)
+    size, rate = np.linspace(0.3, 0.8, 6), np.linspace(2, 5, 6)
+    q = size * np.sin(rate * time[:, None])
+    dq, ddq = size * rate * np.cos(rate * time[:, None]), -size * rate**2 * np.sin(rate * time[:, None])
+    data = tm5.model.createData()
+    energy = [pin.computeMechanicalEnergy(tm5.model, data, a, b) for a, b in zip(q, dq, strict=True)]
+    power = (tm5.inverse_dynamics(q, dq, ddq) * dq).sum(axis=1)
+    assert np.allclose(np.gradient(energy, time)[1:-1], power[1:-1], atol=1e-5 * np.abs(power).max())
+
+
+def test_inertial_parameters_come_back(arm: ArmModel) -> None:
+    """Parameters put in are read out, also those that no body can have."""
+    changed = _changed(arm)
+    again = arm.with_inertial_parameters(changed.inertial_parameters)
+    assert np.allclose(again.inertial_parameters, changed.inertial_parameters, rtol=1e-12, atol=1e-14)
+    states = random_states(np.random.default_rng(4), 10, arm.n)
+    same = arm.with_inertial_parameters(arm.inertial_parameters)
+    assert np.allclose(same.inverse_dynamics(*states), arm.inverse_dynamics(*states), atol=1e-11)
+
+
+def test_changed_copies_leave_the_arm_alone(tm5: ArmModel) -> None:
+    """Payload, gravity and inertias make new arms; the old one gives the old torque to the last bit."""
+    states = random_states(np.random.default_rng(5), 10, 6)
+    before = tm5.inverse_dynamics(*states)
+    _changed(tm5).inverse_dynamics(*states)
+    tm5.with_payload(Payload(1.0, (0.0, 0.0, 0.1))).inverse_dynamics(*states)
+    tm5.with_gravity(np.array([1.0, 2.0, 3.0])).inverse_dynamics(*states)
+    tm5.locked(["joint_6"])
+    assert np.array_equal(tm5.inverse_dynamics(*states), before)
+
+
+@pytest.mark.parametrize("changed", [False, True], ids=["nominal", "changed inertias"])
+@pytest.mark.parametrize("kept", [(0, 1, 2), (1, 3, 5), (3, 4, 5), (5,)])
+def test_locked_joints_are_the_full_arm_with_them_frozen(tm5: ArmModel, kept: tuple[int, ...], changed: bool) -> None:
+    """The reduced arm's torque is the full arm's on the free joints with the others at rest, to 1e-9 N m.
+
+    Also where the inertias were changed after loading, and whether the locked joints are first, last or between.
+    """
+    rng = np.random.default_rng(6)
+    full = _changed(tm5) if changed else tm5
+    locked = [i for i in range(6) if i not in kept]
+    positions = rng.uniform(-2, 2, len(locked))
+    reduced = full.locked([full.joint_names[i] for i in locked], positions)
+    states = random_states(rng, 200, len(kept))
+    whole = [np.zeros((200, 6)) for _ in range(3)]
+    whole[0][:, locked] = positions
+    for big, small in zip(whole, states, strict=True):
+        big[:, list(kept)] = small
+    expected = full.inverse_dynamics(*whole)[:, list(kept)]
+    assert reduced.joint_names == tuple(full.joint_names[i] for i in kept)
+    assert reduced.locked_joints == dict(zip([full.joint_names[i] for i in locked], positions, strict=True))
+    assert np.allclose(reduced.inverse_dynamics(*states), expected, rtol=0, atol=1e-9)
+
+
+def test_locking_a_slide_moves_the_links_beyond_it() -> None:
+    """A locked prismatic joint is the full arm with the slide frozen, axes of any length."""
+    full, rng = sliding_arm(), np.random.default_rng(7)
+    reduced = full.locked(["slide_2", "slide_4"], [0.7, -0.4])
+    states = random_states(rng, 50, 2)
+    whole = [np.zeros((50, 4)) for _ in range(3)]
+    whole[0][:, 1], whole[0][:, 3] = 0.7, -0.4
+    for big, small in zip(whole, states, strict=True):
+        big[:, [0, 2]] = small
+    assert np.allclose(reduced.inverse_dynamics(*states), full.inverse_dynamics(*whole)[:, [0, 2]], atol=1e-10)
+
+
+def test_locking_step_by_step_is_locking_at_once(tm5: ArmModel) -> None:
+    """Two reductions after each other, under tilted gravity, are one."""
+    tilted = tm5.with_gravity(np.array([3.0, 0.0, -9.0]))
+    once = tilted.locked(["joint_4", "joint_6"], [0.3, -0.5])
+    twice = tilted.locked(["joint_6"], [-0.5]).locked(["joint_4"], [0.3])
+    states = random_states(np.random.default_rng(8), 20, 4)
+    assert np.allclose(once.inverse_dynamics(*states), twice.inverse_dynamics(*states), atol=1e-10)
+    assert twice.locked_joints == {"joint_6": -0.5, "joint_4": 0.3}
+
+
+def test_payload_acts_through_the_jacobian(arm: ArmModel) -> None:
+    """A point mass m adds m Jᵀ(a − g) to the torque, a the acceleration of its point on the last link."""
+    payload = Payload(1.3, (0.05, -0.02, 0.12))
+    states = random_states(np.random.default_rng(9), 20, arm.n)
+    data, model, last = arm.model.createData(), arm.model, arm.n
+    expected = []
+    for q, dq, ddq in zip(*states, strict=True):
+        placed = pin.SE3(np.eye(3), np.array(payload.com_m))
+        pin.forwardKinematics(model, data, q, dq, ddq)
+        frame = pin.Frame("load", last, placed, pin.FrameType.OP_FRAME)
+        own = pin.Model(model)
+        index = own.addFrame(frame)
+        own_data = own.createData()
+        pin.forwardKinematics(own, own_data, q, dq, ddq)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        acceleration = pin.getFrameClassicalAcceleration(own, own_data, index, world).linear
+        jacobian = pin.computeFrameJacobian(own, own_data, q, index, world)[:3]
+        expected.append(payload.mass_kg * jacobian.T @ (acceleration - model.gravity.linear))
+    added = arm.with_payload(payload).inverse_dynamics(*states) - arm.inverse_dynamics(*states)
+    assert np.allclose(added, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
+
+
+def test_no_payload_is_no_change(tm5: ArmModel) -> None:
+    """None and a mass of zero give the arm itself."""
+    assert tm5.with_payload(None) is tm5
+    assert tm5.with_payload(Payload(0.0, (1.0, 1.0, 1.0))) is tm5
+
+
+def test_continuous_joints_turn_without_limit() -> None:
+    """A continuous joint has one position variable (nq = nv) and the torque has a period of 2π in it."""
+    arm = sliding_arm()
+    assert arm.model.nq == arm.model.nv == 4
+    assert arm.upper[2] > 1e6 > -1e6 > arm.lower[2]
+    assert arm.neutral[2] == 0.0
+    q, dq, ddq = random_states(np.random.default_rng(10), 20, 4)
+    turned = q + np.array([0, 0, 4 * np.pi, 0])
+    assert np.allclose(arm.inverse_dynamics(turned, dq, ddq), arm.inverse_dynamics(q, dq, ddq), atol=1e-10)
+
+
+def test_a_gripper_is_locked_and_told() -> None:
+    """The Panda is its seven joints; its fingers are fixed at zero, weigh on the arm, and are named."""
+    panda = ArmModel.load("panda")
+    assert panda.joint_names == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert panda.locked_joints == {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    assert panda.inertial_parameters[60] > 1.0  # hand and fingers hang on link 7
+
+
+def test_joints_that_are_not_wanted_are_locked_at_neutral(tm5: ArmModel) -> None:
+    """`load(joints=…)` keeps the named ones in the arm's order, whatever the order given."""
+    arm = ArmModel.load("tm5-900", joints=["joint_3", "joint_1"])
+    assert arm.joint_names == ("joint_1", "joint_3")
+    assert set(arm.locked_joints) == {"joint_2", "joint_4", "joint_5", "joint_6"}
+    assert ArmModel.load("tm5-900", joints=tm5.joint_names).locked_joints == {}
+
+
+@pytest.mark.parametrize("joints", [["joint_9"], ["joint_1", "joint_9"]])
+def test_an_unknown_joint_is_named(joints: list[str], tm5: ArmModel) -> None:
+    """Keeping or locking a joint that is not there names it and lists those that are."""
+    for refused in (lambda: ArmModel.load("tm5-900", joints=joints), lambda: tm5.locked(joints)):
+        with pytest.raises(RobotError) as error:
+            refused()
+        assert "'joint_9'" in error.value.what
+        assert "joint_1, joint_2" in error.value.remedy
+    with pytest.raises(RobotError, match="no moving joint 'joint_9'"):
+        ArmModel.from_urdf(tm5.urdf, locked={"joint_9": 0.0})
+
+
+def test_locking_everything_is_refused(tm5: ArmModel) -> None:
+    """An arm without a joint is no arm."""
+    with pytest.raises(RobotError, match="every joint would be locked"):
+        tm5.locked(tm5.joint_names)
+    assert tm5.locked([]) is tm5
+
+
+def test_links_are_those_that_the_joints_move(arm: ArmModel) -> None:
+    """One link a joint, and forward kinematics knows each of them."""
+    poses = arm.forward_kinematics(arm.neutral)
+    assert len(arm.links) == len(set(arm.links)) == arm.n
+    assert set(arm.links) <= set(poses)
+    assert all(pose.shape == (4, 4) for pose in poses.values())
+
+
+def test_missing_meshes_are_an_input_error(tmp_path: Path) -> None:
+    """An arm whose meshes are not there still has dynamics; asking for its geometry names the file and a remedy."""
+    body = link("b").replace(
+        "</link>",
+        '<collision><geometry><mesh filename="package://nowhere/link.stl"/></geometry></collision></link>',
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf(link("a"), body, joint("one", "a", "b")), encoding="utf-8")
+    arm = ArmModel.load(path)
+    assert arm.gravity(np.zeros((1, 1))).shape == (1, 1)
+    with pytest.raises(RobotError) as error:
+        _ = arm.geometry
+    assert error.value.where == str(path)
+
+
+def test_digest_tells_arms_apart(tm5: ArmModel) -> None:
+    """Equal URDF text, equal digest; a locked joint makes another arm."""
+    assert tm5.digest == ArmModel.load("tm5_900").digest != tm5.locked(["joint_6"]).digest

@@ -1,0 +1,21 @@
+"""Derivatives of inverse dynamics against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.robot.arm import ArmModel
+
+
+def test_derivatives_are_those_of_inverse_dynamics() -> None:
+    """Central differences by each joint's position, velocity and acceleration; the mass matrix is symmetric."""
+    arm = ArmModel.load("tm5-900")
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5, arm.n))
+    found = arm.derivatives(*states)
+    for which in range(3):
+        for joint in range(arm.n):
+            step = np.zeros_like(states)
+            step[which, :, joint] = 1e-5
+            slope = (arm.inverse_dynamics(*(states + step)) - arm.inverse_dynamics(*(states - step))) / 2e-5
+            np.testing.assert_allclose(found[which][:, :, joint], slope, atol=1e-6)
+    np.testing.assert_allclose(found[2], np.swapaxes(found[2], 1, 2))

@@ -1,0 +1,161 @@
+"""Laws of the paper's three-joint model, and of the errors in its printed equations."""
+
+import numpy as np
+import pytest
+
+from ident.errors import RobotError
+from ident.robot.arm import ArmModel
+from ident.robot.lumped import LumpedParameters, build_lumped_arm, closed_form_torque, lumped_parameters
+from tests.ident.made_up import joint, link, random_states, urdf
+from tests.ident.robot.lumping import lumping_table, mass_matrix_row
+from tests.ident.robot.printed_equations import ERRORS, printed_torque
+
+# Set R in the paper's names, published with its derivation.
+SET_R = {
+    "m2": 8.897,
+    "m3": 2.443,
+    "m4": 3.802,
+    "a2": 0.429,
+    "a3": 0.4115,
+    "d1": 0.1452,
+    "l2": 0.2145,
+    "l3": 0.304,
+    "I1y": 0.0088001191,
+    "I2x": 0.024459,
+    "I2y": 0.355,
+    "I2z": 0.348,
+    "I3x": 0.0036349728,
+    "I3y": 0.0609980271,
+    "I3z": 0.060500000044,
+}
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="module")
+def figures(arm: ArmModel) -> LumpedParameters:
+    return lumped_parameters(arm)
+
+
+@pytest.fixture(scope="module")
+def states() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """10,000 states, |dq| ≤ π rad/s, |ddq| ≤ 10 rad/s²."""
+    return random_states(np.random.default_rng(11), 10_000, 3)
+
+
+def test_figures_are_those_of_the_urdf(figures: LumpedParameters) -> None:
+    """The projection of the URDF gives set R, and the paper's angles are the joint angles."""
+    for name, value in SET_R.items():
+        assert getattr(figures, name) == pytest.approx(value, abs=1e-9)
+    assert figures.sign == (1, 1, 1)
+    assert np.allclose(figures.offset, 0.0, atol=1e-12)
+
+
+def test_closed_form_equals_pinocchio(arm: ArmModel, figures: LumpedParameters, states: tuple) -> None:
+    """The corrected closed form is the lumped arm's inverse dynamics to 1e-10 N m on 10,000 states."""
+    lumped = build_lumped_arm(arm)
+    assert lumped.joint_names == arm.joint_names[:3]
+    assert np.allclose(closed_form_torque(figures, *states), lumped.inverse_dynamics(*states), rtol=0, atol=1e-10)
+
+
+def test_exact_reduction_equals_the_full_arm(arm: ArmModel, states: tuple) -> None:
+    """Wrist frozen at a random posture: reduced arm = full arm to 1e-9 N m on 10,000 states."""
+    wrist = np.random.default_rng(12).uniform(-np.pi, np.pi, 3)
+    exact = arm.locked(arm.joint_names[3:], wrist)
+    rest = np.zeros((len(states[0]), 3))
+    whole = [np.hstack([part, rest]) for part in states]
+    whole[0][:, 3:] = wrist
+    assert np.allclose(exact.inverse_dynamics(*states), arm.inverse_dynamics(*whole)[:, :3], rtol=0, atol=1e-9)
+
+
+def test_mended_print_is_the_closed_form(figures: LumpedParameters, states: tuple) -> None:
+    """With the five errors mended the printed terms are the closed form to 1e-10 N m: there is no sixth."""
+    mended = printed_torque(figures, *states, errors=())
+    assert np.allclose(mended, closed_form_torque(figures, *states), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("error", "expected", "joints"),
+    [("sign_of_L", 135.0, (1, 2)), ("M33", 9.7, (2,)), ("C21", 0.24, (1,)), ("G2", 0.65, (1,)), ("C32", 17.0, (2,))],
+)
+def test_each_misprint_costs_what_the_errata_say(
+    figures: LumpedParameters, states: tuple, error: str, expected: float, joints: tuple[int, ...]
+) -> None:
+    """The largest torque error of each misprint alone, within 10 % of the errata's figure, on the joints it enters.
+
+    Errata 1 (sign of L) 135, 2 (M33) 9.7, 3 (C21) 0.24, 4 (G2) 0.65, 5 (C32) 17 N m (its supremum is 19.5);
+    |dq| ≤ π rad/s, |ddq| ≤ 10 rad/s², set R.
+    """
+    off = np.abs(printed_torque(figures, *states, errors=(error,)) - closed_form_torque(figures, *states)).max(axis=0)
+    assert off.max() == pytest.approx(expected, rel=0.1)
+    assert all((off[j] > 1e-9) == (j in joints) for j in range(3))
+
+
+def test_all_misprints_together_make_the_printed_model_useless(figures: LumpedParameters, states: tuple) -> None:
+    """As printed, the model is off by more than 100 N m on joints 2 and 3's worst, and right on joint 1."""
+    off = np.abs(printed_torque(figures, *states, errors=ERRORS) - closed_form_torque(figures, *states)).max(axis=0)
+    assert off.max() > 100.0
+    assert off[0] < 1e-10
+
+
+def test_printed_m33_all_but_vanishes(figures: LumpedParameters) -> None:
+    """Erratum 2: with M23 in its place M33 is 0.930 kg m² at its right value and 0.033 near q3 = ± 155°."""
+    p = figures
+    k = p.a2 * (p.l3 * p.m3 + p.a3 * p.m4)
+    right = p.I3z + p.m3 * p.l3**2 + p.m4 * p.a3**2
+    assert right == pytest.approx(0.930, abs=0.001)
+    assert right + k * np.cos(np.deg2rad(155)) == pytest.approx(0.033, abs=0.001)
+
+
+def test_where_lumping_breaks(arm: ArmModel) -> None:
+    """Over joints 2 and 3 within limits and the vendor's wrist postures (set R) the lumped model is off by
+
+    2.5 to 2.7 N m in gravity, a factor of 7.8 to 8.6 in M11 (arm upright, where lumped M11 is 0.037 kg m²), and it
+    lacks an M12 of up to 0.79 and an M13 of up to 0.27 kg m².
+    """
+    rows = {row.posture: row for row in lumping_table(arm)}
+    assert max(row.gravity for row in rows.values()) == pytest.approx(2.645, abs=0.01)
+    assert min(row.gravity for row in rows.values()) == pytest.approx(2.551, abs=0.01)
+    assert rows["ready 1"].m11_ratio == pytest.approx(7.898, abs=0.01)
+    assert max(row.m11_ratio for row in rows.values()) == pytest.approx(8.56, abs=0.05)
+    assert all(abs(np.sin(np.deg2rad(row.m11_at_deg[0]))) < 0.1 for row in rows.values())
+    assert max(row.m12 for row in rows.values()) == pytest.approx(0.795, abs=0.01)
+    assert max(row.m13 for row in rows.values()) == pytest.approx(0.272, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("pose", "exact", "lumped"), [((50, 0, -120), 1.19, 0.73), ((80, 30, -90), 0.71, 0.35)], ids=["start", "end"]
+)
+def test_m11_at_the_papers_task(arm: ArmModel, pose: tuple[int, ...], exact: float, lumped: float) -> None:
+    """Erratum 18: M11 at start and end of the paper's task, exact against lumped."""
+    q = np.deg2rad([pose])
+    frozen = arm.locked(arm.joint_names[3:])
+    assert mass_matrix_row(frozen, q, 0)[0, 0] == pytest.approx(exact, abs=0.01)
+    assert mass_matrix_row(build_lumped_arm(arm), q, 0)[0, 0] == pytest.approx(lumped, abs=0.01)
+
+
+@pytest.mark.parametrize("robot", ["ur10", "ur3", "kinova"])
+def test_other_arms_of_the_kind_are_lumped_too(robot: str) -> None:
+    """Arms whose zero lies elsewhere: closed form = Pinocchio lumped to 1e-10 of 100 N m, offsets and signs found."""
+    other = ArmModel.load(robot)
+    states = random_states(np.random.default_rng(13), 500, 3)
+    closed = closed_form_torque(lumped_parameters(other), *states)
+    lumped = build_lumped_arm(other)
+    assert np.allclose(closed, lumped.inverse_dynamics(*states), rtol=0, atol=1e-8)
+    # A lumped arm is near the real one: gravity within a fifth of its size, so the zero is right.
+    whole = np.hstack([states[0], np.zeros((500, other.n - 3))])
+    gravity = other.gravity(whole)[:, :3]
+    assert np.abs(lumped.gravity(states[0]) - gravity).max() < 0.2 * np.abs(gravity).max()
+
+
+def test_an_arm_of_another_kind_is_refused() -> None:
+    """Joints 1 to 3 must be vertical, horizontal, parallel; and there must be a wrist."""
+    for arm in (ArmModel.load("panda"), ArmModel.load("xarm7")):
+        with pytest.raises(RobotError, match=r"not vertical, horizontal, parallel.*--links 6"):
+            lumped_parameters(arm)
+    short = ArmModel.from_urdf(urdf(link("a"), link("b"), link("c"), joint("1", "a", "b"), joint("2", "b", "c")))
+    with pytest.raises(RobotError, match="it has 2 joints"):
+        build_lumped_arm(short)

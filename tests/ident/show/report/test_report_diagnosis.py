@@ -1,0 +1,215 @@
+"""The page of a diagnosis, made from the contract's record alone."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report
+from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.where import describe_place, shade
+from ident.show.report.words import parameter_name
+from tests.ident.show.report.reader import read
+
+RECORD: dict[str, Any] = {
+    "schema": "ident.diagnosis/1",
+    "robot": "tm5_900",
+    "joints": ["joint_1", "joint_2"],
+    "session": {"runs": 10, "samples": 31240, "duration_s": 124.9},
+    "telemetry": [
+        {"issue": "jitter", "joints": [], "severity": "note", "evidence": "3 % of the interval", "remedy": "resampled"}
+    ],
+    "verdict": "named",
+    "gap": {
+        "joint_1": {
+            "rms_Nm": 0.5, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.41, "energy_error_J": {"mean": -0.2, "std": 0.1},
+        },
+        "joint_2": {
+            "rms_Nm": 1.1, "noise_floor_Nm": 0.4, "ceiling_rms_Nm": 0.45, "energy_error_J": {"mean": -1.2, "std": 0.4},
+        },
+    },
+    "where": [
+        {"joint": "joint_2", "axis": "speed", "low": 0.0, "high": 0.2, "share_of_gap": 0.71, "p_value": 0.001},
+        {"joint": "joint_1", "axis": "load", "low": 5.0, "high": 9.0, "share_of_gap": 0.3, "p_value": 0.4},
+    ],
+    "findings": [
+        {
+            "effect": "stribeck_friction",
+            "joints": ["joint_2"],
+            "probability": 0.97,
+            "class": ["stribeck_friction", "nonlinear_viscous_friction"],
+            "parameters": {"stribeck_velocity_rad_s": {"value": 0.08, "low": 0.06, "high": 0.11}},
+            "heldout": {
+                "rms_before_Nm": {"joint_2": 1.1}, "rms_after_Nm": {"joint_2": 0.47},
+                "energy_error_before_J": -3.1, "energy_error_after_J": -0.2, "shrink": 0.93,
+            },
+        }
+    ],
+    "heldout": {"rms_before_Nm": {"joint_2": 1.1}, "rms_after_Nm": {"joint_2": 0.47}, "shrink": 0.93},
+    "not_testable": [{"effect": "thermal_friction", "joints": ["joint_1"], "reason": "too short"}],
+    "next_experiment": {"separates": ["stribeck_friction", "torque_delay"], "motion": "slow sweeps", "minutes": 4},
+}  # fmt: skip
+
+
+def written(path: Path, record: DiagnosisInput | dict[str, Any], evaluation: ReportInput | None = None) -> str:
+    return read(write_diagnosis_report(path / "d.html", record, evaluation).read_text(encoding="utf-8")).text
+
+
+def test_page_tells_the_whole_record(tmp_path: Path) -> None:
+    """Effect, joint, probability, twin, parameter with interval, before and after, place, reason, next motion."""
+    text = written(tmp_path, json.loads(json.dumps(RECORD)))
+    for told in (
+        "The gap has a name: Stribeck friction in joint_2.",
+        "closes 93 % of what can be closed",
+        "Probability 97 %",
+        "can't tell it from nonlinear viscous friction",
+        "0.0600 to 0.110",
+        "joint_2 1.10 → 0.47 N m",
+        "−3.10 → −0.20 J",
+        "71 %",
+        "too short",
+        "slow sweeps (4 min). It tells Stribeck friction and torque delay apart.",
+        "3 % of the interval",
+    ):
+        assert told in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no_gap", "No gap"),
+        ("none_of_catalogue", "no effect of the catalogue explains it"),
+        ("not_testable", "can't tell"),
+    ],
+)
+def test_page_without_findings(tmp_path: Path, verdict: str, words: str) -> None:
+    """Every verdict has a page, with or without findings; keys that are empty are no error."""
+    bare = {"schema": RECORD["schema"], "robot": "tm5_900", "joints": ["joint_1"], "verdict": verdict}
+    assert words in written(tmp_path, bare)
+    assert "What causes it" not in written(tmp_path, bare)
+
+
+def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
+    """What tuning hides, and the candidate that came nearest, stand under the verdict."""
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
+    where = ["joint_2", "joint_3"]
+    record["nearest"] = {"effect": "torque_delay", "joints": where, "p_value": 0.001, "rms_fall": 0.012}
+    record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
+    text = written(tmp_path, record).replace("\xa0", " ")
+    assert "what they hide acts most on joint_2" in text
+    assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
+    assert "by 1.2 %" in text
+    assert "no effect of the catalogue explains it" in text
+
+
+def test_a_gap_is_small_where_nothing_else_speaks_for_it(tmp_path: Path) -> None:
+    """A candidate that came near, and errors that are noise: that is a small gap, and not told of any other."""
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
+    record["nearest"] = {"effect": "torque_offset", "joints": ["joint_2"], "p_value": 0.001, "rms_fall": 0.01}
+    assert "There is a small gap" not in written(tmp_path, record)
+    for gap in record["gap"].values():
+        gap |= {"rms_Nm": 0.5, "noise_floor_Nm": 0.48, "unexplained": None}
+    assert "There is a small gap" in written(tmp_path, record)
+
+
+def test_refusal_shows_the_remedy_first(tmp_path: Path) -> None:
+    """A refused session's fatal issue and its remedy stand right under the verdict."""
+    record = {**copy.deepcopy(RECORD), "verdict": "refused", "findings": [], "gap": {}, "where": []}
+    record["telemetry"][0] |= {"severity": "fatal", "remedy": "set effort_sign"}
+    text = written(tmp_path, record)
+    text = text[text.index("Refused") :]
+    assert text.index("set effort_sign") < text.index("Recordings:") < text.index("slow sweeps")
+
+
+def test_headline_names_no_more_than_three(tmp_path: Path) -> None:
+    """Five findings make three names and a count."""
+    record = {**RECORD, "verdict": "partial", "findings": RECORD["findings"] * 5}
+    assert diagnosis_headline(record).endswith("and 2 more.")
+
+
+def test_confusion_and_evaluation_are_added(source: ReportInput, tmp_path: Path) -> None:
+    """Optional pictures appear, the evaluation's sections follow, and no section stands twice."""
+    confusion = {"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}}
+    page = write_diagnosis_report(
+        tmp_path / "d.html", DiagnosisInput(RECORD, confusion, {"versions": {"armgap": "0.1"}}), source
+    ).read_text(encoding="utf-8")
+    reader = read(page)
+    assert "11 of 12 cases were named rightly" in reader.text
+    assert "versions: armgap" in reader.text
+    assert len(reader.ids) == len(set(reader.ids))
+    assert {"findings", "confusion", "ladder", "fits"} <= set(reader.ids)
+
+
+STRIP = {
+    "joint": "joint_2", "axis": "speed", "edges": [0.0, 0.1, 1.0], "share_of_gap": [0.8, 0.2],
+    "share_of_time": [0.5, 0.5], "energy_J": [-3.0, 0.25], "p_value": [0.002, 1.0],
+}  # fmt: skip
+
+
+def test_map_has_a_strip_a_joint_and_axis(tmp_path: Path) -> None:
+    """Every cell tells its figures to a pointer; only a sure and dense one is outlined and shows its share."""
+    record = {**RECORD, "maps": [STRIP], "maps_fixed": [STRIP]}
+    page = write_diagnosis_report(tmp_path / "d.html", record).read_text(encoding="utf-8")
+    assert page.count('class="strip"') == 2
+    assert 'title="0 to 0.10 rad/s: 80 % of the gap, in 50 % of the time, −3.00 J, p = 0.002">80 %<' in page
+    assert 'title="0.10 to 1.0 rad/s: 20 % of the gap, in 50 % of the time, 0.25 J, p = 1"><' in page
+    assert "held fast" in read(page).text
+
+
+def test_page_tells_how_far_the_motion_nears(tmp_path: Path) -> None:
+    """The replay is told in mrad for the named joint; trees, the model as it is and energies stand in the table."""
+    forward = {"window_s": 0.25, "position_rms_rad": {"before": {"joint_2": 5.86e-3}, "after": {"joint_2": 1.12e-3}}}
+    further = {
+        "forward": forward,
+        "without_names_rms_Nm": {"joint_2": 0.61},
+        "energy_error_after_J": {"joint_2": -0.17},
+    }
+    gap = {**RECORD["gap"], "joint_2": {**RECORD["gap"]["joint_2"], "fixed_rms_Nm": 1.33}}
+    text = written(tmp_path, {**RECORD, "gap": gap, "heldout": {**RECORD["heldout"], **further}})
+    assert "is off after 250 ms by [mrad]: joint_2 5.9 → 1.1." in text.replace("\u00a0", " ")
+    for told in ("0.61", "1.33", "−0.17", "inertias of the URDF, friction tuned"):
+        assert told in text
+
+
+def test_order_free_shares_are_told_of_several_names(tmp_path: Path) -> None:
+    """The share is told beside what each closes on its own, where there is more than one name."""
+    finding = {**RECORD["findings"][0], "heldout": {**RECORD["findings"][0]["heldout"], "share": 0.31}}
+    assert "31 %" not in written(tmp_path, {**RECORD, "findings": [finding]})
+    assert "whatever the order of the names: 31 %" in written(tmp_path, {**RECORD, "findings": [finding, finding]})
+
+
+def test_places_in_words() -> None:
+    """Direction is forwards or backwards; the share of time is told where it is known."""
+    place = {"joint": "j", "axis": "direction", "low": -1.5, "high": 0.0, "share_of_gap": 0.8, "p_value": 0.01}
+    assert describe_place(place) == "j: 80 % of its gap lies in moving backwards (p = 0.01)."
+    assert "in 20 % of the time" in describe_place({**place, "share_of_time": 0.2})
+    assert "in 20 % of the noise" in describe_place({**place, "axis": "frequency", "share_of_time": 0.2})
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("stribeck_velocity_rad_s", ("Stribeck velocity", "rad/s")),
+        ("viscous_Nms_rad", ("viscous", "N m s/rad")),
+        ("stiffness_Nm_rad", ("stiffness", "N m/rad")),
+        ("drift_Nm_s", ("drift", "N m/s")),
+        ("mass_kg", ("mass", "kg")),
+        ("delay_s", ("delay", "s")),
+        ("mu", ("mu", "")),
+    ],
+)
+def test_parameters_have_units(name: str, words: tuple[str, str]) -> None:
+    assert parameter_name(name) == words
+
+
+def test_black_text_stays_readable_on_every_shade() -> None:
+    """The darkest cell keeps a contrast of 7 : 1 to black text (WCAG AAA)."""
+    for share in (0.0, 0.5, 1.0, 3.0):
+        channels = [int(shade(share)[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+        luminance = sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+        assert (luminance + 0.05) / 0.05 > 7

@@ -1,0 +1,114 @@
+"""The page: whole, self-contained, well-formed; its figures are those of the evaluation."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ident.errors import InputError
+from ident.show.palette import rung_colours
+from ident.show.report import ReportInput, write_evaluation_report
+from ident.show.report.numbers import fixed
+from tests.ident.show.report.reader import read
+
+
+@pytest.fixture(scope="module")
+def page(source: ReportInput, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    assert write_evaluation_report(path, source.models, source.evaluations, source.issues) == path
+    return path.read_text(encoding="utf-8")
+
+
+def test_page_needs_no_network(page: str) -> None:
+    """Every address on the page is a place on it or data within it, and no style fetches anything."""
+    reader = read(page)
+    assert all(address.startswith(("#", "data:")) for address in reader.addresses)
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", page))
+    assert "@import" not in page
+    assert "script" not in reader.elements
+
+
+def test_page_is_well_formed(page: str) -> None:
+    """Elements close in order, no id stands twice, and every reference finds its target."""
+    reader = read(page)
+    assert reader.open == []
+    assert len(reader.ids) == len(set(reader.ids))
+    targets = re.findall(r"url\(#([^)]*)\)", page) + [a[1:] for a in reader.addresses if a.startswith("#")]
+    assert set(targets) <= set(reader.ids)
+
+
+def test_page_is_small(page: str) -> None:
+    """A page of two joints and two models is far below 3 MB."""
+    assert len(page.encode()) < 1_000_000
+
+
+def test_verdict_comes_first(page: str) -> None:
+    """The first heading of a section is the verdict, and its sentence stands before any other section."""
+    assert page.index("The fitted model follows the arm") < page.index('id="ladder"')
+    assert re.findall(r'<section id="([a-z]+)"', page)[0] == "verdict"
+
+
+def test_tables_hold_the_scores(page: str, source: ReportInput) -> None:
+    """Every mean and standard deviation of the main model's ladder is on the page, rounded."""
+    score = source.evaluation.pooled
+    text = read(page).text
+    for mean, std in zip(score.energy_mean.ravel(), score.energy_std.ravel(), strict=True):
+        assert f"{fixed(mean)} ± {fixed(std)}" in text
+    for mean, std in zip(score.rmse_mean.ravel(), score.rmse_std.ravel(), strict=True):
+        assert f"{fixed(mean)} ± {fixed(std)}" in text
+
+
+def test_page_shows_payload_models_issues_and_provenance(page: str) -> None:
+    """The payload row, each model, each telemetry issue, each data hash: all there, and text from outside escaped."""
+    text = read(page).text
+    for told in ("500 g", "half", "nearly all", "clipped effort", "move slower", "ab12" * 16, "numpy 2.0"):
+        assert told in text
+    assert "<b>jitter</b>" not in page
+    assert "2 % of <b>jitter</b>" in text
+
+
+def test_every_rung_keeps_its_colour(page: str) -> None:
+    """Tables and pictures use one colour a rung."""
+    for colour in rung_colours(("analytic", "loss")).values():
+        assert f"background:{colour}" in page
+        assert f"stroke: {colour}" in page
+
+
+def test_a_run_of_the_fit_is_told(source: ReportInput, tmp_path: Path) -> None:
+    """Where evaluated runs were in the fit, the page says so, and doesn't call them unseen."""
+    clean = replace(source)
+    assert clean.seen_runs() == 0
+    model = source.model
+    record = {"session": "E1", "file": "run_1.parquet", "sha256": "00"}
+    seen = replace(model, provenance={**model.provenance, "data": [record]})
+    models = tuple(seen if one is model else one for one in source.models)
+    path = write_evaluation_report(tmp_path / "seen.html", models, source.evaluations)
+    text = read(path.read_text(encoding="utf-8")).text
+    assert "1 of the 4 runs judged here were in the fit" in text
+    assert "never saw" not in text
+
+
+def test_one_model_and_one_session_make_no_comparison(source: ReportInput, tmp_path: Path) -> None:
+    """Sections with nothing to show are left out: no payload, no comparison."""
+    evaluation = source.evaluation
+    alone = replace(evaluation, sessions=evaluation.sessions[:1], traces=evaluation.traces[:2])
+    path = write_evaluation_report(tmp_path / "one.html", [source.model], [alone])
+    sections = re.findall(r'<section id="([a-z]+)"', path.read_text(encoding="utf-8"))
+    assert sections == ["verdict", "ladder", "fits", "residuals", "parameters", "telemetry", "provenance"]
+
+
+def test_report_is_whole_or_not_there(source: ReportInput, tmp_path: Path) -> None:
+    """A folder that can't be made leaves nothing behind, and names the remedy."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="can't be written"):
+        write_evaluation_report(tmp_path / "file" / "r.html", source.models, source.evaluations)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_models_and_evaluations_must_match(source: ReportInput) -> None:
+    """Two models and one evaluation are a bug of the caller."""
+    with pytest.raises(ValueError, match="2 models and 1 evaluations"):
+        ReportInput(source.models, source.evaluations[:1])

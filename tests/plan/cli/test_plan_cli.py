@@ -1,0 +1,273 @@
+"""The `plan` command, from scene file to exit status."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+from typer.testing import CliRunner
+
+from ident.errors import InputError
+from plan.cli.app import app, main
+from plan.cli.commands import open_task, solve_task
+from plan.problem.task_file import load_task, load_trials
+
+DATA = Path(__file__).parents[1] / "data"
+TABLE3 = (DATA / "table3.toml").read_text()
+
+
+def scene(folder: Path, text: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def opened(path: Path, **changes: object):  # type: ignore[no-untyped-def]
+    options = {"model": None, "objective": "energy", "metric": "absolute", "variables": None, "vias": None, "trial": 1}
+    return open_task(path, **{**options, **changes})  # type: ignore[arg-type]
+
+
+def test_solves_and_writes_everything(tmp_path: Path) -> None:
+    """One command: the plan as JSON, a picture and a Rerun recording."""
+    files = [tmp_path / name for name in ("plan.json", "plan.png", "plan.rrd")]
+    arguments = ["solve", str(DATA / "table3.toml"), "--json", str(files[0]), "--picture", str(files[1])]
+    outcome = CliRunner().invoke(app, [*arguments, "--rrd", str(files[2])])
+    assert outcome.exit_code == 0, outcome.output
+    assert "solved by reference" in outcome.output
+    assert "proven between samples too" in outcome.output
+    record = json.loads(files[0].read_text())
+    assert record["status"] == "solved"
+    assert files[1].stat().st_size > 10_000
+    assert files[2].read_bytes()[:4] == b"RRF2"
+
+
+def test_compares_and_draws(tmp_path: Path) -> None:
+    """A table of methods, a JSON record, pictures of costs and of the best motion."""
+    arguments = ["compare", str(DATA / "table3.toml"), "--methods", "cma,reference", "--seeds", "2"]
+    outcome = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "c.json"), "--out", str(tmp_path / "o")])
+    assert outcome.exit_code == 0, outcome.output
+    record = json.loads((tmp_path / "c.json").read_text())
+    assert [row["method"] for row in record["summary"]] == ["cma", "reference"]
+    assert {path.name for path in (tmp_path / "o").iterdir()} == {
+        "comparison.png",
+        "best.png",
+        "best.json",
+        "best.rrd",
+    }
+
+
+def test_timeline_holds_arm_and_obstacle(tmp_path: Path) -> None:
+    """Read back, the recording has the moving arm, the obstacle, torques and clearance."""
+    task = opened(DATA / "obstacle.toml")
+    result = solve_task(task, "cma", 0, 3000, None, False, None, None)
+    from plan.show.timeline import save_timeline
+
+    save_timeline(task.problem, result, tmp_path / "plan.rrd")
+    paths = {chunk.entity_path for chunk in RrdReader(tmp_path / "plan.rrd").stream().to_chunks()}
+    assert "/world/obstacles/monitor" in paths
+    assert any(path.startswith("/world/arm/joint_3") for path in paths)
+    assert "/torque_Nm/joint_2" in paths
+    assert "/clearance_m" in paths
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[task]", "[tusk]", "unknown key 'tusk'"),
+        ("start_deg = [50, 0, -120]", "", "task.start_deg is missing"),
+        ("start_deg = [50, 0, -120]", 'start_deg = ["a", 0, 1]', "not a list of numbers"),
+        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 30]", "has 2 numbers, not 3"),
+        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 30, nan]", "not a list of numbers"),
+        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 300, -90]", "out of its limits"),
+        ("goal_deg = [80, 30, -90]", "goal_deg = [80, 100, 150]", "collide there"),
+        ("duration_s = 0.65", "duration_s = -1", "task.duration_s is -1"),
+        ("duration_s = 0.65", 'duration_s = "soon"', "task.duration_s is 'soon'"),
+        ("via_points = 2", "via_points = 0", "task.via_points is 0"),
+        ("via_points = 2", "wrist_deg = [0, 0]", "3 joints stand still"),
+        ("via_points = 2", "wrist_deg = [0, 0, 900]", "out of the limits"),
+        ('robot = "tm5-900"', 'robot = "tm9"', "no such URDF file or robot"),
+        ('robot = "tm5-900"', 'robot = "tm5-900', "not TOML"),
+    ],
+)
+def test_bad_scenes(tmp_path: Path, old: str, new: str, words: str) -> None:
+    """Every fault of a scene file is named with the file and a remedy."""
+    assert old in TABLE3
+    path = scene(tmp_path, TABLE3.replace(old, new))
+    with pytest.raises(InputError, match=words.replace("[", r"\[")) as error:
+        opened(path)
+    assert "tm9" in str(error.value) or str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("size_m = [0.1, 0, 0.1]\nxyz_m = [1, 0, 0]", "not above zero"),
+        ("size_m = [0.1, 0.1]\nxyz_m = [1, 0, 0]", "has 2 numbers, not 3"),
+        ("size_m = [0.1, 0.1, 0.1]", "xyz_m is missing"),
+        ("size_m = [0.1, 0.1, 0.1]\nxyz_m = [1, 0, 0]\ncolour = 3", "unknown key 'colour'"),
+        ("size_m = [0.4, 0.4, 0.4]\nxyz_m = [-0.1, -0.5, 0.3]", "task.start_deg"),
+    ],
+)
+def test_bad_obstacles(tmp_path: Path, lines: str, words: str) -> None:
+    """Boxes of zero size, of wrong shape, or over the arm are refused."""
+    with pytest.raises(InputError, match=words):
+        opened(scene(tmp_path, f"{TABLE3}\n[[obstacle]]\n{lines}\n"))
+
+
+def test_bad_options() -> None:
+    """Unknown objective, metric, variables and method name what there is."""
+    path = DATA / "table3.toml"
+    for changes, words in (
+        ({"objective": "speed"}, "use one of: energy, time"),
+        ({"metric": "heat"}, "use one of: signed"),
+        ({"variables": "all"}, "use one of: vias, times, both"),
+        ({"objective": "time", "variables": "vias"}, "use times or both"),
+    ):
+        with pytest.raises(InputError, match=words):
+            opened(path, **changes)
+    with pytest.raises(InputError, match="use one of: reference"):
+        solve_task(opened(path), "magic", 0, None, None, False, None, None)
+
+
+def test_model_of_another_robot(tmp_path: Path) -> None:
+    """A model fitted for another robot is refused."""
+    from ident.model.hybrid import HybridModel
+    from ident.model.loss import LossParameters
+    from ident.robot.arm import ArmModel
+
+    arm = ArmModel.load("ur10")
+    HybridModel(arm, arm, arm, LossParameters.zero(arm.n)).save(tmp_path / "model")
+    with pytest.raises(InputError, match="fit a model for this robot"):
+        opened(DATA / "table3.toml", model=tmp_path / "model")
+    with pytest.raises(InputError, match="not a model folder"):
+        opened(DATA / "table3.toml", model=tmp_path)
+
+
+def test_model_of_this_robot(tmp_path: Path) -> None:
+    """A saved model of the robot is planned with: its losses raise the energy."""
+    from ident.model.hybrid import HybridModel
+    from ident.model.loss import LossParameters
+    from ident.robot.arm import ArmModel
+
+    arm = ArmModel.load("tm5-900")
+    import numpy as np
+
+    loss = LossParameters(*(np.full(6, value) for value in (0.5, 5.0, 5.0, 0.0, 0.01)))
+    HybridModel(arm, arm, arm, loss).save(tmp_path / "model")
+    with_loss, without = (
+        solve_task(opened(DATA / "table3.toml", model=folder), "reference", 0, None, None, False, None, None)
+        for folder in (tmp_path / "model", None)
+    )
+    assert with_loss.cost > without.cost + 5.0
+
+
+def test_taught_files(tmp_path: Path) -> None:
+    """Taught via points from a file: read with stamps, refused with the place of the fault."""
+    path = scene(
+        tmp_path, '[[trial]]\nname = "a"\nvia_points_deg = [[50, 10, -100], [70, 20, -95]]\ntimes_s = [1, 2]\n'
+    )
+    (trial,) = load_trials(path, 3)
+    assert trial.name == "a"
+    assert trial.vias.shape == (2, 3)
+    assert trial.times is not None
+    for text, words in (
+        ("", "no \\[\\[trial\\]\\]"),
+        ("[[trial]]\nname = 3\n", "no via_points_deg"),
+        ("[[trial]]\nvia_points_deg = [[1, 2]]\n", "has 2 numbers, not 3"),
+        ("[[trial]]\nvia_points_deg = [[1, 2, 3]]\ntimes_s = [0]\n", "not above zero"),
+        ("[[trial]]\nvia_points_deg = [[1, 2, 3], [2, 3, 4]]\ntimes_s = [2, 1]\n", "do not increase"),
+    ):
+        with pytest.raises(InputError, match=words):
+            load_trials(scene(tmp_path, text), 3)
+    with pytest.raises(InputError, match="use --trial 1 to 1"):
+        opened(DATA / "table3.toml", vias=scene(tmp_path, "[[trial]]\nvia_points_deg = [[60, 10, -110]]"), trial=2)
+
+
+def test_scene_defaults() -> None:
+    """What a scene file leaves out has the documented defaults."""
+    task = load_task(DATA / "table3.toml")
+    assert task.clearance == 0.005
+    assert task.via_points == 2
+    assert task.obstacles == ()
+
+
+def test_exit_status_and_one_line(tmp_path: Path) -> None:
+    """The user's mistake ends the program with status 2, one line on standard error and nothing written."""
+    path = scene(tmp_path, TABLE3.replace("[80, 30, -90]", "[80, 300, -90]"))
+    out = tmp_path / "plan.json"
+    code = "import sys; from plan.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "solve", str(path), "--json", str(out)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "task.goal_deg" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not out.exists()
+
+
+CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "words"),
+    [
+        ("[50, 0, -120]", "[50, 0, -300]", (), "stay within"),
+        ("[50, 0, -120]", "[50, 100, 150]", (), "move that position or the obstacle"),
+        ("[80, 30, -90]", "[80, 100, 150]", (), "move that position or the obstacle"),
+        ("via_points = 2", f"via_points = 2\n{CRATE}[0, 0.1, 0.1]", (), "give lengths"),
+        ("via_points = 2", "via_points = 2", ("--method", "magic"), "use one of: reference"),
+        ("via_points = 2", "via_points = 2", ("--method", "toppra"), "use --objective time"),
+    ],
+)
+def test_solve_ends_with_status_two(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    options: tuple[str, ...],
+    words: str,
+) -> None:
+    """Ends out of limits or in collision, boxes of zero size, unknown methods: status 2 and the remedy in one line."""
+    path = scene(tmp_path, TABLE3.replace(old, new))
+    monkeypatch.setattr(sys, "argv", ["plan", "solve", str(path), "--json", str(tmp_path / "plan.json"), *options])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    said = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "plan.json").exists()
+
+
+def test_compare_of_unknown_methods() -> None:
+    """A comparison names the methods there are, before it spends any time."""
+    outcome = CliRunner().invoke(app, ["compare", str(DATA / "table3.toml"), "--methods", "cma,magic"])
+    assert isinstance(outcome.exception, InputError)
+    assert "use some of: reference" in str(outcome.exception)
+
+
+def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """An option that does not exist is the user's mistake too."""
+    monkeypatch.setattr(sys, "argv", ["plan", "solve", "x.toml", "--nothing"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert "plan --help" in capsys.readouterr().err
+
+
+def test_resume(tmp_path: Path) -> None:
+    """A search stopped by its budget goes on from its checkpoint file."""
+    task, journal = opened(DATA / "table3.toml"), tmp_path / "search.npz"
+    first = solve_task(task, "ga", 0, 500, None, False, journal, None)
+    assert journal.is_file()
+    second = solve_task(task, "ga", 0, 1000, None, False, journal, None)
+    whole = solve_task(task, "ga", 0, 1000, None, False, None, None)
+    assert second.cost == whole.cost
+    assert second.cost <= first.cost

@@ -1,0 +1,122 @@
+"""Seeds: the midplane's points, trees, pruning, and what is said of those that fail."""
+
+import numpy as np
+import pytest
+
+from plan.geometry.boxes import Box
+from plan.initial.detours import _Tip, find_seeds, midplane_targets
+from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
+from plan.initial.starts import MOST_VIAS, from_seeds, from_vias, straight, time_stamps
+from plan.problem.problem import PlanningProblem
+from tests.plan.worlds import GOAL, MONITOR, START, problem
+
+
+@pytest.fixture(scope="module")
+def task() -> PlanningProblem:
+    return problem(MONITOR, duration=1.0)
+
+
+def test_targets_stand_on_the_midplane() -> None:
+    """Nine points: the middle and eight, 45° apart seen from the hull's centre, all in the midplane, off the hull."""
+    start, goal = np.array([0.5, -0.3, 0.2]), np.array([0.3, 0.4, 0.6])
+    box = Box("b", 0, np.eye(3), [0.4, 0.0, 0.4], [0.1, 0.05, 0.2])
+    found = midplane_targets(start, goal, [box], 0.08)
+    normal, middle = (goal - start) / np.linalg.norm(goal - start), (start + goal) / 2
+    assert len(found) == 9
+    assert found[0][1] == pytest.approx(middle)
+    corners = box.corners - np.outer((box.corners - middle) @ normal, normal)
+    for _, point in found[1:]:
+        assert (point - middle) @ normal == pytest.approx(0.0, abs=1e-12)
+        assert np.linalg.norm(corners - point, axis=1).min() > 0.05
+    opposite = [(found[1 + i][1] + found[5 + i][1]) / 2 for i in range(4)]
+    assert max(np.linalg.norm(a - b) for a in opposite for b in opposite) < 0.1
+
+
+def test_no_obstacle_no_detour() -> None:
+    """Without obstacles the only point is the middle."""
+    assert [name for name, _ in midplane_targets(np.zeros(3), np.ones(3), [], 0.1)] == ["midpoint"]
+
+
+def test_tip_reaches_its_targets(task: PlanningProblem) -> None:
+    """Inverse kinematics puts the tip within a millimetre, or says that it can't."""
+    tip = _Tip(task.scene.arm)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        known = START + rng.uniform(-0.5, 0.5, 3)
+        q = tip.solve(tip.place(known), START)
+        assert q is not None
+        assert np.linalg.norm(tip.place(q) - tip.place(known)) < 1e-3
+    assert tip.solve(np.array([3.0, 0.0, 0.0]), START) is None
+
+
+def test_trees_connect_clear_of_the_box(task: PlanningProblem) -> None:
+    """The path joins start and goal, and every edge keeps the margin at twice the resolution."""
+    options = TreeOptions(margin=0.005)
+    low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
+    path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(0))
+    assert path.found
+    assert path.points[[0, -1]] == pytest.approx(np.array([START, GOAL]))
+    fine = TreeOptions(margin=0.0, resolution=0.02)
+    assert all(edge_is_free(task.scene, a, b, fine) for a, b in zip(path.points, path.points[1:], strict=False))
+    assert np.abs(np.diff(path.points, axis=0)).max() <= options.step + 1e-9
+
+
+def test_pruning_shortens_and_stays_free(task: PlanningProblem) -> None:
+    """A pruned path is no longer, free, and no further node can be taken out."""
+    options = TreeOptions(margin=0.005)
+    low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
+    path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(1)).points
+    short = prune(task.scene, path, options)
+
+    def length(points: np.ndarray) -> float:
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+    assert length(short) <= length(path) + 1e-9
+    assert len(short) < len(path)
+    for i in range(1, len(short) - 1):
+        assert not edge_is_free(task.scene, short[i - 1], short[i + 1], options)
+
+
+def test_blocked_search_says_so(task: PlanningProblem) -> None:
+    """A start in collision, or too few nodes, are reasons, not errors."""
+    inside = np.radians([65.0, 15.0, -105.0])
+    low, high = START - 1.0, START + 1.0
+    path = connect(task.scene, inside, GOAL, low, high, TreeOptions(), np.random.default_rng(0))
+    assert not path.found
+    assert "collision" in path.reason
+    path = connect(task.scene, START, GOAL, low, high, TreeOptions(nodes=4), np.random.default_rng(0))
+    assert "4 nodes" in path.reason
+
+
+def test_seeds_go_round_or_say_why(task: PlanningProblem) -> None:
+    """Nine seeds; some go round the box and start free searches, each failure has its reason."""
+    seeds = find_seeds(task, np.random.default_rng(0))
+    assert len(seeds) == 9
+    assert sum(not seed.reason for seed in seeds) >= 4
+    assert all(seed.reason for seed in seeds if len(seed.vias) == 0 and seed.label != "midpoint")
+    starts = from_seeds(task, seeds)
+    assert starts[0].label == "straight"
+    clear = [start for start in starts if start.initial_evaluation.collision[0] == 0]
+    assert len(clear) >= 3
+    assert all(2 <= start.via_count <= MOST_VIAS for start in starts)
+
+
+def test_time_stamps_share_the_duration() -> None:
+    """Stamps add up to the whole, in proportion to the slowest joint's need, with a floor for short sections."""
+    points = np.array([[0.0, 0.0], [1.0, 0.1], [1.0, 0.1], [1.2, 0.9]])
+    stamps = time_stamps(points, np.array([1.0, 2.0]), 4.0)
+    assert stamps.sum() == pytest.approx(4.0)
+    assert stamps[0] / stamps[2] == pytest.approx(1.0 / 0.4)
+    assert stamps[1] == pytest.approx(0.2 * stamps[0])
+
+
+def test_straight_parts_the_line_equally() -> None:
+    """The paper's initial condition: (60, 10, -110) and (70, 20, -100) degrees."""
+    assert np.degrees(straight(START, GOAL, 2)) == pytest.approx(np.array([[60.0, 10, -110], [70, 20, -100]]))
+
+
+def test_vias_are_refined_and_thinned(task: PlanningProblem) -> None:
+    """One via point becomes two; nine become five."""
+    assert from_vias(task, START + 0.1, "one", 2).via_count == 2
+    many = START + np.random.default_rng(0).uniform(-0.2, 0.2, (9, 3))
+    assert from_vias(task, many, "many", 2).via_count == MOST_VIAS

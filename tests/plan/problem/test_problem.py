@@ -1,0 +1,132 @@
+"""Decision vectors, limits, penalties and singular positions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.robot.arm import ArmModel
+from plan.dynamics.manipulability import Manipulability
+from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
+from tests.plan.worlds import MONITOR, problem, three_joints
+
+
+@pytest.mark.parametrize("free", ["vias", "times", "both"])
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_decoding_inverts_encoding(free: str, objective: str) -> None:
+    """The initial decision vector is the initial trajectory, and lies within the bounds."""
+    task = problem(objective=objective, free=free)
+    splines = task.decode(task.initial)
+    assert splines.points[0, 1:-1] == pytest.approx(task.vias)
+    assert splines.durations[0] == pytest.approx(task.durations)
+    assert np.all(task.lower <= task.initial)
+    assert np.all(task.initial <= task.upper)
+
+
+def test_energy_keeps_the_duration() -> None:
+    """Whatever the free time stamps, the energy objective's whole duration is fixed."""
+    task = problem(free="both")
+    x = task.initial + np.random.default_rng(0).normal(size=(20, task.dimension))
+    assert task.decode(x).total == pytest.approx(np.full(20, 0.65))
+
+
+def test_bounds_hold() -> None:
+    """Vectors beyond the bounds are clipped, so no via angle leaves its reach or the position limits."""
+    task = problem(radius=0.2)
+    splines = task.decode(np.full((1, 6), 99.0))
+    assert np.abs(splines.points[0, 1:-1] - task.vias).max() <= 0.2 + 1e-12
+
+
+def test_every_limit_is_seen() -> None:
+    """A motion too fast breaks speed and torque; one past a joint's limit breaks position; one through a box hits."""
+    task = problem()
+    fast = replace(task, durations=np.full(3, 0.02)).initial_evaluation
+    assert fast.speed[0] > 0
+    assert fast.torque[0] > 0
+    narrow = replace(task, limits=replace(task.limits, upper=np.radians([75.0, 180.0, 155.0])))
+    assert narrow.initial_evaluation.position[0] == pytest.approx(np.radians(5.0), abs=1e-6)
+    assert problem(MONITOR).initial_evaluation.collision[0] > 0
+    assert task.initial_evaluation.feasible[0]
+    for broken in (fast, narrow.initial_evaluation, problem(MONITOR).initial_evaluation):
+        assert not broken.feasible[0]
+
+
+def test_torque_limit_is_met_at_its_share() -> None:
+    """The excess is zero up to the share of the limit, and counts from there."""
+    task = problem(objective="time", free="times")
+    _, _, tau = task.decode(task.initial).states(TIME_NODES)
+    peak = task.initial_evaluation.peak[0].max()
+    for factor, broken in ((0.99, True), (1.01, False)):
+        limits = replace(task.limits, torque=np.full(3, factor * peak / SHARE))
+        assert bool(replace(task, limits=limits).initial_evaluation.torque[0] > 0) == broken
+    assert tau.shape[1] == 3 * len(TIME_NODES)
+
+
+def test_feasible_is_always_better() -> None:
+    """In the one number to minimise, no cheap broken motion passes for better than a dear allowed one."""
+    task = problem(MONITOR, duration=1.0)
+    beside = np.radians([47.0, 12.0, -95.0, 57.0, 23.0, -90.0])
+    share = np.repeat(np.linspace(0.0, 1.2, 40), 10)[:, None]
+    x = task.initial + share * (beside - task.initial) + np.random.default_rng(1).normal(size=(400, 6)) * 0.03
+    found = task.evaluate(x)
+    value = task.penalised(found)
+    near = found.feasible & (found.cost < 1.5 * task.scale)
+    deep = found.collision > 0.5
+    assert near.any()
+    assert deep.any()
+    assert value[near].max() < value[deep].min()
+
+
+def test_margin_shrinks_near_the_ends() -> None:
+    """Where start or goal are closer to something than the clearance asked for, half their distance is kept."""
+    wide = problem(MONITOR, clearance=0.5)
+    ends = wide.scene.separation(np.stack([wide.start, wide.goal])).min()
+    assert wide.margin == pytest.approx(0.5 * ends)
+    assert problem(MONITOR).margin == 0.005
+
+
+def test_manipulability_is_yoshikawas() -> None:
+    """The measure is √det(J Jᵀ) of Pinocchio's Jacobian at the tip, up to one factor."""
+    arm = three_joints()
+    measure = Manipulability(arm)
+    q = np.random.default_rng(0).uniform(-2, 2, (20, 3))
+    data, tip = arm.model.createData(), arm.model.nframes - 1
+    known = []
+    for row in q:
+        jacobian = pin.computeFrameJacobian(arm.model, data, row, tip, pin.LOCAL_WORLD_ALIGNED)[:3]
+        known.append(np.sqrt(np.linalg.det(jacobian @ jacobian.T)))
+    ratio = measure(q) / np.array(known)
+    assert ratio == pytest.approx(np.full(20, ratio[0]))
+
+
+def test_six_joints_lose_a_direction() -> None:
+    """With the fifth joint at zero the TM5-900's wrist is singular; the measure says so."""
+    arm = ArmModel.load("tm5-900")
+    q = np.radians([[20.0, 30.0, -60.0, 10.0, 0.0, 0.0], [20.0, 30.0, -60.0, 10.0, 90.0, 0.0]])
+    singular, regular = Manipulability(arm)(q)
+    assert singular < 1e-9
+    assert regular > 0.02
+
+
+def test_singular_motions_cost_more() -> None:
+    """Passing a singular position adds a share of the cost; a task that starts in one is not fined for it."""
+
+    def straightened(task: PlanningProblem) -> PlanningProblem:
+        vias = np.array(task.vias)
+        vias[0, 2] = find_singular_elbow(task)
+        return replace(task, vias=vias)
+
+    task = problem(duration=4.0)
+    through = straightened(task)
+    q = through.decode(through.initial).states(np.linspace(0, 1, 40))[0]
+    assert through._manipulability(q[0]).min() < 0.02
+    assert through._singular(q)[0] > 0
+    assert task._singular(task.decode(task.initial).states(np.linspace(0, 1, 40))[0])[0] == 0
+
+
+def find_singular_elbow(task: PlanningProblem) -> float:
+    """Elbow angle at which the first via point is singular."""
+    angles = np.linspace(-1.5, 1.5, 4001)
+    q = np.column_stack([np.full(4001, task.vias[0, 0]), np.full(4001, task.vias[0, 1]), angles])
+    return float(angles[np.argmin(Manipulability(three_joints())(q))])
