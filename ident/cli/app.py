@@ -41,6 +41,23 @@ def write_json(path: Path | None, record: dict[str, Any]) -> None:
             part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"ident (armgap) {version('armgap')}")
+        raise typer.Exit
+
+
+@app.callback()
+def ident(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Identify a robot arm, and find out why it does not move as its model says."""
+
+
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the model, the report and the timeline.")] = Path("out/demo"),
@@ -168,9 +185,7 @@ def diagnose(
     from ident.model.evaluation import evaluate as score
     from ident.model.hybrid import HybridModel
     from ident.opening import inspect_in_parts, open_for_model
-    from ident.show.report import ReportInput, write_diagnosis_report
     from ident.show.terminal import gap_curves, gap_marks, print_diagnosis
-    from ident.show.timeline import write_timeline
 
     loaded = HybridModel.load(model) if model else None
     arm, reports = inspect_in_parts(sessions, robot, topic, session_file)
@@ -180,6 +195,8 @@ def diagnose(
     print_diagnosis(console, diagnosis)
     record = diagnosis.to_dict()
     if html is not None:
+        from ident.show.report import ReportInput, write_diagnosis_report
+
         evaluation = None
         if loaded is not None and analysis is not None:
             opened = open_for_model(sessions, loaded, topic, session_file)
@@ -187,6 +204,8 @@ def diagnose(
         write_diagnosis_report(html, record, evaluation)
         console.print(f"page written to {html}")
     if rrd is not None and analysis is not None:
+        from ident.show.timeline import write_timeline
+
         marks, curves = gap_marks(analysis), gap_curves(analysis)
         write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, marks, curves)
         console.print(f"timeline written to {rrd}")

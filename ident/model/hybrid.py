@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tomli_w
@@ -19,11 +19,13 @@ from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.model.inertia import InertiaResults, Mode, fit_inertia
 from ident.model.loss import NAMES, UNITS, LossModel, LossParameters, LossResults
-from ident.model.residual_net import PRESETS, ResidualNet, TrainingHistory, fit_residual_net
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.robot.lumped import build_lumped_arm
+
+if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
+    from ident.model.residual_net import ResidualNet, TrainingHistory
 
 SCHEMA = "ident.model/1"
 LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
@@ -132,7 +134,7 @@ class HybridModel:
                 nominal=nominal,
                 arm=_identified(nominal, record["inertia"]["links"]),
                 loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
-                net=ResidualNet.load(path) if record.get("net", {}).get("preset", "none") != "none" else None,
+                net=_load_net(path) if record.get("net", {}).get("preset", "none") != "none" else None,
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
@@ -192,6 +194,12 @@ class HybridModel:
                 f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}",
                 "fit a model for this robot",
             )
+
+
+def _load_net(path: Path) -> ResidualNet:
+    from ident.model.residual_net import ResidualNet
+
+    return ResidualNet.load(path)
 
 
 def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:
@@ -310,6 +318,8 @@ def _fit_net(
     progress: Callable[[int, int, float], None] | None,
     checkpoint: Path | None,
 ) -> ResidualNet:
+    from ident.model.residual_net import PRESETS, fit_residual_net
+
     preset = PRESETS[options.net]
     states = [
         (m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], torque[m.coarse])

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import cvxpy as cp
 import numpy as np
 from scipy.linalg import qr
 
@@ -22,6 +21,9 @@ from ident.arrays import Array, Float, freeze
 from ident.model.loss import LossModel, loss_columns
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
+
+if TYPE_CHECKING:
+    import cvxpy as cp
 
 Mode = Literal["nominal", "base", "consistent"]
 PER_LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -197,6 +199,8 @@ def _solve(
     information: Array, score: Array, arm: ArmModel, base: BaseParameters, mode: str, scale: Array
 ) -> tuple[Array, Array]:
     """Most probable change of the inertial numbers, and the loss figures (non-negative but for offsets)."""
+    import cvxpy as cp  # slow to load: only where something is solved
+
     losses = cp.Variable(len(score) - base.rank)
     if mode == "base":
         unknown = cp.Variable(base.rank)
@@ -231,6 +235,8 @@ def _pseudo_inertia(link: cp.Expression) -> cp.Expression:
 
     Source: Wensing, Kim and Slotine 2018, eq. 12.
     """
+    import cvxpy as cp
+
     mass, mx, my, mz, xx, xy, yy, xz, yz, zz = (link[k] for k in range(10))
     half = 0.5 * (xx + yy + zz)
     return cp.bmat(

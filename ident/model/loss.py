@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 from scipy.stats import t as student
 
@@ -203,6 +202,8 @@ class LossModel:
 
     def _solve(self, x: Float[Array, "T k"], y: Float[Array, " T"]) -> Float[Array, " k"]:
         """Non-negative least squares, or Huber's loss, by cvxpy; the offset's sign is free."""
+        import cvxpy as cp  # slow to load: only where something is solved
+
         scale = np.maximum(np.linalg.norm(x, axis=0) / np.sqrt(len(x)), 1e-12)
         unknown = cp.Variable(x.shape[1])
         if self.robust:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
@@ -103,6 +102,8 @@ def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[A
     held = [j for j in range(arm.n) if is_body(nominal[j])]
     if all(is_body(nominal[j] + tuning[j]) for j in held):
         return np.array(tuning), 0.0
+    import cvxpy as cp  # slow to load: only where something is solved
+
     scale, mapping = parameter_scale(arm), base_parameters(arm).mapping
     size = np.sqrt(np.diag(mapping * scale**2 @ mapping.T))
     moved = cp.Variable(10 * arm.n)  # Δ − Δ₀ in units of scale

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ident.model.evaluation import SessionScore
-from ident.recordings.recording import TelemetryIssue
+if TYPE_CHECKING:  # a help text needs none of them
+    import numpy as np
+
+    from ident.model.evaluation import SessionScore
+    from ident.recordings.recording import TelemetryIssue
 
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 RUNG_WORDS = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "net": "+ net"}

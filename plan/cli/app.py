@@ -34,8 +34,20 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.")]
 
 
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"plan (armgap) {version('armgap')}")
+        raise typer.Exit
+
+
 @app.callback()
-def plan() -> None:
+def plan(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
+    ] = False,
+) -> None:
     """Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm."""
 
 

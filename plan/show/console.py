@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import accumulate
+from math import degrees
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from plan.planners.base import Progress as Callback
-from plan.problem.result import PlanResult
-from plan.solving.compare import Comparison
+if TYPE_CHECKING:  # a help text needs none of them
+    from plan.planners.base import Progress as Callback
+    from plan.problem.result import PlanResult
+    from plan.solving.compare import Comparison
 
 UNITS = {"energy": "J", "time": "s"}
 
@@ -70,10 +73,10 @@ def print_result(console: Console, result: PlanResult) -> None:
     )
     if result.reference_gap is not None and result.method != "reference":
         console.print(f"gap to the reference: {100 * result.reference_gap:+.2f} %")
-    stamps = np.cumsum(splines.durations[0])[:-1]
+    stamps = list(accumulate(splines.durations[0]))[:-1]
     if len(stamps) <= 10:
-        for stamp, via in zip(stamps, np.degrees(splines.points[0, 1:-1]), strict=True):
-            console.print(f"  via at {stamp:.4f} s: {', '.join(f'{angle:.2f}' for angle in via)} deg")
+        for stamp, via in zip(stamps, splines.points[0, 1:-1], strict=True):
+            console.print(f"  via at {stamp:.4f} s: {', '.join(f'{degrees(angle):.2f}' for angle in via)} deg")
     for note in result.notes:
         console.print(f"note: {escape(note)}", soft_wrap=True)
 

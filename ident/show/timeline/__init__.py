@@ -1,7 +1,19 @@
 """The Rerun timeline: measured torque against every rung, what is left, and the moving arm."""
 
-from ident.show.timeline.marks import Mark
-from ident.show.timeline.series import Curve
-from ident.show.timeline.writing import show_timeline, write_timeline
+from typing import TYPE_CHECKING
 
-__all__ = ["Curve", "Mark", "show_timeline", "write_timeline"]
+from ident.lazy import lazily
+
+if TYPE_CHECKING:
+    from ident.show.timeline.marks import Mark as Mark
+    from ident.show.timeline.series import Curve as Curve
+    from ident.show.timeline.writing import show_timeline as show_timeline
+    from ident.show.timeline.writing import write_timeline as write_timeline
+
+_HOMES = {
+    "Curve": "ident.show.timeline.series",
+    "Mark": "ident.show.timeline.marks",
+    "show_timeline": "ident.show.timeline.writing",
+    "write_timeline": "ident.show.timeline.writing",
+}
+__getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -1,0 +1,89 @@
+"""What need not be loaded is not loaded: a help text, the version, completion, and commands without a net.
+
+Laws about modules, not about seconds: torch, cvxpy, MuJoCo and the like take seconds of processor time to load.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ident.robot.urdf import data_path
+
+HEAVY = (
+    "torch",
+    "cvxpy",
+    "mujoco",
+    "pinocchio",
+    "coal",
+    "casadi",
+    "sklearn",
+    "scipy",
+    "numba",
+    "matplotlib",
+    "rerun",
+    "pyarrow",
+    "rosbags",
+    "distributed",
+    "numpy",
+)
+RUN = """
+import sys
+from {package}.cli.app import main
+sys.argv = {arguments!r}
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print("loaded:", *(name for name in {heavy!r} if name in sys.modules))
+"""
+E1 = Path(data_path("logs/tm5_900")) / "E1"
+
+
+def loaded(script: str, **environment: str) -> set[str]:
+    """The heavy modules that a script ends up with, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**os.environ, **environment}
+    )
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("loaded:"))
+    return set(line.split()[1:])
+
+
+def loaded_by(*arguments: object, **environment: str) -> set[str]:
+    """The same of a command."""
+    package, *rest = map(str, arguments)
+    return loaded(RUN.format(package=package, arguments=[package, *rest], heavy=HEAVY), **environment)
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("{first}", "--help")])
+def test_help_and_version_load_nothing_heavy(package: str, arguments: tuple[str, ...]) -> None:
+    first = {"ident": "diagnose", "plan": "solve"}[package]
+    assert loaded_by(package, *(part.format(first=first) for part in arguments)) == set()
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+def test_completion_loads_nothing_heavy(package: str) -> None:
+    asked = {f"_{package.upper()}_COMPLETE": "complete_bash", "COMP_WORDS": f"{package} ", "COMP_CWORD": "1"}
+    assert loaded_by(package, **asked) == set()
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+def test_packages_load_nothing_heavy(package: str) -> None:
+    assert loaded(f"import sys, {package}\nprint('loaded:', *(n for n in {HEAVY!r} if n in sys.modules))") == set()
+
+
+def test_a_diagnosis_of_nominal_inertias_loads_neither_torch_nor_pictures(tmp_path: Path) -> None:
+    """One run is too little for a verdict, but goes through the same door."""
+    run = E1 / "01_trajectory_1.parquet"
+    found = loaded_by("ident", "diagnose", run, "--robot", "tm5-900", "--json", tmp_path / "why.json")
+    assert not found & {"torch", "mujoco", "matplotlib", "rerun"}
+
+
+def test_a_fit_without_a_net_loads_no_torch(tmp_path: Path) -> None:
+    found = loaded_by("ident", "fit", E1, "--robot", "tm5-900", "--net", "none", "--out", tmp_path / "model")
+    assert "torch" not in found
