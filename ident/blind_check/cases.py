@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.effects import catalogue
 from ident.errors import InputError
 from ident.plant.causes import CATALOGUE, OUTSIDE, find_cause
 from ident.plant.decoys import DECOYS
@@ -28,12 +29,8 @@ SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size
 VISIBLE = (1.0, 3.0)
 RATES_HZ = (100.0, 250.0, 500.0)
 RATE_SHARES = (0.2, 0.6, 0.2)
-# Effects whose columns span those of another exactly: taking out the one alone would leave its twin in the catalogue.
-EXACT_TWINS: dict[str, tuple[str, ...]] = {
-    "payload": ("link_inertial_error",),
-    "link_inertial_error": ("payload",),
-    "torque_offset": ("asymmetric_friction",),
-}
+# Taking an effect out of the catalogue without these would leave its columns there.
+TWINS = {effect.id: effect.twins for effect in catalogue.CATALOGUE}
 # From this attempt on other effects are drawn too, not only another joint and arm.
 OTHER_EFFECTS_FROM = 4
 
@@ -177,7 +174,7 @@ def draw_case(
     )
     excluded: tuple[str, ...] = ()
     if slot.kind == "excluded":
-        excluded = (effects[0].effect, *EXACT_TWINS.get(effects[0].effect, ()))
+        excluded = (effects[0].effect, *TWINS.get(effects[0].effect, ()))
     return Case(slot, options, excluded)
 
 
@@ -189,7 +186,7 @@ def _draw_effects(slot: Slot, attempt: int, rng: np.random.Generator) -> list[tu
     family = OUTSIDE if slot.kind == "outside" else CATALOGUE
     while True:
         ids = [str(one) for one in rng.choice(list(family), count, replace=False)]
-        if not any(twin in ids for one in ids for twin in EXACT_TWINS.get(one, ())):
+        if not any(twin in ids for one in ids for twin in TWINS.get(one, ())):
             break
     sizes = [slot.amplitude] if slot.kind == "single" else [float(rng.choice(VISIBLE)) for _ in ids]
     return list(zip(ids, sizes, strict=True))

@@ -20,8 +20,8 @@ SIMULATED = tuple(FULL_MIX)
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
 SHOWN_SHARE = 1.0 / 3.0
-# Effects that a diagnosis names without a joint, even where the cause has one (a push at a link).
-OF_THE_ARM = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
+# Causes outside the catalogue are none of these.
+KNOWN = {effect.id: effect for effect in CATALOGUE}
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,9 @@ def _is_there(untouched: Mapping[str, Any] | None, answer: Answer) -> bool:
 
 
 def _joint_of(effect: TrueEffect) -> str:
-    return "" if effect.effect in OF_THE_ARM or not effect.joints else effect.joints[0]
+    """Its joint; none where a diagnosis names it without one, even where the cause has one (a push at a link)."""
+    whole = effect.effect in KNOWN and KNOWN[effect.effect].scope == "arm"
+    return "" if whole or not effect.joints else effect.joints[0]
 
 
 def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
@@ -185,8 +187,9 @@ def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     joint = _joint_of(effect)
     if not joint:
         return shown_joints(effect, answer)
-    other = effect.parameters.get("other_joint")
-    return [joint, str(other)] if effect.effect == "joint_coupling" and other else [joint]
+    partner = KNOWN[effect.effect].partner if effect.effect in KNOWN else ""
+    other = effect.parameters.get(partner)
+    return [joint, str(other)] if other else [joint]
 
 
 def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
@@ -267,33 +270,6 @@ def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float
     ]
 
 
-# Figures of the plant that mean something else than the diagnosis's of the same name: its viscous law is no power law,
-# its thermal changes are those at rated load, not those of the session, its ripple counts lobes of the joint, and its
-# coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
-OTHER_MEANING = {
-    "nonlinear_viscous_friction": {"coefficient", "exponent"},
-    "thermal_friction": {"viscous_change", "coulomb_change"},
-    "torque_ripple": {"order"},
-    "joint_coupling": {"inertia_kgm2"},
-}
-# The plant tells what its encoder reads too much and how gravity turns, the diagnosis what is to be added to the
-# reading and how the base stands.
-OPPOSITE = {"encoder_offset": {"offset_rad"}, "gravity_misalignment": {"tilt_x_rad", "tilt_y_rad"}}
-
-
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
     """True figures in the conventions of the diagnosis."""
-    figures = {name: float(value) for name, value in true.parameters.items() if not isinstance(value, str)}
-    for name in OTHER_MEANING.get(true.effect, ()):
-        figures.pop(name, None)
-    for name in OPPOSITE.get(true.effect, set()) & figures.keys():
-        figures[name] *= -1.0
-    if true.effect == "joint_coupling" and "viscous_Nms_rad" in figures:
-        # Friction of both joints' sum or difference; the diagnosis tells it at the other joint's speed.
-        figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)
-    if "phase_rad" in figures:  # the plant has cos(kq + phase), the diagnosis cos(kq - phase)
-        figures["phase_rad"] *= -1.0
-    if true.effect == "external_contact":  # the plant's clock is the run's; its force acts at another point
-        start = starts[int(figures["run"]) - 1] if starts else np.nan
-        return {name: figures[name] + start for name in ("start_s", "end_s") if np.isfinite(start)}
-    return figures
+    return KNOWN[true.effect].compared(true.parameters, starts) if true.effect in KNOWN else {}

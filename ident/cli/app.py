@@ -218,17 +218,19 @@ def patch(
     robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name.")],
     out: Annotated[Path, typer.Option(help="Folder of the patch.")],
     on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure it on.")] = None,
+    catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     json_file: JsonFile = None,
 ) -> None:
     """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
+    from ident.effects.catalogue import load_catalogue
     from ident.patches.change import Diagnosed
     from ident.patches.command import open_heldout, write_patch
     from ident.patches.printing import print_patch
     from ident.robot.arm import ArmModel
 
-    diagnosed = Diagnosed.load(diagnosis)
+    diagnosed = Diagnosed.load(diagnosis, load_catalogue(catalogue))
     motions = open_heldout(on, robot, diagnosed, topic, session_file) if on else ()
     record = write_patch(diagnosed, ArmModel.load(robot), out, motions)
     print_patch(console, record, out)

@@ -19,16 +19,6 @@ from ident.diagnosis.regression.least_squares import Projection, solve_signed
 from ident.model.inertia import lift_base, parameter_scale
 
 LOSS_KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
-# Effects whose reported figures do not say all of their law: it has more, or they lie between points of its grid.
-SHAPED = (
-    "load_dependent_friction",
-    "nonlinear_viscous_friction",
-    "presliding_hysteresis",
-    "spring_torque",
-    "stribeck_friction",
-    "torque_ripple",
-    "torque_saturation",
-)
 # Order of a link's ten inertial numbers, about its joint's frame.
 LINK_KEYS = (
     "mass_kg",
@@ -77,7 +67,7 @@ def tuned_beside(
     beta = np.concatenate(list(coefficients)) * evidence.scale[columns]
     figures = alone.estimate - alone.slopes[:, columns] @ beta
     if (figures[evidence.layout.rank :] < 0.0).any():
-        shaped = np.concatenate([np.full(len(g.columns), g.effect.id in SHAPED) for g in groups])
+        shaped = np.concatenate([np.full(len(g.columns), g.effect.open_law) for g in groups])
         figures, beta[shaped] = _without_drive(evidence.layout.rank, alone, columns, beta, shaped)
     ends = np.cumsum([len(group.columns) for group in groups])[:-1]
     return _record(baseline, evidence, figures, _laws(groups, np.split(beta / evidence.scale[columns], ends)))
@@ -130,7 +120,7 @@ def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -
     """Coefficients and shape of the effects whose reported figures do not say all of their law, by joint."""
     found: dict[int, dict[str, dict[str, Any]]] = {}
     for group, values in zip(groups, coefficients, strict=True):
-        if group.effect.id in SHAPED:
+        if group.effect.open_law:
             figures = {**group.variant.shape, **group.variant.inner}
             shape = {name: float(value) for name, value in figures.items()}
             law = {"coefficients": list(map(float, values)), "shape": shape}

@@ -34,6 +34,7 @@ from ident.diagnosis.verdict import (
     stands_out,
 )
 from ident.effects.base import Effect, SessionContext
+from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import runs_recorded
 from ident.recordings.recording import TelemetryIssue
@@ -100,6 +101,7 @@ class Diagnosis:
         heldout: Before and after, all effects together.
         not_testable: What these recordings can't show, and why.
         extra: Further figures.
+        catalogue: The effects that were asked for.
     """
 
     robot: str
@@ -113,6 +115,7 @@ class Diagnosis:
     heldout: dict[str, Any] = field(default_factory=dict)
     not_testable: tuple[dict[str, Any], ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
+    catalogue: tuple[Effect, ...] = CATALOGUE
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -127,7 +130,9 @@ class Diagnosis:
             "findings": [finding.to_dict() for finding in self.findings],
             "heldout": self.heldout,
             "not_testable": list(self.not_testable),
-            "next_experiment": next_experiment([one.to_dict() for one in self.findings], self.not_testable),
+            "next_experiment": next_experiment(
+                [one.to_dict() for one in self.findings], self.not_testable, self.catalogue
+            ),
             **self.extra,
         }
 
@@ -209,6 +214,7 @@ def diagnose(
             "baseline_alone": tuned_record(baseline, evidence, before),
             "baseline_urdf": tuned_record(baseline, evidence, fixed),
         },
+        catalogue=tuple(catalogue),
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 

@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.effects.informative_motions import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.informative_motions import SHOWINGS, describe_motion, family_for, setup_for
 
 # Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
 NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "too noisy")
@@ -15,29 +17,32 @@ SETUP_MINUTES = 4.0
 
 
 def next_experiment(
-    findings: Sequence[Mapping[str, Any]], not_testable: Sequence[Mapping[str, Any]]
+    findings: Sequence[Mapping[str, Any]],
+    not_testable: Sequence[Mapping[str, Any]],
+    known: Sequence[Effect] = CATALOGUE,
 ) -> dict[str, Any] | None:
     """The motion that parts the first tied class; else the one that shows most of what could not be tested.
 
     Args:
         findings: Findings of `ident.diagnosis/1`, in their order.
         not_testable: Its effects that could not be tested.
+        known: The effects that were asked for.
 
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could tell.
     """
     for finding in findings:
         if len(finding["class"]) > 1:
-            return _for_tied(list(finding["class"]), finding["joints"][0])
-    return _for_unseen([one for one in not_testable if _is_of_motion(one)])
+            return _for_tied(list(finding["class"]), finding["joints"][0], known)
+    return _for_unseen([one for one in not_testable if _is_of_motion(one)], known)
 
 
-def _for_tied(effects: list[str], joint: str) -> dict[str, Any]:
-    advice = setup_for(effects)
+def _for_tied(effects: list[str], joint: str, known: Sequence[Effect]) -> dict[str, Any]:
+    advice = setup_for(effects, known)
     if advice is not None:
         motion = f"Motion alone hardly tells these apart. {advice[0].upper()}{advice[1:]}"
         return {"separates": effects, "motion": motion, "minutes": SETUP_MINUTES}
-    family = family_for(effects)
+    family = family_for(effects, known)
     return {
         "separates": effects,
         "motion": f"{_sentence(family, joint)}; {_command(effects, joint)}",
@@ -45,9 +50,10 @@ def _for_tied(effects: list[str], joint: str) -> dict[str, Any]:
     }
 
 
-def _for_unseen(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect]) -> dict[str, Any] | None:
     """The kind of motion that shows the most effects, and the joint that lacks it most."""
-    families = {one["effect"]: SHOWN_BY[one["effect"]] for one in entries if one["effect"] in SHOWN_BY}
+    shown_by = {effect.id: effect.shown_by for effect in known}
+    families = {one["effect"]: shown_by[one["effect"]] for one in entries if one["effect"] in shown_by}
     if not families:
         return None
     family = Counter(families.values()).most_common(1)[0][0]

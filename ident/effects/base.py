@@ -7,7 +7,7 @@ columns like the measured torque, takes out what a refit of the baseline could e
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.effects.knowledge import Doubt, Expression, Typical
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
 from ident.robot.arm import ArmModel
@@ -149,7 +150,25 @@ class Effect(ABC):
         event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
         bursts: Whether it acts in short bursts, so that a mean over the session says little of its size.
         remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
+        by_run: Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
         summary: One line for reports: what happens and where to look.
+        shown_by: Family of the motion without which it can't be seen, one of `informative_motions.SHOWINGS`.
+        parted_by: For other effects, by id, the family of the motion that tells the two apart, where it is not simply
+            the one that shows one of them.
+        set_ups: For other effects, by id, the change of set-up that tells the two apart, where no motion does.
+        twins: Other effects, by id, whose columns span its own exactly.
+        typical: How large it is taken to be where nobody has found it yet.
+        doubt: How far an arm's own law may differ from this one.
+        partner: The figure that is the number of another joint that takes part, or "".
+        of_the_log: Whether it is one of the log alone: the joint gets another torque than what is read.
+        open_law: Whether the reported figures leave its law open: a diagnosis then tells coefficients and shape beside.
+        left_open: What even these leave open for a simulator, and what is taken then; "" for nothing.
+        formats: How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
+        law: Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the
+            motion (m.q, m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that
+            uses NumPy alone and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
+        incomparable: Figures that mean something else in a simulated arm's answer.
+        opposite: Figures that a simulated arm's answer tells with the other sign.
     """
 
     id: ClassVar[str]
@@ -160,8 +179,23 @@ class Effect(ABC):
     event: ClassVar[bool] = False
     bursts: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
+    by_run: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""
+    shown_by: ClassVar[str] = "wide"
+    parted_by: ClassVar[Mapping[str, str]] = {}
+    set_ups: ClassVar[Mapping[str, str]] = {}
+    twins: ClassVar[tuple[str, ...]] = ()
+    typical: ClassVar[Typical] = Typical()
+    doubt: ClassVar[Doubt] = Doubt()
+    partner: ClassVar[str] = ""
+    of_the_log: ClassVar[bool] = False
+    open_law: ClassVar[bool] = False
+    left_open: ClassVar[str] = ""
+    formats: ClassVar[Mapping[str, Expression]] = {}
+    law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
+    incomparable: ClassVar[frozenset[str]] = frozenset()
+    opposite: ClassVar[frozenset[str]] = frozenset()
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Effect:
         """The effect after a first look at what the tuned model leaves; events learn there when they may have been.
@@ -214,6 +248,33 @@ class Effect(ABC):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return None
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Figures that its law needs beside the reported ones.
+
+        Args:
+            reported: The reported figures.
+            coefficients: Those of its columns, where a diagnosis tells them (`open_law`); else empty.
+            shape: Shape and inner figures of the point of the grid that they belong to; else empty.
+        """
+        return {}
+
+    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
+        """How a format (`urdf`, `mjcf`) expresses it with these figures; None where it is friction to the format."""
+        return self.formats.get(form)
+
+    def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
+        """Figures of a simulated arm's answer in this effect's terms, as far as they have a counterpart.
+
+        Args:
+            true: The answer's figures; names of joints among them have none.
+            starts: Session time at which each run starts [s].
+        """
+        figures = {name: float(value) for name, value in true.items() if not isinstance(value, str)}
+        kept = {name: value for name, value in figures.items() if name not in self.incomparable}
+        return {name: -value if name in self.opposite else value for name, value in kept.items()}
 
 
 def linear_interval(

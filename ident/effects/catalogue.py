@@ -1,10 +1,12 @@
 """The catalogue: all effects that a diagnosis may name, and how to add one.
 
-Recipe for an effect of your own: one Python file with a class derived from `Effect`, given by its path.
+Recipe for an effect of your own: one Python file with a class derived from `Effect`, given as `--catalogue` to
+`ident diagnose`, `ident patch` and `plan excite`.
 
     import numpy as np
-    from ident.effects.base import Effect, Variant
-    from ident.effects.typical_sizes import coefficient_interval
+    from ident.effects.base import Effect
+    from ident.effects.knowledge import Typical
+    from ident.effects.typical_sizes import coefficient_interval, coulomb_level
 
     class Magnet(Effect):
         '''A magnet in the housing that pulls the joint towards one angle: τ = A sin 3q.'''
@@ -12,6 +14,8 @@ Recipe for an effect of your own: one Python file with a class derived from `Eff
         id = "magnet"                       # what reports call it
         summary = "torque repeats three times a turn"
         nonnegative = (0,)                  # columns whose coefficient has a known sign; leave out if none has
+        shown_by = "poses"                  # the motion to record, of informative_motions.SHOWINGS; else "wide"
+        typical = Typical("amplitude_Nm", 0.2)   # how large `plan excite` takes it to be
 
         def untestable(self, session, joint):
             q = np.concatenate([run.motion.q[:, joint] for run in session.runs])
@@ -23,10 +27,19 @@ Recipe for an effect of your own: one Python file with a class derived from `Eff
         def parameters(self, session, joint, variant, coefficients, covariance):
             return {"amplitude_Nm": coefficient_interval(0, coefficients, covariance)}
 
+        def prior_scale(self, session, joint, variant):   # the largest plausible coefficients
+            return np.array([coulomb_level(session, joint)])
+
+        @staticmethod
+        def law(m, j, p):                                 # its torque in a patch's module: NumPy alone
+            return m.at(j, p["amplitude_Nm"] * np.sin(3 * m.q[:, j]))
+
 Where a figure makes the torque non-linear, return `variants`, one for each value worth trying, and read the value from
 `variant.inner` in `columns`. Where the torque acts on other joints too, set `rows = "all"` and return (T, n, k). Where
-the effect is one of the whole arm, set `scope = "arm"`. Columns may use the motion, the arm and the modelled torques of
-`RunContext`, but there is no measured torque in it: what explains a signal by itself explains nothing.
+the effect is one of the whole arm, set `scope = "arm"`; where it acts on whole runs, as warmth does, `by_run`. All
+that may be said of an effect beside its law has a default: see the attributes of `Effect`. Columns may use the motion,
+the arm and the modelled torques of `RunContext`, but there is no measured torque in it: what explains a signal by
+itself explains nothing.
 """
 
 from __future__ import annotations
@@ -46,6 +59,7 @@ from ident.effects.friction import (
     PositionDependentFriction,
     StribeckFriction,
 )
+from ident.effects.informative_motions import SHOWINGS
 from ident.effects.memory import PreslidingHysteresis, ThermalFriction
 from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, Payload
 from ident.effects.sensing import EncoderOffset, TorqueDelay, TorqueGainError, TorqueOffset, TorqueSaturation
@@ -121,6 +135,9 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
             )
         if any(effect.id == name for effect in found):
             raise InputError(extra, f"the id {name!r} of {kind.__name__} is taken", "choose another")
+        if kind.shown_by not in SHOWINGS:
+            what = f"{kind.__name__} is shown by {kind.shown_by!r}, which is no kind of motion"
+            raise InputError(extra, what, f"give one of: {', '.join(SHOWINGS)}")
         found.append(_make(kind, extra))
     return tuple(found)
 

@@ -14,7 +14,7 @@ Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.knowledge import Expression, Typical, exactly_as, not_at_all
 from ident.effects.typical_sizes import (
     coefficient_interval,
     high_passed,
@@ -61,6 +62,13 @@ class JointElasticity(Effect):
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the gear twists under load: torque differs near the arm's resonance; look at fast changes of load"
+    shown_by = "chirp"
+    parted_by: ClassVar[Mapping[str, str]] = {"link_inertial_error": "chirp"}
+    typical = Typical("stiffness_Nm_rad", 0.05, inverse=True)
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all("a joint has no spring between motor and link; add the module's torque"),
+        "mjcf": exactly_as("a second joint `<joint>_spring` with stiffness and damping behind the motor's"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         high = root_mean_square([high_passed(run.link[:, joint], run.interval, LOW_FREQUENCY) for run in session.runs])
@@ -120,6 +128,12 @@ class Backlash(Effect):
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
+    shown_by = "reversals"
+    typical = Typical("gap_rad", 0.1)
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all("a joint has no play; add the module's torque"),
+        "mjcf": not_at_all("stops of a joint are softened by the step, not stiff as teeth; add the module's torque"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         least = LEAST_LOAD_SHARE * rated_torque(session, joint)

@@ -6,14 +6,16 @@ where the tuned model leaves much more than usual, with the pattern of a link's 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.knowledge import EVENT, Doubt, Expression, Typical
 from ident.effects.rigid_body import point_mass
 from ident.effects.typical_sizes import amplitude_interval, exactly
 from ident.robot.arm import ArmModel
@@ -67,6 +69,11 @@ class ExternalContact(Effect):
     rows = "all"
     event = True
     summary = "something pushes the arm for a while; repeat the motion in free space"
+    shown_by = "free"
+    typical = Typical("force_N", 0.2)
+    doubt = Doubt(exact=frozenset({"start_s", "end_s", "link"}))
+    left_open = EVENT.words
+    formats: ClassVar[Mapping[str, Expression]] = {"urdf": EVENT, "mjcf": EVENT}
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / SHORTEST_WINDOW
@@ -108,6 +115,11 @@ class ExternalContact(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, LARGEST_FORCE)
+
+    def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
+        """The simulated arm's clock is the run's; its force acts at another point."""
+        start = starts[int(true["run"]) - 1] if starts else np.nan
+        return {name: float(true[name]) + start for name in ("start_s", "end_s") if np.isfinite(start)}
 
 
 def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], most: int = 8) -> tuple[Push, ...]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, linear_interval
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Typical, exactly_as, nearly_as
 from ident.effects.typical_sizes import (
     amplitude_interval,
     coefficient_interval,
@@ -49,6 +50,10 @@ class StribeckFriction(Effect):
     id = "stribeck_friction"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "more friction at low speed than Coulomb and viscous friction have; look at slow stretches"
+    shown_by = "ladder"
+    parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
+    typical = Typical("amplitude_Nm", 0.3, {"stribeck_velocity_rad_s": 0.06, "exponent": 1.0})
+    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -94,6 +99,12 @@ class StribeckFriction(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([coulomb_level(session, joint)])
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """The point of the grid that the coefficient was found at."""
+        return {"amplitude_Nm": coefficients[0], **shape} if coefficients else {}
+
 
 class NonlinearViscousFriction(Effect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
@@ -104,6 +115,14 @@ class NonlinearViscousFriction(Effect):
     id = "nonlinear_viscous_friction"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "friction over speed is no line but a curve; look at fast against middling speeds"
+    shown_by = "ladder"
+    parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
+    typical = Typical("coefficient", 0.2, {"exponent": 0.5})
+    open_law = True
+    incomparable = frozenset({"coefficient", "exponent"})  # the simulated arm's viscous law is no power law
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "mjcf": nearly_as("polynomial damping and frictionloss, fitted up to the joint's velocity limit")
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -136,6 +155,17 @@ class NonlinearViscousFriction(Effect):
         speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
         return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """The point of the grid that the coefficient was found at."""
+        return {"coefficient": coefficients[0], **shape} if coefficients else {}
+
+    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
+        if form == "mjcf" and figures["exponent"] == 2.0:
+            return exactly_as("second coefficient of damping")
+        return super().expressed(form, figures)
+
 
 class LoadDependentFriction(Effect):
     """Friction that grows with the load on the gear, more so when the motor drives than when the load does.
@@ -151,6 +181,9 @@ class LoadDependentFriction(Effect):
     id = "load_dependent_friction"
     nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
     summary = "friction grows with the transmitted torque; look at poses of high and low load at one speed"
+    shown_by = "poses"
+    typical = Typical("mu", 0.3)
+    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -192,12 +225,30 @@ class LoadDependentFriction(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Level, excess of driving over backdriving, curvature over the load, growth with speed."""
+        if not coefficients:
+            return {"level": reported["mu"], "driving": 0.0, "curvature_1_Nm": 0.0, "viscous_s_rad": 0.0}
+        one, other, square, speed = (*coefficients, 0.0, 0.0)[:4]
+        return {
+            "level": 0.75 * (one + other),
+            "driving": 0.25 * (one - other),
+            "curvature_1_Nm": square / shape["load_Nm"],
+            "viscous_s_rad": speed,
+        }
+
 
 class PositionDependentFriction(Effect):
     """Friction that varies over a turn: τ = s A cos(k q − φ)."""
 
     id = "position_dependent_friction"
     summary = "friction varies with the joint's angle; look at both directions over the whole range"
+    shown_by = "poses"
+    typical = Typical("amplitude_Nm", 0.2)
+    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
+    opposite = frozenset({"phase_rad"})  # the simulated arm has cos(kq + phase)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         low, high = travel(session, joint)
@@ -238,6 +289,8 @@ class AsymmetricFriction(Effect):
 
     id = "asymmetric_friction"
     summary = "friction differs between the two directions; look at equal speeds forwards and backwards"
+    shown_by = "ladder"
+    typical = Typical("coulomb_difference_Nm", 0.2)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)

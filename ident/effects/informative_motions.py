@@ -7,9 +7,10 @@ only another set-up of the arm parts them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import ClassVar, Protocol
 
 
 @dataclass(frozen=True)
@@ -46,100 +47,58 @@ SHOWINGS: dict[str, Showing] = {
     )
 }
 
-# The motion without which an effect can't be seen, from the catalogue's column "seen only with".
-SHOWN_BY: dict[str, str] = {
-    "stribeck_friction": "ladder",
-    "nonlinear_viscous_friction": "ladder",
-    "load_dependent_friction": "poses",
-    "thermal_friction": "repeat",
-    "presliding_hysteresis": "reversals",
-    "position_dependent_friction": "poses",
-    "asymmetric_friction": "ladder",
-    "joint_coupling": "jointwise",
-    "joint_elasticity": "chirp",
-    "backlash": "reversals",
-    "torque_ripple": "slow",
-    "spring_torque": "poses",
-    "payload": "wide",
-    "link_inertial_error": "wide",
-    "gravity_misalignment": "wide",
-    "torque_gain_error": "wide",
-    "torque_offset": "holds",
-    "torque_delay": "chirp",
-    "torque_saturation": "loaded",
-    "encoder_offset": "wide",
-    "external_contact": "free",
-}
-
-# What parts two effects, where it is not simply the motion that shows one of them.
-_PARTED_BY: dict[frozenset[str], str] = {
-    frozenset(pair): family
-    for *pair, family in (
-        ("stribeck_friction", "presliding_hysteresis", "ladder"),
-        ("stribeck_friction", "thermal_friction", "repeat"),
-        ("nonlinear_viscous_friction", "thermal_friction", "repeat"),
-        ("nonlinear_viscous_friction", "presliding_hysteresis", "ladder"),
-        ("torque_offset", "asymmetric_friction", "ladder"),
-        ("torque_offset", "thermal_friction", "repeat"),
-        ("spring_torque", "gravity_misalignment", "poses"),
-        ("spring_torque", "link_inertial_error", "poses"),
-        ("joint_elasticity", "link_inertial_error", "chirp"),
-        ("joint_coupling", "link_inertial_error", "jointwise"),
-    )
-}
-
-_KNOWN_MASS = (
+# What parts two effects that are the same torque, or nearly so, in every motion: another set-up of the arm.
+KNOWN_MASS = (
     "hang a known mass on the flange, give it as [payload] in session.toml, and record the same motion again: its "
     "torque is known, so the gain is; a wrong mass of the links changes nothing about it"
 )
-# Two effects that are the same torque, or nearly so, in every motion: what parts them is another set-up.
-_SETUPS: dict[frozenset[str], str] = {
-    frozenset(pair): advice
-    for *pair, advice in (
-        (
-            "payload",
-            "link_inertial_error",
-            "take everything off the flange, note it in session.toml, and record the same motion again: what stays "
-            "belongs to the last link; or hang a known mass on and give it as [payload]",
-        ),
-        ("torque_gain_error", "link_inertial_error", _KNOWN_MASS),
-        ("torque_gain_error", "all_masses", _KNOWN_MASS),
-        (
-            "torque_gain_error",
-            "payload",
-            "record the same motion with a known mass on the flange ([payload] of session.toml) and without it: the "
-            "difference is known, so the gain is",
-        ),
-        (
-            "torque_offset",
-            "asymmetric_friction",
-            "log ten seconds at standstill with the brakes closed and the drives idle, before and after the motion: no "
-            "friction reaches the motor then, and what its torque reads is the offset; standstill under control does "
-            "not do, friction stays in the joint there",
-        ),
-        (
-            "gravity_misalignment",
-            "link_inertial_error",
-            "turn the base by a quarter about the vertical, or level it with a spirit level, and record the same "
-            "motion again: a tilt turns with the base, the links' masses don't",
-        ),
-        (
-            "gravity_misalignment",
-            "encoder_offset",
-            "turn the base by a quarter about the vertical and record the same motion again: a tilt changes its sign "
-            "over the joints, an encoder's zero doesn't",
-        ),
-    )
-}
+GAIN_OR_PAYLOAD = (
+    "record the same motion with a known mass on the flange ([payload] of session.toml) and without it: the difference "
+    "is known, so the gain is"
+)
+LOAD_OR_LINK = (
+    "take everything off the flange, note it in session.toml, and record the same motion again: what stays belongs to "
+    "the last link; or hang a known mass on and give it as [payload]"
+)
+BRAKES_CLOSED = (
+    "log ten seconds at standstill with the brakes closed and the drives idle, before and after the motion: no "
+    "friction reaches the motor then, and what its torque reads is the offset; standstill under control does not do, "
+    "friction stays in the joint there"
+)
+LEVEL_OR_LINKS = (
+    "turn the base by a quarter about the vertical, or level it with a spirit level, and record the same motion again: "
+    "a tilt turns with the base, the links' masses don't"
+)
+LEVEL_OR_ZERO = (
+    "turn the base by a quarter about the vertical and record the same motion again: a tilt changes its sign over the "
+    "joints, an encoder's zero doesn't"
+)
 
 
-def family_for(effects: Sequence[str]) -> str:
-    """The kind of motion that shows effects, or parts the first pair of them that has one of its own."""
-    for pair in combinations(effects, 2):
-        if frozenset(pair) in _PARTED_BY:
-            return _PARTED_BY[frozenset(pair)]
-    known = [SHOWN_BY[effect] for effect in effects if effect in SHOWN_BY]
-    return max(known, key=known.count) if known else "wide"
+class Shown(Protocol):
+    """What an effect says of the motions that show it: see `ident.effects.base.Effect`."""
+
+    id: ClassVar[str]
+    shown_by: ClassVar[str]
+    parted_by: ClassVar[Mapping[str, str]]
+    set_ups: ClassVar[Mapping[str, str]]
+
+
+def family_for(effects: Sequence[str], known: Iterable[Shown]) -> str:
+    """The kind of motion that shows effects, or parts the first pair of them that has one of its own.
+
+    Args:
+        effects: Their ids.
+        known: The effects that there are; what is none of them has no motion of its own.
+    """
+    by_id = {effect.id: effect for effect in known}
+    asked = [by_id[effect] for effect in effects if effect in by_id]
+    for one, other in combinations(asked, 2):
+        family = one.parted_by.get(other.id) or other.parted_by.get(one.id)
+        if family:
+            return family
+    families = [effect.shown_by for effect in asked]
+    return max(families, key=families.count) if families else "wide"
 
 
 def describe_motion(family: str, joint: str) -> str:
@@ -147,9 +106,11 @@ def describe_motion(family: str, joint: str) -> str:
     return SHOWINGS[family].words.format(joint=joint)
 
 
-def setup_for(effects: Sequence[str]) -> str | None:
+def setup_for(effects: Sequence[str], known: Iterable[Shown]) -> str | None:
     """The change of set-up that parts effects which no motion, or hardly any, can part; None where motion does."""
-    for pair in combinations(effects, 2):
-        if frozenset(pair) in _SETUPS:
-            return _SETUPS[frozenset(pair)]
+    by_id = {effect.id: effect for effect in known}
+    for one, other in combinations(effects, 2):
+        for effect, rival in ((one, other), (other, one)):
+            if effect in by_id and rival in by_id[effect].set_ups:
+                return by_id[effect].set_ups[rival]
     return None

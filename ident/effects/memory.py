@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
+from ident.effects.knowledge import Doubt, Typical
 from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves
 from ident.model.presliding import stop_operator
 
@@ -45,6 +46,13 @@ class ThermalFriction(Effect):
     remembers = True
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "friction changes with warmth; look at the same motion cold and hot"
+    by_run = True
+    shown_by = "repeat"
+    typical = Typical("viscous_change", 0.4, {"time_constant_s": 120.0})
+    doubt = Doubt(shares={"time_constant_s": 0.35})  # a gear has more than one
+    left_open = "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)"
+    # The simulated arm tells changes at rated load, not those of the session.
+    incomparable = frozenset({"viscous_change", "coulomb_change"})
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -130,6 +138,9 @@ class PreslidingHysteresis(Effect):
     id = "presliding_hysteresis"
     nonnegative: ClassVar[tuple[int, ...]] = tuple(range(len(DISPLACEMENTS)))
     summary = "friction builds up over some travel after each reversal; look right after reversals"
+    shown_by = "reversals"
+    typical = Typical("amplitude_Nm", 0.15)
+    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -176,6 +187,21 @@ class PreslidingHysteresis(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(len(variant.shape), coulomb_level(session, joint))
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Every range and its torque; without them, the two ranges next to the displacement."""
+        parts, ranges = tuple(coefficients), list(shape.values())
+        if not parts:
+            where, amplitude = reported["displacement_rad"], reported["amplitude_Nm"]
+            within = [size for size in DISPLACEMENTS[:-1] if size <= where]
+            at = max(len(within) - 1, 0)
+            ranges = [DISPLACEMENTS[at], DISPLACEMENTS[at + 1]]
+            share = min(1.0, max(0.0, (where - ranges[0]) / (ranges[1] - ranges[0])))
+            parts = amplitude * (1.0 - share), amplitude * share
+        found = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
+        return found | {f"part_{i}_Nm": part for i, part in enumerate(parts)}
 
 
 def _usable(session: SessionContext, joint: int) -> list[float]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
+from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
+from ident.effects.knowledge import Expression, Typical, exactly_as
 from ident.effects.typical_sizes import coefficient_interval, near_one_pose
 from ident.robot.arm import ArmModel
 
@@ -36,6 +38,13 @@ class Payload(Effect):
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the last link carries more than the model knows; look at gravity's torque over many poses"
+    set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LOAD_OR_LINK}
+    twins = ("link_inertial_error",)
+    typical = Typical("mass_kg", 0.1)
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": exactly_as("link `payload`, fixed to the last link"),
+        "mjcf": exactly_as("body `payload` in the last link"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
@@ -76,6 +85,12 @@ class LinkInertialError(Effect):
     inertia_like = True
     rows = "all"
     summary = "a link's mass or its centre is not that of the URDF; look at fast motion in many poses"
+    twins = ("payload",)
+    typical = Typical("mass_change_kg", 0.25)
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": exactly_as("<inertial> of the link"),
+        "mjcf": exactly_as("inertial of the body"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
@@ -115,6 +130,13 @@ class GravityMisalignment(Effect):
     scope = "arm"
     rows = "all"
     summary = "the base is not level; look at gravity's torque on a joint that the model takes for vertical"
+    set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LEVEL_OR_LINKS, "encoder_offset": LEVEL_OR_ZERO}
+    typical = Typical("tilt_x_rad", 0.15)
+    opposite = frozenset({"tilt_x_rad", "tilt_y_rad"})  # the simulated arm tells how gravity turns, not the base
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": exactly_as("fixed joint `level_to_base` above the base, turned by the tilt"),
+        "mjcf": exactly_as("gravity of option"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)

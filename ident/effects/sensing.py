@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.informative_motions import BRAKES_CLOSED, GAIN_OR_PAYLOAD, KNOWN_MASS
+from ident.effects.knowledge import Expression, Typical, exactly_as, nearly_as, not_at_all
 from ident.effects.typical_sizes import (
     coefficient_interval,
     exactly,
@@ -19,6 +21,9 @@ from ident.effects.typical_sizes import (
     sampled_states,
 )
 
+OUTSIDE_URDF = "describes the arm, not its log; correct the log with the module's torque_of_log"
+# A reading that loses all but this share of what lies above its knee is flat there.
+FLAT = 0.05
 LARGEST_GAIN_ERROR = 0.2
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
 LEAST_TORQUE_VARIATION = 0.004
@@ -43,6 +48,17 @@ class TorqueGainError(Effect):
     id = "torque_gain_error"
     inertia_like = True
     summary = "logged torque is too large or small by a factor; look at a known payload"
+    set_ups: ClassVar[Mapping[str, str]] = {
+        "link_inertial_error": KNOWN_MASS,
+        "all_masses": KNOWN_MASS,
+        "payload": GAIN_OR_PAYLOAD,
+    }
+    typical = Typical("gain", 0.25)
+    of_the_log = True
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all(OUTSIDE_URDF),
+        "mjcf": exactly_as("gear of the motor: ctrl and its force sensor are in the log's units"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         # Of friction alone nobody can tell a gain: it is fitted.
@@ -67,6 +83,17 @@ class TorqueOffset(Effect):
     """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid)."""
 
     id = "torque_offset"
+    shown_by = "holds"
+    parted_by: ClassVar[Mapping[str, str]] = {"asymmetric_friction": "ladder", "thermal_friction": "repeat"}
+    set_ups: ClassVar[Mapping[str, str]] = {"asymmetric_friction": BRAKES_CLOSED}
+    twins = ("asymmetric_friction",)
+    typical = Typical("offset_Nm", 0.05, absent=(1,))  # an offset that stays drifts no more
+    of_the_log = True
+    left_open = "the instant to which a drift refers is not reported: only the constant is used"
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all(OUTSIDE_URDF),
+        "mjcf": exactly_as("constant bias of the motor: ctrl is in the log's units; a drift is left out"),
+    }
     inertia_like = True
     summary = "torque is shifted by a constant, at rest too, or drifts; look at static holds"
 
@@ -113,6 +140,15 @@ class TorqueDelay(Effect):
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "torque lags behind position on all joints alike; look at fast changes of torque"
+    shown_by = "chirp"
+    typical = Typical("delay_s", 0.15)
+    of_the_log = True
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all(OUTSIDE_URDF),
+        "mjcf": exactly_as(
+            "delay of the motor's force sensor: the log is late, not the motor; a logged ctrl goes earlier"
+        ),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         for j in range(session.n):
@@ -164,6 +200,14 @@ class TorqueSaturation(Effect):
     id = "torque_saturation"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "torque has flat tops; look at the highest loads"
+    shown_by = "loaded"
+    typical = Typical("limit_Nm", 1.0)
+    of_the_log = True
+    open_law = True
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all(f"{OUTSIDE_URDF}; no effort limit: the motion shows that the joint got more"),
+        "mjcf": exactly_as("cutoff of the motor's force sensor: the log is flat, the joint gets more"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         peak, rated = _peak(session, joint), rated_torque(session, joint)
@@ -193,6 +237,19 @@ class TorqueSaturation(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0])
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Where the reading begins to flatten, and the share of what lies above that it loses."""
+        if not coefficients:
+            return {"knee_Nm": reported["limit_Nm"], "lost": 1.0}
+        return {"knee_Nm": shape["knee_Nm"], "lost": coefficients[0]}
+
+    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
+        if form == "mjcf" and abs(figures["lost"] - 1.0) > FLAT:
+            return nearly_as("cutoff of the motor's force sensor: flat from the limit on, without the bend before it")
+        return super().expressed(form, figures)
+
 
 def _peak(session: SessionContext, joint: int) -> float:
     """Largest modelled torque of a joint but for one sample in a thousand [N m]."""
@@ -215,6 +272,12 @@ class EncoderOffset(Effect):
     inertia_like = True
     rows = "all"
     summary = "a joint's zero is shifted: gravity's torque is that of another angle; look at many poses"
+    typical = Typical("offset_rad", 0.12)
+    opposite = frozenset({"offset_rad"})  # the simulated arm tells what its encoder reads too much
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": exactly_as("<origin> of the joint, turned about its axis; its limits are moved along"),
+        "mjcf": exactly_as("ref of the joint"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         slope = session.runs[0].arm.derivatives(*sampled_states(session))[0][:, :, joint]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Typical, exactly_as, not_at_all
 from ident.effects.typical_sizes import (
     amplitude_interval,
     coefficient_interval,
@@ -22,10 +24,14 @@ from ident.effects.typical_sizes import (
 
 # Two joints whose velocities are this alike can't be told apart.
 LARGEST_CORRELATION = 0.98
+# Width of the sign of a sum of two joints' speeds in a patch [rad/s].
+COUPLING_WIDTH = 0.01
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 LEAST_CYCLES = 3.0
 LARGEST_PHASE_NOISE = 0.7  # [rad]
 STRAIGHT, BENT, PERIODIC = range(3)
+# Figures of a spring with two rests a turn.
+WAVE = ("cosine_Nm", "sine_Nm")
 LEAST_SPRING_RANGE = 0.2  # [rad]
 LARGEST_SPRING_SHARE = 0.1  # of the rated torque, over a radian
 
@@ -39,6 +45,17 @@ class JointCoupling(Effect):
 
     id = "joint_coupling"
     summary = "torque appears while another joint moves; look where this joint stands and the other moves"
+    shown_by = "jointwise"
+    parted_by: ClassVar[Mapping[str, str]] = {"link_inertial_error": "jointwise"}
+    typical = Typical("coulomb_Nm", 0.3)
+    doubt = Doubt(exact=frozenset({"other_joint"}))
+    partner = "other_joint"
+    left_open = "whether the joints' sum or difference rubs is read from the sign of the viscous part"
+    # The simulated arm's coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
+    incomparable = frozenset({"inertia_kgm2"})
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "mjcf": not_at_all("a tendon couples both joints, the finding says torque on one; add the module's torque")
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         if session.n < 2:
@@ -93,6 +110,20 @@ class JointCoupling(Effect):
         top = max(float(np.abs(run.motion.ddq[:, _other(variant)]).max()) for run in session.runs)
         return np.array([coulomb, viscous, coulomb / max(top, 1e-6)])
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign."""
+        mix = float(np.sign(reported["viscous_Nms_rad"])) if reported["inertia_kgm2"] == 0.0 else 0.0
+        return {"mix": mix, "width_rad_s": COUPLING_WIDTH}
+
+    def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
+        """Friction of both joints' sum or difference is told at the other joint's speed."""
+        figures = super().compared(true, starts)
+        if "viscous_Nms_rad" in figures:
+            figures["viscous_Nms_rad"] *= figures.get("ratio", 1.0)
+        return figures
+
 
 def _other(variant: Variant) -> int:
     assert variant.other is not None
@@ -108,6 +139,18 @@ class TorqueRipple(Effect):
 
     id = "torque_ripple"
     summary = "torque ripples with the motor's angle; look at slow constant speed"
+    shown_by = "slow"
+    typical = Typical("amplitude_Nm", 0.15)
+    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
+    open_law = True
+    incomparable = frozenset({"order"})  # the simulated arm counts lobes of the joint
+    opposite = frozenset({"phase_rad"})
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all("a joint has no torque that depends on its angle; add the module's torque"),
+        "mjcf": not_at_all(
+            "no torque that depends on an angle but a spring's; add the module's torque to qfrc_applied"
+        ),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         name = session.joint_names[joint]
@@ -148,6 +191,12 @@ class TorqueRipple(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, 0.06 * rated_torque(session, joint))
 
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Whether the teeth's torque is a share of the load."""
+        return {"loaded": shape.get("loaded", 0.0), "load_Nm": shape.get("load_Nm", 1.0)}
+
 
 def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
     """What the ripple is a share of: one, or the load in units of the session's typical load."""
@@ -180,6 +229,15 @@ class SpringTorque(Effect):
     id = "spring_torque"
     inertia_like = True
     summary = "torque depends on the joint's angle like a spring's; look at one angle under different gravity"
+    shown_by = "poses"
+    parted_by: ClassVar[Mapping[str, str]] = {"gravity_misalignment": "poses", "link_inertial_error": "poses"}
+    typical = Typical("stiffness_Nm_rad", 0.1)
+    doubt = Doubt(places={"rest_rad": 0.15})
+    open_law = True
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all("a joint has no spring; add the module's torque"),
+        "mjcf": exactly_as("stiffness and springref of the joint"),
+    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         low, high = travel(session, joint)
@@ -235,6 +293,26 @@ class SpringTorque(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))
         return np.full(4 if variant.shape["law"] == BENT else 2, largest)
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """A cubic about an angle, and a wave with two rests a turn; one of the two is zero."""
+        names = ("linear_Nm_rad", "constant_Nm", "square_Nm_rad2", "cube_Nm_rad3", *WAVE)
+        values = np.zeros(len(names))
+        if not coefficients:
+            values[0] = reported["stiffness_Nm_rad"]
+        elif shape["law"] == PERIODIC:
+            values[-2:] = 0.5 * np.asarray(coefficients)
+        else:
+            values[: len(coefficients)] = coefficients
+        figures = dict(zip(names, map(float, values), strict=True))
+        return {"centre_rad": shape.get("centre_rad", reported["rest_rad"]), **figures}
+
+    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
+        if form == "mjcf" and any(figures[name] for name in WAVE):
+            return not_at_all("a joint's spring is a cubic, this one has two rests a turn; add the module's torque")
+        return super().expressed(form, figures)
 
 
 def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:

@@ -6,7 +6,7 @@ Read from the JSON alone, so that a patch can be made where the recordings are n
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,18 +16,15 @@ import numpy as np
 from ident.arrays import Float, freeze
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.diagnosis.diagnose import SCHEMA
-from ident.effects.base import Interval
+from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.patches.shaped import shape_figures
 from ident.patches.standalone.chain import Array
+from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
 
 WHOLE_ARM = -1
-ARM_WIDE = frozenset(effect.id for effect in CATALOGUE if effect.scope == "arm")
-# Width of the sign of a sum of two joints' speeds [rad/s].
-COUPLING_WIDTH = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +37,7 @@ class Change:
         joints: Names of the joints where it shows.
         figures: The reported figures with their intervals.
         law: Coefficients and shape of a law that has more figures than are reported, or None.
+        kind: The effect itself, or None where it is none of those that are known.
     """
 
     effect: str
@@ -47,17 +45,25 @@ class Change:
     joints: tuple[str, ...]
     figures: Mapping[str, Interval]
     law: Mapping[str, Any] | None = None
+    kind: Effect | None = None
+
+    @property
+    def has_law(self) -> bool:
+        """Whether the written module knows its torque."""
+        return self.effect in KNOWN or (self.kind is not None and self.kind.law is not None)
+
+    @property
+    def of_the_log(self) -> bool:
+        """Whether it is one of the log alone."""
+        return self.kind is not None and self.kind.of_the_log
 
     @property
     def values(self) -> dict[str, float]:
         """The figures' values, and what the law needs besides and follows from them."""
         found = {name: figure.value for name, figure in self.figures.items()}
-        found |= shape_figures(self.effect, found, self.law)
-        if self.effect == "joint_coupling":
-            # Friction of a sum or difference has no inertia; the other joint turns it with the viscous part's sign.
-            common = self.figures["inertia_kgm2"].low == self.figures["inertia_kgm2"].high == 0.0
-            mix = float(np.sign(found["viscous_Nms_rad"])) if common else 0.0
-            found |= {"mix": mix, "width_rad_s": COUPLING_WIDTH}
+        if self.kind is not None:
+            told = self.law or {"coefficients": (), "shape": {}}
+            found |= self.kind.law_figures(found, tuple(map(float, told["coefficients"])), told["shape"])
         return found
 
 
@@ -111,33 +117,38 @@ class Diagnosed:
     has_baseline: bool
 
     @classmethod
-    def load(cls, path: Path) -> Diagnosed:
+    def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
         """Reads the JSON that `ident diagnose --json` writes.
+
+        Args:
+            path: Its file.
+            catalogue: The effects that may be named in it.
 
         Raises:
             InputError: No such file, not a diagnosis, or one that names nothing.
         """
         record = _read(path)
         try:
-            return cls._of(path, record)
+            return cls._of(path, record, {effect.id: effect for effect in catalogue})
         except (KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
 
     @classmethod
-    def _of(cls, path: Path, record: dict[str, Any]) -> Diagnosed:
+    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
         joints = tuple(record["joints"])
-        changes = tuple(_change(finding, joints, record.get("baseline", {})) for finding in record["findings"])
+        tuned = record.get("baseline", {})
+        changes = tuple(_change(one, joints, tuned, known.get(one["effect"])) for one in record["findings"])
         if not changes:
             what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
             raise InputError(path, what, "give a diagnosis with findings")
-        known = "baseline" in record
+        has_baseline = "baseline" in record
         keys = ("baseline", "baseline_alone", "baseline_urdf")
-        tuned, alone, urdf = (
+        tuning, alone, urdf = (
             _tuning(record[key], joints) if key in record else Tuning.none(len(joints)) for key in keys
         )
         urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
-        return cls(path, joints, record["verdict"], changes, tuned, alone, urdf, known)
+        return cls(path, joints, record["verdict"], changes, tuning, alone, urdf, has_baseline)
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
         """The arm with the joints that the diagnosis does not know locked.
@@ -166,11 +177,12 @@ def _read(path: Path) -> dict[str, Any]:
     return record
 
 
-def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any]) -> Change:
+def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
     effect, where = finding["effect"], tuple(finding["joints"])
     figures = {name: Interval(**value) for name, value in finding["parameters"].items()}
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
-    return Change(effect, WHOLE_ARM if effect in ARM_WIDE else joints.index(where[0]), where, figures, law)
+    whole = kind is not None and kind.scope == "arm"
+    return Change(effect, WHOLE_ARM if whole else joints.index(where[0]), where, figures, law, kind)
 
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:

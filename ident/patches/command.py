@@ -20,7 +20,6 @@ from ident.patches.gaps import MOST_WINDOWS, WINDOW
 from ident.patches.mjcf import write_mjcf
 from ident.patches.module import write_module
 from ident.patches.parameters import write_parameters
-from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.log import Effect
 from ident.patches.standalone.motion import Losses
 from ident.patches.urdf import write_urdf
@@ -116,7 +115,9 @@ def _write_after(diagnosed: Diagnosed, arm: ArmModel, folder: Path) -> Written:
         "robot.urdf": write_urdf(arm, losses["urdf"], links.total, stated["urdf"]),
         "robot.xml": write_mjcf(with_links, losses["mjcf"], stated["mjcf"]),
         "parameters.toml": write_parameters(diagnosed, arm, links),
-        "extra_torque.py": write_module(tuned, diagnosed.tuned.losses, effects, in_file, losses),
+        "extra_torque.py": write_module(
+            tuned, diagnosed.tuned.losses, effects, in_file, losses, [change.kind for change in owners if change.kind]
+        ),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -131,7 +132,7 @@ def _losses(diagnosed: Diagnosed, form: str) -> Losses:
 
 def known_effects(changes: Sequence[Change]) -> tuple[list[Effect], list[Change]]:
     """The effects whose law the module knows, as it takes them, and the changes that they come from."""
-    owners = [change for change in changes if change.effect in KNOWN]
+    owners = [change for change in changes if change.has_law]
     return [(change.effect, change.joint, change.values) for change in owners], owners
 
 

@@ -7,13 +7,18 @@ user calls.
 from __future__ import annotations
 
 import ast
+import inspect
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ident.effects import base
+from ident.errors import InputError
 from ident.patches import standalone
 from ident.patches.standalone.chain import Arm, Array
+from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.log import Effect
 from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
@@ -110,6 +115,7 @@ def write_module(
     effects: Sequence[Effect],
     in_file: Mapping[str, Sequence[int]],
     file_losses: Mapping[str, Losses],
+    kinds: Sequence[base.Effect] = (),
 ) -> str:
     """The module's text.
 
@@ -119,8 +125,10 @@ def write_module(
         effects: The effects whose law is known.
         in_file: For `urdf` and `mjcf`, indices of the effects that the file expresses.
         file_losses: The losses that stand in each file.
+        kinds: The effects themselves: those outside the catalogue bring their law along.
     """
-    body = "\n\n\n".join(_body(part) for part in PARTS)
+    own = {kind.id: kind for kind in kinds if kind.id not in KNOWN}
+    body = "\n\n\n".join([*(_body(part) for part in PARTS), *(_own_law(kind) for kind in own.values())])
     held = ", ".join(f"{name!r}: {_call('Losses', value)}" for name, value in file_losses.items())
     figures = [
         f"JOINTS = {tuple(arm.joint_names)!r}",
@@ -141,6 +149,24 @@ def _body(part: str) -> str:
     last = max(node.end_lineno or 0 for node in ast.parse(text).body if isinstance(node, (ast.Import, ast.ImportFrom)))
     assert isinstance(kept[0], ast.Expr), "a part begins with its docstring"
     return "\n".join(text.splitlines()[last:]).strip("\n")
+
+
+def _own_law(kind: base.Effect) -> str:
+    """The text of a law that an effect's class gives, under its id.
+
+    Raises:
+        InputError: It is no function whose text can be had.
+    """
+    where = f"law of {type(kind).__name__}"
+    try:
+        assert kind.law is not None
+        found = ast.parse(textwrap.dedent(inspect.getsource(kind.law))).body[0]
+    except (OSError, TypeError, SyntaxError) as error:
+        raise InputError(where, f"its text can't be read ({error})", "write it as a static method (m, j, p)") from error
+    if not isinstance(found, ast.FunctionDef):
+        raise InputError(where, "it is no function", "write it as a static method (m, j, p)")
+    found.name, found.decorator_list = f"law_of_{kind.id}", []
+    return f"{ast.unparse(found)}\n\n\nLAWS[{kind.id!r}] = {found.name}"
 
 
 def _call(name: str, value: Arm | Losses) -> str:

@@ -118,6 +118,7 @@ def excite(
         Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
     ] = None,
     joint: Annotated[str | None, typer.Option(help="The joint in question: its name or number.")] = None,
+    catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
     minutes: Annotated[
         float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
     ] = None,
@@ -127,6 +128,7 @@ def excite(
     json_file: JsonFile = None,
 ) -> None:
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
+    from ident.effects.catalogue import load_catalogue
     from ident.robot.arm import ArmModel
     from plan.experiment.console import print_excitation
     from plan.experiment.design import excite as find_motion
@@ -136,7 +138,7 @@ def excite(
     if out is not None:
         require_replaceable(out)
     arm = ArmModel.load(robot)
-    question = ask(arm, separate, joint, diagnosis)
+    question = ask(arm, separate, joint, diagnosis, load_catalogue(catalogue))
     with progress_bar(console, "excite") as progress:
         found = find_motion(arm, question, minutes, evaluations, seed, progress)
     print_excitation(console, found)

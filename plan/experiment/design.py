@@ -83,7 +83,7 @@ def excite(
         noise=dict(zip(arm.joint_names, map(float, eye.noise), strict=True)),
         sources={"noise": "a share of the rated torque" if question.noise is None else "diagnosis", **_sizes(view)},
         clearance=min(map(feasible.clearance, runs)) if feasible.checks_collisions else None,
-        set_up=setup_for(question.ids),
+        set_up=setup_for(question.ids, question.asked),
         evaluations=0 if question.tellable == () else evaluations,
         seconds=time.perf_counter() - began,
         seed=seed,
@@ -96,7 +96,7 @@ def _tellable(eye: Eye, feasible: Feasibility, question: Question, seed: int) ->
     An effect that is a special case of its rival is fitted by it whatever the arm does; the rival may still show. None
     where all can be told.
     """
-    if question.aim != "separate" or setup_for(question.ids) is None:
+    if question.aim != "separate" or setup_for(question.ids, question.asked) is None:
         return None
     runs = _general(feasible, question, seed).runs(4, feasible)
     if not runs:

@@ -6,14 +6,16 @@ that are all too large by it give the same log, since friction is fitted anyway.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, linear_interval
-from ident.effects.catalogue import find_effect
+from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.effects.informative_motions import KNOWN_MASS
+from ident.effects.knowledge import Typical
 
 # Motion that would take longer than this to tell two effects apart does not tell them apart [min].
 LONGEST_MINUTES = 30.0
@@ -42,6 +44,7 @@ class AllMasses(_Share):
 
     id = "all_masses"
     summary = "all links are heavier or lighter by one share"
+    set_ups: ClassVar[Mapping[str, str]] = {"torque_gain_error": KNOWN_MASS}
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.rigid[:, :, None] for run in session.runs]
@@ -51,6 +54,7 @@ class AllGains(_Share):
     """Every joint's torque reads too high by one share."""
 
     id = "torque_gain_error"
+    typical = Typical("gain", 0.25)
     figure: ClassVar[str] = "gain"
     summary = "all torque readings are too large or small by one share"
 
@@ -58,9 +62,9 @@ class AllGains(_Share):
         return [run.total[:, :, None] for run in session.runs]
 
 
-def widen(ids: Sequence[str]) -> list[Effect]:
+def widen(ids: Sequence[str], catalogue: Sequence[Effect] = CATALOGUE) -> list[Effect]:
     """Effects by their ids; beside `all_masses`, which no catalogue names, a gain error is one of all joints."""
     if AllMasses.id not in ids:
-        return [find_effect(name) for name in ids]
+        return [find_effect(name, tuple(catalogue)) for name in ids]
     special: dict[str, Effect] = {AllMasses.id: AllMasses(), AllGains.id: AllGains()}
-    return [special.get(name) or find_effect(name) for name in ids]
+    return [special.get(name) or find_effect(name, tuple(catalogue)) for name in ids]

@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import SHOWN_BY, family_for
+from ident.effects.informative_motions import family_for
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.experiment.distance import View
@@ -54,7 +54,12 @@ class Question:
     @property
     def family(self) -> str:
         """The kind of motion that is known to answer such questions."""
-        return family_for(self.ids) if self.ids else "wide"
+        return family_for(self.ids, self.asked) if self.ids else "wide"
+
+    @property
+    def asked(self) -> tuple[Effect, ...]:
+        """The effects without their joints."""
+        return tuple(effect for effect, _ in self.effects)
 
     def distances(self, view: View) -> dict[tuple[str, str], float]:
         """All that must be large [nats]: nothing where the base parameters are asked for."""
@@ -75,7 +80,13 @@ class Question:
         return min(found) + 1e-3 * float(np.mean(found))
 
 
-def ask(arm: ArmModel, separate: str | None, joint: str | None, diagnosis: Path | None) -> Question:
+def ask(
+    arm: ArmModel,
+    separate: str | None,
+    joint: str | None,
+    diagnosis: Path | None,
+    catalogue: Sequence[Effect] = CATALOGUE,
+) -> Question:
     """The question that options ask.
 
     Args:
@@ -83,6 +94,7 @@ def ask(arm: ArmModel, separate: str | None, joint: str | None, diagnosis: Path 
         separate: Effects' ids, with commas.
         joint: Name or number from 1.
         diagnosis: JSON file of `ident diagnose`.
+        catalogue: The effects that may be asked for.
 
     Raises:
         InputError: Unknown effect or joint, or a file that is no diagnosis of this arm.
@@ -92,8 +104,8 @@ def ask(arm: ArmModel, separate: str | None, joint: str | None, diagnosis: Path 
     names: list[str] = []
     aim: Aim = "separate" if len(ids) > 1 else "show"
     if not ids and record:
-        ids, names, aim = _open_question(record)
-    effects = widen(list(dict.fromkeys(ids))[:MOST_EFFECTS])
+        ids, names, aim = _open_question(record, catalogue)
+    effects = widen(list(dict.fromkeys(ids))[:MOST_EFFECTS], catalogue)
     at = _joint(arm, joint or (names[0] if names else _told_joint(record, ids)))
     placed = tuple((effect, at if effect.scope == "joint" else 0) for effect in effects)
     return Question(aim if ids else "identify", placed, at, _told(record), _noise(record, arm))
@@ -112,9 +124,9 @@ def _read(path: Path, arm: ArmModel) -> dict[str, Any]:
     return record
 
 
-def _open_question(record: Mapping[str, Any]) -> tuple[list[str], list[str], Aim]:
+def _open_question(record: Mapping[str, Any], catalogue: Sequence[Effect]) -> tuple[list[str], list[str], Aim]:
     """The first tied class; else the effects that one kind of motion would show."""
-    known = {effect.id for effect in CATALOGUE}
+    known = {effect.id: effect.shown_by for effect in catalogue}
     for finding in record["findings"]:
         tied = [name for name in finding["class"] if name in known]
         if len(tied) > 1:
@@ -122,8 +134,8 @@ def _open_question(record: Mapping[str, Any]) -> tuple[list[str], list[str], Aim
     unseen = [one for one in record["not_testable"] if one["effect"] in known]
     if not unseen:
         return [], [], "identify"
-    family = Counter(SHOWN_BY[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][0]
-    wanted = [one for one in unseen if SHOWN_BY[one["effect"]] == family]
+    family = Counter(known[one] for one in {one["effect"]: 0 for one in unseen}).most_common(1)[0][0]
+    wanted = [one for one in unseen if known[one["effect"]] == family]
     joint = Counter(name for one in wanted for name in one["joints"]).most_common(1)[0][0]
     return list(dict.fromkeys(one["effect"] for one in wanted)), [joint], "show"
 

@@ -17,14 +17,6 @@ from ident.effects.base import Interval, SessionContext
 
 # Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
 INTERVAL_FALL = 1.92
-# No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
-# (95 %, from a development set of simulated arms whose laws are others than the catalogue's).
-LAW_SHARE, LAW_ANGLE = 0.15, 0.4
-# A gear has more than one time constant.
-LOOSE_FIGURES = {"time_constant_s": 0.35}
-# Figures of place have no size of their own: they are off by so much [rad].
-PLACES = {"phase_rad": LAW_ANGLE, "rest_rad": 0.15}
-EXACT_FIGURES = frozenset({"order", "link", "other_joint", "start_s", "end_s"})
 # Names that are less than this many times less probable than the holder can't be told from it.
 CLASS_ODDS = 10.0
 # Names of which the evidence is weaker than the holder's by more than this are not asked for [nats].
@@ -124,7 +116,8 @@ def _figures(
         if group.variant.inner:
             others = [other for i, other in enumerate(fine.groups) if i != slot]
             parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
-        found.append(({name: widened(name, value) for name, value in parameters.items()}, beta))
+        doubt = group.effect.doubt
+        found.append(({name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}, beta))
     return found
 
 
@@ -182,11 +175,10 @@ def _with_columns(groups: Sequence[Group], kept: Sequence[Bool[Array, " k"]]) ->
     return [replace(group, columns=group.columns[columns]) for group, columns in zip(groups, kept, strict=True)]
 
 
-def widened(name: str, interval: Interval) -> Interval:
+def widened(interval: Interval, doubt: float) -> Interval:
     """An interval that also holds what an arm's own law of an effect may differ from the catalogue's."""
-    if name in EXACT_FIGURES or not np.isfinite(interval.value):
+    if doubt == 0.0 or not np.isfinite(interval.value):
         return interval
-    doubt = PLACES.get(name, LOOSE_FIGURES.get(name, LAW_SHARE) * abs(interval.value))
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
     return Interval(interval.value, interval.value - low, interval.value + high)
 

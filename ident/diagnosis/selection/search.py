@@ -48,8 +48,6 @@ ESSENTIAL_NATS = 10.0
 # Too small or too unlike the truth for a name, and yet beyond chance: family-wise p-value, evidence [nats]. Hours of
 # recordings make anything significant: what lowers the error by less than the last figure is not told at all.
 UNLIKELY, UNLIKELY_NATS, LEAST_TOLD_FALL = 0.01, 5.0, 0.003
-# Effects that act on whole runs: blocks of one run are no independent witnesses to them.
-SLOW_EFFECTS = frozenset({"thermal_friction"})
 # Candidates that are tried on held-out runs at each step: names beyond these have no chance.
 SHORTLIST = 8
 
@@ -294,8 +292,8 @@ class Search:
         folds = self.evidence.fold_of_block
         by_run = np.array([scores[folds == fold].sum(axis=0) for fold in np.unique(folds)])
         wanted = {group.key for group in short}
-        quick = [g for g in self.evidence.layout.groups if g.effect.id not in SLOW_EFFECTS]
-        slow = [g for g in self.evidence.layout.groups if g.effect.id in SLOW_EFFECTS and g.key in wanted]
+        quick = [g for g in self.evidence.layout.groups if not g.effect.by_run]
+        slow = [g for g in self.evidence.layout.groups if g.effect.by_run and g.key in wanted]
         least: dict[Key, float] = {}
         rng = np.random.default_rng(self.seed)
         for group, value in zip(quick, family_p_values(scores, quick, rng), strict=True):

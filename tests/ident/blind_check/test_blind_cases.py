@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from ident.blind_check.cases import EXACT_TWINS, FULL_MIX, apportion, draw_case, parse_mix, plan_slots
+from ident.blind_check.cases import FULL_MIX, TWINS, apportion, draw_case, parse_mix, plan_slots
 from ident.errors import InputError
 from ident.plant.causes import CATALOGUE, OUTSIDE
 from ident.plant.request import EffectRequest
@@ -57,7 +57,7 @@ def test_kinds_are_what_they_say() -> None:
         assert (case.options.motions == POOR) == (not slot.rich)
         assert bool(case.excluded) == (slot.kind == "excluded")
         if case.excluded:
-            assert case.excluded == (found[0], *EXACT_TWINS.get(found[0], ()))
+            assert case.excluded == (found[0], *TWINS.get(found[0], ()))
 
 
 def test_another_attempt_keeps_the_effect_and_draws_another_arm_then_another_effect() -> None:

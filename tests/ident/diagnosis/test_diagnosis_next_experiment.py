@@ -7,8 +7,9 @@ from itertools import combinations
 import pytest
 
 from ident.diagnosis.next_experiment import next_experiment
+from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import SHOWINGS, SHOWN_BY, describe_motion, family_for, setup_for
+from ident.effects.informative_motions import SHOWINGS, describe_motion, family_for, setup_for
 
 
 def finding(*effects: str, joint: str = "joint_2") -> dict[str, object]:
@@ -67,20 +68,20 @@ def test_unseen_effects_get_the_motion_that_shows_most_of_them() -> None:
     assert found["motion"].startswith("joint_5 there and back at steady speeds")
 
 
-@pytest.mark.parametrize("effect", [effect.id for effect in CATALOGUE])
-def test_every_effect_of_the_catalogue_has_its_motion(effect: str) -> None:
+@pytest.mark.parametrize("effect", CATALOGUE)
+def test_every_effect_of_the_catalogue_has_its_motion(effect: Effect) -> None:
     """Whatever is named, there are words for the motion that shows it."""
-    assert "{" not in describe_motion(SHOWN_BY[effect], "joint_1")
+    assert "{" not in describe_motion(effect.shown_by, "joint_1")
 
 
 def test_every_pair_has_a_motion_or_a_set_up() -> None:
     """No tied class leaves the user without advice."""
     for pair in combinations([effect.id for effect in CATALOGUE], 2):
-        assert setup_for(pair) or family_for(pair) in SHOWINGS
-    assert setup_for(("payload", "link_inertial_error"))
-    assert setup_for(("spring_torque", "gravity_misalignment")) is None
+        assert setup_for(pair, CATALOGUE) or family_for(pair, CATALOGUE) in SHOWINGS
+    assert setup_for(("payload", "link_inertial_error"), CATALOGUE)
+    assert setup_for(("spring_torque", "gravity_misalignment"), CATALOGUE) is None
 
 
 def test_unknown_effects_get_general_motion() -> None:
     """An effect of the user's own has no row in the tables: wide motion of all joints."""
-    assert family_for(["magnet"]) == "wide"
+    assert family_for(["magnet"], CATALOGUE) == "wide"

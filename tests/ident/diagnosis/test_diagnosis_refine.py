@@ -10,12 +10,13 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.selection.intervals import EXACT_FIGURES, LAW_SHARE, solve_effects, widened
+from ident.diagnosis.selection.intervals import solve_effects, widened
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.effects.friction import STRIBECK_VELOCITIES
+from ident.effects.knowledge import LAW_ANGLE, LAW_SHARE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, load_friction_on_2, stribeck_on_1
 
@@ -42,10 +43,12 @@ def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> Non
 def test_intervals_hold_what_laws_may_differ() -> None:
     """Law: no interval is narrower than an arm's own law may be off, but of figures that are counted, not measured."""
     sharp = Interval(2.0, 1.99, 2.01)
-    wide = widened("amplitude_Nm", sharp)
+    doubt = find_effect("torque_ripple").doubt
+    wide = widened(sharp, doubt.of("amplitude_Nm", 2.0))
     assert wide.value == 2.0
     assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
-    assert all(widened(name, sharp) == sharp for name in EXACT_FIGURES)
+    assert widened(sharp, doubt.of("order", 2.0)) == sharp
+    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, LAW_ANGLE))
 
 
 def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:

@@ -188,6 +188,10 @@ def test_a_user_adds_an_effect_in_one_file(tmp_path: Path, session: SessionConte
         (MAGNET.replace('id = "magnet"', "pass"), "no usable id"),
         (MAGNET.replace('"magnet"', '"backlash"'), "is taken"),
         (
+            MAGNET.replace("    nonnegative", '    shown_by = "tides"\n    nonnegative'),
+            "'tides', which is no kind of motion",
+        ),
+        (
             MAGNET.replace("    def untestable", "    def __init__(self, size): ...\n\n    def untestable"),
             "can't be made",
         ),

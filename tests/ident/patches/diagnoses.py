@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.baseline_record import LINK_KEYS
-from ident.patches.change import ARM_WIDE
+from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 
 COULOMB = np.array([8.0, 8.0, 6.0, 2.0, 2.0, 2.0])
@@ -65,7 +65,7 @@ def finding(arm: ArmModel, effect: str, joint: int = 1) -> dict[str, Any]:
     figures = {
         name: {"value": v, "low": v - 0.1 * abs(v), "high": v + 0.1 * abs(v)} for name, v in FIGURES[effect].items()
     }
-    joints = arm.joint_names if effect in ARM_WIDE else (arm.joint_names[joint],)
+    joints = arm.joint_names if find_effect(effect).scope == "arm" else (arm.joint_names[joint],)
     return {"effect": effect, "joints": list(joints), "parameters": figures}
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from ident.effects.base import Interval
+from ident.effects.catalogue import find_effect
 from ident.effects.rigid_body import point_mass
 from ident.errors import InputError
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
@@ -201,7 +202,7 @@ def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmMode
     """A kilogram can't be taken from a link of less: bodies that together act as if it were are written instead."""
     error = {"mass_change_kg": -1.0, "moment_change_x_kgm": 0.0, "moment_change_y_kgm": 0.0, "moment_change_z_kgm": 0.0}
     figures = {name: Interval(value, value, value) for name, value in error.items()}
-    change = Change("link_inertial_error", 5, ("joint_6",), figures)
+    change = Change("link_inertial_error", 5, ("joint_6",), figures, kind=find_effect("link_inertial_error"))
     wanted = link_change(arm.inertial_parameters.reshape(6, 10)[5], error)
     assert not is_body(arm.inertial_parameters.reshape(6, 10)[5] + wanted)
     links = change_links(arm, np.zeros((6, 10)), [change])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.baseline_record import SHAPED
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.model.presliding import Sliding
@@ -63,8 +62,8 @@ def as_named(session: SessionContext, name: str, joint: int, variant: Variant, b
     effect = find_effect(name)
     figures = effect.parameters(session, max(joint, 0), variant, beta, np.zeros((len(beta), len(beta))))
     figures |= {key: Interval(value, value, value) for key, value in variant.inner.items()}
-    law = {"coefficients": list(beta), "shape": dict(variant.shape)} if name in SHAPED else None
-    return name, joint, Change(name, joint, (), figures, law).values
+    law = {"coefficients": list(beta), "shape": dict(variant.shape)} if effect.open_law else None
+    return name, joint, Change(name, joint, (), figures, law, effect).values
 
 
 def predicted(effect: Effect, motion: Motion) -> Array:
