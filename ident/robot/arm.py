@@ -14,8 +14,9 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
+from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.regressor import compute_regressor
-from ident.robot.urdf import example_robots_folder, find_urdf, normalise_urdf, read_reductions
+from ident.robot.urdf import find_urdf, normalise_urdf, read_reductions
 
 THREADS = 2
 
@@ -247,18 +248,29 @@ class ArmModel:
         """Collision geometry.
 
         Raises:
-            RobotError: The meshes that the URDF names are not there.
+            RobotError: A mesh that the URDF names is not there, or can't be read.
         """
-        folders = [str(example_robots_folder().parent.parent), str(example_robots_folder())]
-        if self.source is not None:
-            folders.append(str(self.source.resolve().parent))
+        return self._read_geometry("collision", pin.GeometryType.COLLISION)
+
+    @cached_property
+    def visual_geometry(self) -> pin.GeometryModel:
+        """The shapes by which the arm is shown.
+
+        Raises:
+            RobotError: As `geometry`.
+        """
+        return self._read_geometry("visual", pin.GeometryType.VISUAL)
+
+    def _read_geometry(self, tag: str, kind: pin.GeometryType) -> pin.GeometryModel:
+        where = str(self.source or self.name)
+        text = with_mesh_paths(self.urdf, tag, self.source, where)
         try:
-            return pin.buildGeomFromUrdfString(self.model, self.urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+            return pin.buildGeomFromUrdfString(self.model, text, kind, package_dirs=["/"])
         except (ValueError, RuntimeError) as error:
-            where = str(self.source or self.name)
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
+            reason = next((line for line in lines if "resource" in line or "Mesh" in line), "".join(lines[:1]))
             raise RobotError(
-                where, f"collision geometry can't be read ({reason})", "give boxes or the mesh files"
+                where, f"{tag} geometry can't be read ({reason})", "mend or replace the mesh, or give boxes"
             ) from None
 
     @cached_property

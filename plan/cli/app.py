@@ -30,6 +30,10 @@ Variables = Annotated[
     str | None, typer.Option(help="What is searched: vias, times or both. Energy: vias; time: both, if not given.")
 ]
 Vias = Annotated[Path | None, typer.Option(help="File of taught via points ([[trial]] tables) to start from.")]
+Shapes = Annotated[
+    str | None,
+    typer.Option(help="For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."),
+]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.")]
 
@@ -63,6 +67,7 @@ def solve(
     variables: Variables = None,
     vias: Vias = None,
     trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
+    shapes: Shapes = None,
     seed: Seed = 0,
     evaluations: Annotated[int | None, typer.Option(help="Most trajectories evaluated.", min=1)] = None,
     seconds: Annotated[float | None, typer.Option(help="Longest search [s].", min=0.0)] = None,
@@ -75,7 +80,7 @@ def solve(
     """Finds one trajectory and certifies it."""
     from plan.cli.commands import open_task, save_outputs, solve_task
 
-    opened = open_task(scene, model, objective, metric, variables, vias, trial)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     print_result(console, result)
@@ -91,6 +96,7 @@ def compare(
     variables: Variables = None,
     vias: Vias = None,
     trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
+    shapes: Shapes = None,
     methods: Annotated[
         str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")
     ] = None,
@@ -103,7 +109,7 @@ def compare(
     """Runs all methods on one task."""
     from plan.cli.commands import compare_task, open_task, save_comparison
 
-    opened = open_task(scene, model, objective, metric, variables, vias, trial)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
     print_comparison(console, table)
@@ -123,6 +129,7 @@ def excite(
         float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
+    shapes: Shapes = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
     json_file: JsonFile = None,
@@ -140,7 +147,7 @@ def excite(
     arm = ArmModel.load(robot)
     question = ask(arm, separate, joint, diagnosis, load_catalogue(catalogue))
     with progress_bar(console, "excite") as progress:
-        found = find_motion(arm, question, minutes, evaluations, seed, progress)
+        found = find_motion(arm, question, minutes, evaluations, seed, progress, shapes)  # type: ignore[arg-type]
     print_excitation(console, found)
     if out is not None:
         found.write(out)

@@ -42,6 +42,7 @@ def open_task(
     variables: str | None,
     vias: Path | None,
     trial: int,
+    shapes: str | None = None,
 ) -> Opened:
     """Reads scene, model and taught via points, and checks start and goal.
 
@@ -50,7 +51,7 @@ def open_task(
     """
     task = load_task(scene)
     fitted = None if model is None else HybridModel.load(model)
-    problem = set_up(task, fitted, objective, metric, variables)  # type: ignore[arg-type]
+    problem = set_up(task, fitted, objective, metric, variables, shapes)  # type: ignore[arg-type]
     require_valid_ends(problem, task)
     taught = task.taught[0] if task.taught else None
     if vias is not None:

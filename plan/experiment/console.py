@@ -7,6 +7,7 @@ from rich.markup import escape
 
 from ident.effects.informative_motions import describe_motion
 from plan.experiment.result import Excitation, minutes_to_odds, odds_of
+from plan.geometry.scene import limits_of_proof
 
 AIMS = {"separate": "tells {effects} apart", "show": "shows {effects}", "identify": "identifies the base parameters"}
 
@@ -39,8 +40,10 @@ def print_excitation(console: Console, found: Excitation) -> None:
     if found.set_up is not None and found.status == "ready":
         console.print(f"surer still: {set_up}", soft_wrap=True)
     console.print(f"  noise: {found.sources['noise']}", soft_wrap=True)
-    clear = "its shape is unknown" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
+    clear = "nothing was looked at" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
     console.print(f"  distance of the arm from itself: {clear}", soft_wrap=True)
+    for line in limits_of_proof(found.shapes, found.unchecked):
+        console.print(f"  {escape(line)}", soft_wrap=True)
 
 
 def _untold(found: Excitation) -> dict[str, list[str]]:

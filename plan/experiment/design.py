@@ -21,6 +21,7 @@ from plan.experiment.question import Question
 from plan.experiment.random_motions import random_runs
 from plan.experiment.result import Excitation, Status, minutes_to_odds
 from plan.experiment.search import BASELINE, Search, Tell
+from plan.geometry.arm_shapes import StandIn
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
 FEWEST_RUNS, MOST_RUNS = 6, 60
@@ -43,6 +44,7 @@ def excite(
     evaluations: int = 120,
     seed: int = 0,
     tell: Tell | None = None,
+    stand_in: StandIn | None = None,
 ) -> Excitation:
     """The motion that answers a question best.
 
@@ -53,12 +55,13 @@ def excite(
         evaluations: Most programmes that the search judges.
         seed: Of everything.
         tell: Called after each evaluation with evaluations, allowed, best score.
+        stand_in: What stands in for links without collision geometry.
 
     Raises:
-        RobotError: No motion of this arm keeps its limits and its distance from itself.
+        RobotError: No motion of this arm keeps its limits and its distance from itself, or a link has no shape.
     """
     began = time.perf_counter()
-    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm)
+    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm, stand_in)
     question = replace(question, tellable=_tellable(eye, feasible, question, seed))
     if question.tellable == ():
         programmes = [_general(feasible, question, seed)]
@@ -82,7 +85,9 @@ def excite(
         information=(view.information(), by_chance.information()),
         noise=dict(zip(arm.joint_names, map(float, eye.noise), strict=True)),
         sources={"noise": "a share of the rated torque" if question.noise is None else "diagnosis", **_sizes(view)},
-        clearance=min(map(feasible.clearance, runs)) if feasible.checks_collisions else None,
+        clearance=min(map(feasible.clearance, runs)) if len(feasible.scene.pairs) else None,
+        unchecked=feasible.scene.unchecked,
+        shapes=feasible.scene.shapes,
         set_up=setup_for(question.ids, question.asked),
         evaluations=0 if question.tellable == () else evaluations,
         seconds=time.perf_counter() - began,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import Limits, thin
 from ident.trajectories.reference import Motion
+from plan.geometry.arm_shapes import StandIn
 from plan.geometry.scene import Scene
 
 # Links keep this distance [m]: an arm under test doesn't follow its commands to the millimetre.
@@ -24,19 +24,15 @@ class Feasibility:
 
     Args:
         arm: The arm.
+        stand_in: What stands in for links without collision geometry.
+
+    Raises:
+        RobotError: A link has no collision geometry and nothing stands in: then nothing can be proven.
     """
 
-    def __init__(self, arm: ArmModel) -> None:
+    def __init__(self, arm: ArmModel, stand_in: StandIn | None = None) -> None:
         self.limits = Limits(arm)
-        try:
-            self.scene: Scene | None = Scene.build(arm)
-        except RobotError:  # its meshes are not there: nothing is known of its shape
-            self.scene = None
-
-    @property
-    def checks_collisions(self) -> bool:
-        """Whether the arm's shape is known."""
-        return self.scene is not None
+        self.scene = Scene.build(arm, stand_in=stand_in)
 
     def allows(self, motion: Motion) -> bool:
         """Whether a motion keeps all limits and, by the quick check, its distance from itself."""
@@ -45,7 +41,7 @@ class Feasibility:
             return False
         if limits.excess(motion.q, motion.dq, motion.ddq) > 1.0:
             return False
-        return self.scene is None or bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGIN)
+        return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGIN)
 
     def clearance(self, motion: Motion) -> float:
         """A distance that the links keep at every instant, by Coal [m]; 0 where they can't be proven to keep any.
@@ -53,7 +49,7 @@ class Feasibility:
         From a position in which a pair is d apart, it can't be nearer than c before the joints have moved by
         (d − c) / lever; the walk goes on from the last position before that.
         """
-        if self.scene is None or len(self.scene.pairs) == 0:
+        if len(self.scene.pairs) == 0:
             return 1.0
         travel = np.concatenate([np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)])
         for target in (MARGIN, 0.5 * MARGIN, 0.1 * MARGIN):

@@ -30,7 +30,7 @@ def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Gener
     try:
         return list(plan_motions(arm, ("spline",), count, duration, rng))
     except RobotError:
-        feasible = Feasibility(arm)
+        feasible = Feasibility(arm, "capsules")  # to compare with, never to be run
         runs = Programme("vias", CAREFUL, np.array(feasible.limits.centre), 0, int(rng.integers(2**31))).runs(
             count, feasible
         )

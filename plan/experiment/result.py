@@ -17,6 +17,8 @@ from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.trajectories.reference import TICK_S, Motion
 from plan.experiment.programme import Programme, duration_of
+from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
+from plan.geometry.scene import Unchecked
 
 SCHEMA = "plan.excite/1"
 RECORD_NAME = "excite.json"
@@ -61,9 +63,11 @@ class Excitation:
         information: Gained on a single model's parameters by the proposed and by random motion [nats].
         noise: Of each joint [N m].
         sources: Where noise and sizes come from.
-        clearance: Proven between the links [m]; None where the arm's shape is unknown.
+        clearance: Proven between the links [m]; None where no pair of them is looked at.
         set_up: Advice beside the motion, or None.
         evaluations, seconds, seed: Of the search.
+        unchecked: Pairs of links of whose clearance nothing is said.
+        shapes: Where the links' shapes come from.
     """
 
     robot: str
@@ -84,6 +88,8 @@ class Excitation:
     evaluations: int
     seconds: float
     seed: int
+    unchecked: tuple[Unchecked, ...] = ()
+    shapes: ArmShapes = NO_SHAPES
 
     @property
     def duration(self) -> float:
@@ -119,6 +125,9 @@ class Excitation:
                 "files": file_names(self.runs),
                 "clearance_m": self.clearance,
             },
+            "joints": list(self.noise),
+            "unchecked_pairs": [pair.to_dict() for pair in self.unchecked],
+            **self.shapes.to_dict(),
             "distance": {
                 "proposed": _keyed(self.distances),
                 "random": _keyed(self.random),

@@ -1,20 +1,18 @@
-"""Oriented boxes: of the arm's links, from its collision geometry, and of obstacles."""
+"""Shapes of the arm's links and of obstacles, each with the oriented box around it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from ident.arrays import Array, Float, freeze
-from ident.robot.arm import ArmModel
+from plan.geometry.solids import Solid
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box fixed to a joint of the arm, or to the world.
+    """A shape fixed to a joint of the arm, or to the world, by the box around it.
 
     Attributes:
         name: Name of the link or obstacle.
@@ -23,6 +21,7 @@ class Box:
         centre: Its centre in the joint frame [m].
         half: Half edge lengths [m].
         body: Order of its link along the arm; -1 for an obstacle.
+        solid: What it is exactly; the box itself if not given.
     """
 
     name: str
@@ -31,10 +30,35 @@ class Box:
     centre: Float[Array, " 3"]
     half: Float[Array, " 3"]
     body: int = -1
+    solid: Solid = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for field in ("rotation", "centre", "half"):
             object.__setattr__(self, field, freeze(np.asarray(getattr(self, field), dtype=float)))
+        if self.solid is None:
+            object.__setattr__(self, "solid", Solid.simple("box", *self.half))
+
+    @classmethod
+    def around(
+        cls,
+        name: str,
+        solid: Solid,
+        joint: int = 0,
+        rotation: Float[Array, "3 3"] | None = None,
+        centre: Float[Array, " 3"] | None = None,
+        body: int = -1,
+    ) -> Box:
+        """The box around a solid, whose axes and centre are the solid's own."""
+        axes, place = np.eye(3) if rotation is None else rotation, np.zeros(3) if centre is None else centre
+        return cls(name, joint, axes, place, solid.half, body, solid)
+
+    @classmethod
+    def around_points(
+        cls, name: str, points: Float[Array, "k 3"], joint: int, rotation: Array, centre: Array, body: int
+    ) -> Box:
+        """The hull of points that are given in axes of their own, which lie in the joint frame as told."""
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        return cls.around(name, Solid.hull(points - middle), joint, rotation, centre + rotation @ middle, body)
 
     @property
     def corners(self) -> Float[Array, "8 3"]:
@@ -42,38 +66,8 @@ class Box:
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
         return self.centre + (signs * self.half) @ self.rotation.T
 
-
-def link_boxes(arm: ArmModel) -> list[Box]:
-    """One box a collision shape of the arm; a shape that is no box gets the box along its own axes.
-
-    Shapes that one link has several of (a hand's parts) are kept apart: a common box would be far too large.
-    """
-    bodies = _geometry_bodies(arm)
-    boxes = []
-    for shape in arm.geometry.geometryObjects:
-        half, middle = _enclosing(shape)
-        centre = shape.placement.translation + shape.placement.rotation @ middle
-        body = bodies.index(shape.parentFrame)
-        boxes.append(
-            Box(_link_name(arm, shape), shape.parentJoint, shape.placement.rotation.copy(), centre, half, body)
-        )
-    return boxes
-
-
-def _geometry_bodies(arm: ArmModel) -> list[int]:
-    """Frames of the links that have a shape, base to tip: Pinocchio lists frames in that order."""
-    return sorted({shape.parentFrame for shape in arm.geometry.geometryObjects})
-
-
-def _link_name(arm: ArmModel, shape: pin.GeometryObject) -> str:
-    return str(arm.model.frames[shape.parentFrame].name)
-
-
-def _enclosing(shape: pin.GeometryObject) -> tuple[Array, Array]:
-    """Half lengths and middle of the box around a shape, in the shape's axes [m]."""
-    geometry = shape.geometry
-    if isinstance(geometry, coal.Box):
-        return np.array(geometry.halfSide), np.zeros(3)
-    geometry.computeLocalAABB()
-    low, high = np.array(geometry.aabb_local.min_), np.array(geometry.aabb_local.max_)
-    return (high - low) / 2, (high + low) / 2
+    @property
+    def farthest(self) -> float:
+        """Farthest that a point of it can be from the joint frame's origin [m]."""
+        ball = float(np.linalg.norm(self.centre)) + self.solid.radius
+        return min(ball, float(np.linalg.norm(self.corners, axis=1).max()))

@@ -29,7 +29,7 @@ class Clearance:
         proven: The motion keeps at least this, between samples too; below zero if it collides [m].
         seen: Smallest distance met [m].
         time: When [s].
-        pair: Names of the two boxes.
+        pair: Names of the two shapes.
         checks: Positions looked at.
     """
 
@@ -38,6 +38,11 @@ class Clearance:
     time: float
     pair: str
     checks: int
+
+    @property
+    def checked(self) -> bool:
+        """Whether there was any pair to look at; without one nothing is proven."""
+        return self.checks > 0
 
     @property
     def collision_free(self) -> bool:

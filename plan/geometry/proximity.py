@@ -1,11 +1,10 @@
-"""Exact signed distances, witness points, gradients and batch checks of a scene's boxes, by Coal."""
+"""Exact signed distances, witness points, gradients and batch checks of a scene's shapes, by Coal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -20,12 +19,12 @@ TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class Witness:
-    """Nearest points of one pair of boxes.
+    """Nearest points of one pair of shapes.
 
     Attributes:
         distance: Signed distance [m].
-        first, second: Nearest points, or deepest ones, of the two boxes in the base frame [m].
-        normal: Unit vector along which the second box leaves the first.
+        first, second: Nearest points, or deepest ones, of the two shapes in the base frame [m].
+        normal: Unit vector along which the second shape leaves the first.
     """
 
     distance: float
@@ -51,7 +50,7 @@ class Proximity:
 
     @property
     def geometry(self) -> pin.GeometryModel:
-        """The boxes and pairs as a Pinocchio geometry model."""
+        """The shapes and pairs as a Pinocchio geometry model."""
         return self._geometry
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
@@ -77,7 +76,7 @@ class Proximity:
         """Derivative of a pair's signed distance by the joints [m/rad].
 
         A point fixed to joint frame i moves by J_v − [r]× J_ω, so the distance along the normal n from the first
-        box to the second changes by nᵀ(J₂ − J₁), each taken at its witness point.
+        shape to the second changes by nᵀ(J₂ − J₁), each taken at its witness point.
         """
         q = np.asarray(q, dtype=float)
         found = self.witness(q, pair)
@@ -108,8 +107,7 @@ def _geometry_model(boxes: Sequence[Box], pairs: Array) -> pin.GeometryModel:
     geometry = pin.GeometryModel()
     for i, box in enumerate(boxes):
         placement = pin.SE3(np.array(box.rotation), np.array(box.centre))
-        shape = coal.Box(*(2.0 * box.half))
-        geometry.addGeometryObject(pin.GeometryObject(f"{i}:{box.name}", box.joint, placement, shape))
+        geometry.addGeometryObject(pin.GeometryObject(f"{i}:{box.name}", box.joint, placement, box.solid.for_coal()))
     for a, b in pairs:
         geometry.addCollisionPair(pin.CollisionPair(int(a), int(b)))
     return geometry

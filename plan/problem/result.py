@@ -1,8 +1,9 @@
-"""PlanResult: a plan that certifies itself, and `plan.problem.result/1`."""
+"""PlanResult: a plan that certifies itself, and `plan.result/1`."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.files import atomic_write
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
+from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
+from plan.geometry.scene import Unchecked, limits_of_proof
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
@@ -39,6 +42,8 @@ class Certificate:
         position_margin: Smallest distance to a position limit [rad].
         clearance: Proven clearance.
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
+        unchecked: Pairs of links of whose clearance nothing is said.
+        shapes: Where the links' shapes come from.
     """
 
     energy: dict[Metric, float]
@@ -47,6 +52,13 @@ class Certificate:
     position_margin: float
     clearance: Clearance
     asked_clearance: float = 0.0
+    unchecked: tuple[Unchecked, ...] = ()
+    shapes: ArmShapes = NO_SHAPES
+
+    @property
+    def limits_of_proof(self) -> list[str]:
+        """What the proof of clearance does not speak of, a line each."""
+        return limits_of_proof(self.shapes, self.unchecked)
 
     @property
     def broken(self) -> list[str]:
@@ -82,6 +94,8 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         position_margin=margin,
         clearance=prove_clearance(problem.scene, splines),
         asked_clearance=problem.margin,
+        unchecked=problem.scene.unchecked,
+        shapes=problem.scene.shapes,
     )
 
 
@@ -116,6 +130,8 @@ class PlanResult:
         starts: One record an initial trajectory: label, via points, cost reached, reason where it failed.
         history: Evaluations, seconds and best cost, each time it fell.
         notes: Remarks of the planner.
+        robot, joints: Name of the arm and of the joints that move.
+        held: Positions of the joints that stand still [rad or m].
     """
 
     status: Status
@@ -133,6 +149,9 @@ class PlanResult:
     starts: tuple[dict[str, Any], ...] = ()
     history: tuple[tuple[int, float, float], ...] = ()
     notes: tuple[str, ...] = field(default_factory=tuple)
+    robot: str = ""
+    joints: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def solved(self) -> bool:
@@ -147,11 +166,14 @@ class PlanResult:
         return float(self.splines.total[0]) if self.objective == "time" else self.certificate.energy[self.metric]
 
     def to_dict(self) -> dict[str, Any]:
-        """The record of `plan.problem.result/1`; lengths in m, angles in rad."""
+        """The record of `plan.result/1`; lengths in m, angles in rad."""
         record: dict[str, Any] = {
             "schema": SCHEMA,
             "status": self.status,
             "reason": self.reason,
+            "robot": self.robot,
+            "joints": list(self.joints),
+            "held": dict(self.held),
             "method": self.method,
             "objective": self.objective,
             "metric": self.metric,
@@ -179,8 +201,10 @@ class PlanResult:
             "peak_torque_share": certificate.torque_share.tolist(),
             "peak_speed_share": certificate.speed_share.tolist(),
             "collision_free": certificate.clearance.collision_free,
-            "clearance_m": certificate.clearance.proven,
+            "clearance_m": certificate.clearance.proven if certificate.clearance.checked else None,
             "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},
+            "unchecked_pairs": [pair.to_dict() for pair in certificate.unchecked],
+            **certificate.shapes.to_dict(),
             "start_rad": points[0].tolist(),
             "goal_rad": points[-1].tolist(),
             "via_points_rad": points[1:-1].tolist(),

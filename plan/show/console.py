@@ -15,7 +15,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:  # a help text needs none of them
     from plan.planners.base import Progress as Callback
-    from plan.problem.result import PlanResult
+    from plan.problem.result import Certificate, PlanResult
     from plan.solving.compare import Comparison
 
 UNITS = {"energy": "J", "time": "s"}
@@ -66,11 +66,7 @@ def print_result(console: Console, result: PlanResult) -> None:
     console.print(f"duration: {float(splines.total[0]):.4f} s")
     for name, share in (("torque", certificate.torque_share), ("speed", certificate.speed_share)):
         console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
-    clearance = certificate.clearance
-    console.print(
-        f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too ({escape(clearance.pair)}, "
-        f"{clearance.time:.3f} s)"
-    )
+    _print_clearance(console, certificate)
     if result.reference_gap is not None and result.method != "reference":
         console.print(f"gap to the reference: {100 * result.reference_gap:+.2f} %")
     stamps = list(accumulate(splines.durations[0]))[:-1]
@@ -79,6 +75,20 @@ def print_result(console: Console, result: PlanResult) -> None:
             console.print(f"  via at {stamp:.4f} s: {', '.join(f'{degrees(angle):.2f}' for angle in via)} deg")
     for note in result.notes:
         console.print(f"note: {escape(note)}", soft_wrap=True)
+
+
+def _print_clearance(console: Console, certificate: Certificate) -> None:
+    """What is proven, for which shapes, and of which pairs nothing is said."""
+    clearance = certificate.clearance
+    if not clearance.checked:
+        console.print("clearance: nothing to hit, so nothing was looked at")
+    else:
+        place = f"({clearance.pair}, {clearance.time:.3f} s)"
+        console.print(
+            f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too {escape(place)}", soft_wrap=True
+        )
+    for line in certificate.limits_of_proof:
+        console.print(f"  {escape(line)}", soft_wrap=True)
 
 
 def _print_starts(console: Console, result: PlanResult) -> None:

@@ -12,6 +12,7 @@ from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, Metric
 from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
+from plan.geometry.arm_shapes import StandIn
 from plan.geometry.scene import Scene
 from plan.initial.starts import straight
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
@@ -24,6 +25,7 @@ def set_up(
     objective: Objective = "energy",
     metric: Metric = "absolute",
     free: Free | None = None,
+    stand_in: StandIn | None = None,
 ) -> PlanningProblem:
     """The problem of a task, started from the straight line.
 
@@ -33,8 +35,10 @@ def set_up(
         objective: `energy` or `time`.
         metric: How energy is counted.
         free: What is searched; via points for energy, via points and time stamps for time if None.
+        stand_in: What stands in for links without collision geometry.
 
     Raises:
+        RobotError: A link has no collision geometry, and nothing stands in.
         TaskError: The task does not fit the robot or the model.
         MethodError: No such objective, metric or choice of variables.
     """
@@ -58,7 +62,7 @@ def set_up(
     )
     vias = straight(task.start, task.goal, task.via_points)
     return PlanningProblem(
-        scene=Scene.build(arm, task.obstacles),
+        scene=Scene.build(arm, task.obstacles, stand_in=stand_in),
         model=torque,
         limits=_limits(task, arm),
         start=task.start,

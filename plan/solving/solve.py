@@ -144,6 +144,9 @@ def solve(
         "objective": problem.objective,
         "metric": problem.metric,
         "seed": seed,
+        "robot": problem.scene.arm.name,
+        "joints": problem.scene.arm.joint_names,
+        "held": problem.scene.arm.locked_joints,
     }
     reason = find_obstruction(problem)
     if reason:

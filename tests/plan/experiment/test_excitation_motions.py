@@ -68,7 +68,6 @@ def test_the_same_seed_makes_the_same_motion(feasible: Feasibility) -> None:
 def test_a_folded_arm_is_refused() -> None:
     """Slow motion within all limits is refused where it folds the arm into itself; where it does not, it is allowed."""
     whole = Feasibility(ArmModel.load("tm5-900"))
-    assert whole.scene is not None
     limits = whole.limits
     poses = np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, 6))
     distances = [whole.scene.proximity.clearance(pose) for pose in poses]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.geometry.boxes import Box, link_boxes
+from plan.geometry.arm_shapes import arm_shapes
+from plan.geometry.boxes import Box
 from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.scene import Scene
 from plan.spline import Splines
@@ -27,7 +28,7 @@ def random_motions(seed: int, batch: int, aside: np.ndarray | float = 0.0) -> Sp
 def test_boxes_enclose_meshes() -> None:
     """A mesh's box holds every vertex of the mesh."""
     arm = ArmModel.load("ur10")
-    boxes = link_boxes(arm)
+    boxes = arm_shapes(arm).boxes
     for box, shape in zip(boxes, arm.geometry.geometryObjects, strict=True):
         if hasattr(shape.geometry, "vertices"):
             points = shape.geometry.vertices() @ shape.placement.rotation.T + shape.placement.translation
