@@ -184,7 +184,7 @@ def _ordered(arm: ArmModel, boxes: list[Box]) -> list[Box]:
 
 def _limb(arm: ArmModel, link: str, stand_in: StandIn) -> Box:
     """A capsule or a box from a link's joint to the next, as thick as its mass lets it be."""
-    number = arm.model.getFrameId(link)
+    number = arm.model.getFrameId(link, pin.FrameType.BODY)
     joint = int(arm.model.frames[number].parentJoint)
     a, b = np.zeros(3), _far_end(arm, joint)
     length = float(np.linalg.norm(b - a))

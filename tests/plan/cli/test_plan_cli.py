@@ -197,7 +197,7 @@ def test_exit_status_and_one_line(tmp_path: Path) -> None:
     """The user's mistake ends the program with status 2, one line on standard error and nothing written."""
     path = scene(tmp_path, TABLE3.replace("[80, 30, -90]", "[80, 300, -90]"))
     out = tmp_path / "plan.json"
-    code = "import sys; from plan.cli import main; main()"
+    code = "import sys; from plan.cli.app import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, "solve", str(path), "--json", str(out)],
         capture_output=True,
