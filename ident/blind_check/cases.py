@@ -13,6 +13,7 @@ from ident.plant.causes import CATALOGUE, OUTSIDE, find_cause
 from ident.plant.decoys import DECOYS
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import POOR, RICH, SimulationOptions
+from ident.plant.world import World, WorldRange
 
 FULL_MIX: dict[str, float] = {
     "single": 252,
@@ -142,6 +143,15 @@ def _single_cells(count: int, rng: np.random.Generator, effects: Sequence[str]) 
     return rounds[:count]
 
 
+def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange]) -> World | None:
+    """The world of a case: of the ranges in turn, in an order that does not go with the kinds of case; None of none."""
+    if not worlds:
+        return None
+    turn, place = divmod(number, len(worlds))
+    order = np.random.default_rng([seed, 4, turn]).permutation(len(worlds))
+    return worlds[int(order[place])].draw(np.random.default_rng([seed, 5, number]))
+
+
 def draw_case(
     slot: Slot, number: int, seed: int, base: SimulationOptions, joints: Sequence[str], attempt: int = 0
 ) -> Case:
@@ -151,7 +161,7 @@ def draw_case(
         slot: The place.
         number: Its number.
         seed: Of the check.
-        base: What all cases have in common: robot, number and length of runs.
+        base: What all cases have in common (robot, number and length of runs), or the case's world.
         joints: The robot's joints.
         attempt: Goes up where the size asked for is impossible at the joint drawn.
     """
@@ -172,6 +182,8 @@ def draw_case(
         decoys=(str(rng.choice(list(DECOYS))),) if slot.kind == "decoy" else (),
         friction_spread=float(rng.choice([0.0, 0.01, 0.02])),
     )
+    if base.world is not None:
+        options = options.in_world(base.world)
     excluded: tuple[str, ...] = ()
     if slot.kind == "excluded":
         excluded = (effects[0].effect, *TWINS.get(effects[0].effect, ()))

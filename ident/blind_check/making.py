@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ident.blind_check.cases import OTHER_EFFECTS_FROM, Slot, draw_case
+from ident.blind_check.cases import OTHER_EFFECTS_FROM, Slot, draw_case, draw_world_of
 from ident.blind_check.semi_real import EFFECTS, RealArm, add_effect
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.plant.answer import Answer, seal
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import SimulationOptions, simulate
+from ident.plant.world import WorldRange
 from ident.recordings.recording import Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
@@ -39,6 +40,7 @@ class MakeTask:
         sealed: Folder for the envelope.
         stamp: Of the simulating code.
         sources: Folders of real recordings to which the effect is added; empty to simulate.
+        worlds: Where the case's world is drawn from; empty for the plant's own.
     """
 
     slot: Slot
@@ -49,6 +51,7 @@ class MakeTask:
     sealed: Path
     stamp: str
     sources: tuple[Path, ...] = ()
+    worlds: tuple[WorldRange, ...] = ()
 
 
 def case_key(seed: int, name: str) -> bytes:
@@ -95,10 +98,12 @@ def make(task: MakeTask) -> str:
 
 
 def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
-    joints = ArmModel.load(task.base.robot).joint_names
-    case = draw_case(task.slot, task.number, task.seed, task.base, joints, attempt)
+    world = draw_world_of(task.number, task.seed, task.worlds)
+    base = task.base if world is None else task.base.in_world(world)
+    joints = ArmModel.load(base.robot).joint_names
+    case = draw_case(task.slot, task.number, task.seed, base, joints, attempt)
     simulation = simulate(case.options, task.slot.name)
-    return Made(simulation.session, simulation.answer, task.base.robot), case.excluded
+    return Made(simulation.session, simulation.answer, base.robot), case.excluded
 
 
 @lru_cache(maxsize=2)

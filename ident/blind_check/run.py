@@ -22,6 +22,7 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.plant.answer import open_envelope
 from ident.plant.simulate import SimulationOptions
+from ident.plant.world_presets import find_worlds
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # The two kinds of process: cases are made, or diagnosed, again when the code that they import has changed.
@@ -44,7 +45,8 @@ class BlindOptions:
         mix: Shares of the kinds of case.
         robot: URDF path or name.
         semi_real: Folder of real recordings to which known effects are added, instead of simulated cases.
-        runs, duration: Number of runs of each session, and their rough duration [s].
+        runs, duration: Number of runs of each session, and their rough duration [s]; of a world, its own.
+        worlds: Names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own.
     """
 
     cases: int = 40
@@ -57,6 +59,7 @@ class BlindOptions:
     semi_real: Path | None = None
     runs: int = 10
     duration: float = 8.0
+    worlds: str = ""
 
 
 def run_blind(
@@ -80,7 +83,7 @@ def run_blind(
         say(f"{name} sealed: sha256 {record['sha256']}")
     results = _examine_all(tasks, made, options, progress)
     report = BlindReport(
-        robot=options.robot,
+        robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
         outcomes=tuple(_open(task, made[task.slot.name], results) for task in tasks),
@@ -100,6 +103,10 @@ def _begin(options: BlindOptions) -> int:
         raise InputError("--workers", f"{options.workers} processes", "give one or more")
     if options.seed is not None and not 0 <= options.seed < 2**62:
         raise InputError("--seed", f"{options.seed}", "choose a number from 0 to 2^62")
+    if options.worlds:
+        if options.semi_real is not None:
+            raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
+        find_worlds(options.worlds)
     path, settings = options.out / RUN_NAME, _settings(options)
     if path.is_file():
         before = _read(path)
@@ -124,6 +131,7 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
         "semi_real": str(options.semi_real) if options.semi_real else None,
         "runs": options.runs,
         "duration": options.duration,
+        **({"worlds": options.worlds} if options.worlds else {}),
     }
 
 
@@ -131,6 +139,7 @@ def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
     stamp = stamp_of(MAKING)
     base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
     sources = find_sources(options.semi_real) if options.semi_real else ()
+    worlds = find_worlds(options.worlds) if options.worlds else ()
     return [
         MakeTask(
             slot=slot,
@@ -141,6 +150,7 @@ def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
             sealed=(options.out / "sealed" / slot.name).resolve(),
             stamp=stamp,
             sources=tuple(source.resolve() for source in sources),
+            worlds=worlds,
         )
         for number, slot in enumerate(_slots(options, seed))
     ]

@@ -241,16 +241,19 @@ def patch(
 def simulate(
     out: Annotated[Path, typer.Option(help="Folder of the simulated session.")],
     effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.")] = None,
-    robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
+    robot: Annotated[str | None, typer.Option(help="URDF path or name; tm5-900 if not given.")] = None,
+    world: Annotated[
+        str | None, typer.Option(help="Another arm and sensors: a preset's name, or a TOML file. Other options hold.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.")] = 0,
     motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
     commands: Annotated[
         Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs.")] = 10,
-    duration: Annotated[float, typer.Option(help="Rough duration of a run [s].")] = 8.0,
-    rate: Annotated[float, typer.Option(help="Log rate [Hz].")] = 250.0,
-    velocity: Annotated[bool, typer.Option(help="Log the velocity channel.")] = True,
+    runs: Annotated[int | None, typer.Option(help="Number of runs; 10 if not given.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Rough duration of a run [s]; 8 if not given.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Log rate [Hz]; 250 if not given.")] = None,
+    velocity: Annotated[bool | None, typer.Option(help="Log the velocity channel; yes if not given.")] = None,
     temperature: Annotated[bool, typer.Option(help="Log joint temperatures.")] = False,
     payload: Annotated[str | None, typer.Option(help="Known body at the flange: MASS or MASS@X,Y,Z.")] = None,
     decoy: Annotated[list[str] | None, typer.Option(help="inertia, geometry, friction, controller.")] = None,
@@ -264,9 +267,13 @@ def simulate(
     from ident.plant.recipes import run_recipe
     from ident.plant.request import parse_payload
     from ident.plant.simulate import RICH, SimulationOptions
+    from ident.plant.world_presets import find_world, settle
     from ident.robot.arm import ArmModel
     from ident.trajectories.command_files import read_commands
 
+    drawn = None if world is None else settle(find_world(world), seed, robot, runs, duration, rate, velocity)
+    robot = drawn.robot if drawn else robot or "tm5-900"
+    runs = drawn.runs if drawn else 10 if runs is None else runs
     given = None if commands is None else read_commands(commands, ArmModel.load(robot))
     total = runs if given is None else len(given)
     with progress_bar(console, "simulation", "") as progress:
@@ -284,13 +291,14 @@ def simulate(
                 seed=seed,
                 motions=tuple(motion) if motion else RICH,
                 runs=runs,
-                duration=duration,
-                rate=rate,
-                velocity=velocity,
+                duration=8.0 if duration is None else duration,
+                rate=250.0 if rate is None else rate,
+                velocity=velocity is not False,
                 temperature=temperature,
                 payload=parse_payload(payload) if payload else None,
                 decoys=tuple(decoy or ()),
             )
+            options = options if drawn is None else options.in_world(drawn)
             written = [simulate_to(out, options, answer, sealed, tell, given)]
     for one in written:
         console.print(f"{one.folder}: {one.runs} runs, {one.samples} samples, {one.duration_s:.0f} s")
@@ -311,13 +319,27 @@ def blind(
     scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
     robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
     semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
+    worlds: Annotated[
+        str,
+        typer.Option(help="Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without)."),
+    ] = "",
+    mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
+    from ident.blind_check.cases import FULL_MIX, parse_mix
     from ident.blind_check.run import BlindOptions, run_blind
 
     options = BlindOptions(
-        cases=cases, seed=seed, out=out, workers=workers, scheduler=scheduler, robot=robot, semi_real=semi_real
+        cases=cases,
+        seed=seed,
+        out=out,
+        workers=workers,
+        scheduler=scheduler,
+        robot=robot,
+        semi_real=semi_real,
+        worlds=worlds,
+        mix=parse_mix(mix) if mix else FULL_MIX,
     )
     with progress_bar(console, "blind check", "") as progress:
         report = run_blind(

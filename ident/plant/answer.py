@@ -57,7 +57,9 @@ class Answer:
         seed: Seed of the session.
         effects: What was wrong.
         decoys: Decoys.
-        noise_floor_Nm: Standard deviation of the torque noise of each joint.
+        noise_floor_Nm: What the best model leaves at each joint: the torque's noise, and what else its world adds.
+        world: The world that it was drawn in; empty without one.
+        losses: Rotor inertia, viscous and dry friction of each joint; empty without a world.
     """
 
     robot: str
@@ -65,15 +67,23 @@ class Answer:
     effects: tuple[TrueEffect, ...]
     decoys: tuple[str, ...]
     noise_floor_Nm: dict[str, float]
+    world: dict[str, Any] = field(default_factory=dict)
+    losses: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        return {"schema": SCHEMA, **asdict(self)}
+        values = asdict(self)
+        # Answers of sessions without a world say nothing of one: sealed ones must stay as they are.
+        for name in ("world", "losses"):
+            if not values[name]:
+                del values[name]
+        return {"schema": SCHEMA, **values}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Answer:
         """Inverse of `to_dict` after a passage through JSON."""
         effects = tuple(TrueEffect(**{**one, "joints": tuple(one["joints"])}) for one in values["effects"])
-        return cls(values["robot"], values["seed"], effects, tuple(values["decoys"]), values["noise_floor_Nm"])
+        rest = values.get("world", {}), values.get("losses", {})
+        return cls(values["robot"], values["seed"], effects, tuple(values["decoys"]), values["noise_floor_Nm"], *rest)
 
 
 def write_answer(answer: Answer, folder: Path) -> Path:

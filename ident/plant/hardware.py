@@ -35,6 +35,9 @@ class Hardware:
         bandwidth, damping_ratio: Of its controller, against the nominal inertia [rad/s], [1].
         friction_spread: Relative change of the friction from run to run.
         contact_run: Number of the run in which the contact happens; -1 for all.
+        friction_path: Factors on dry and viscous friction of each run, shape (R, 2, n), instead of a spread.
+        feed_forward: What its controller adds: gravity (`none`), the `rigid` model, or that and `friction`.
+        loop_noise: Share of rated torque that encoder noise becomes in the loop at most; no bound if None.
     """
 
     arm: ArmModel
@@ -49,6 +52,9 @@ class Hardware:
     damping_ratio: float = DAMPING_RATIO
     friction_spread: float = 0.01
     contact_run: int = -1
+    friction_path: Array | None = None
+    feed_forward: str = "rigid"
+    loop_noise: float | None = None
 
     @property
     def n(self) -> int:

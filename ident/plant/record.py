@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.plant.hardware import Hardware
@@ -14,7 +15,7 @@ from ident.plant.sensing import read_encoder, read_temperature, read_torque, sam
 from ident.plant.simulator import Simulator, Trace
 from ident.plant.thermal import AMBIENT_DEGC
 from ident.recordings.recording import Recording
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import TICK_S, Motion
 
 Progress = Callable[[], None]
 
@@ -32,12 +33,21 @@ class Channels:
         velocity: Whether the drives' velocities are logged.
         commands: Whether commanded positions and velocities are.
         temperature: Whether housing temperatures are.
+        velocity_kind: The controller's `estimate`, that estimate `filtered` again, `differenced` readings of the
+            logged position, or the `true` velocity.
+        velocity_delay: How late the filter is [s].
+        jitter: Largest deviation of a sample's instant from the even grid, as a share of the interval.
+        lost: Share of samples that are missing.
     """
 
     rate: float = 250.0
     velocity: bool = True
     commands: bool = True
     temperature: bool = False
+    velocity_kind: str = "estimate"
+    velocity_delay: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
 
 
 def draw_pauses(runs: int, bounds: tuple[float, float], rng: np.random.Generator) -> list[float]:
@@ -81,11 +91,13 @@ def record_runs(
 def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator) -> Recording:
     """One run as the log shows it."""
     ticks, sensing, log = trace.times, hardware.sensing, trace.log
-    times = np.arange(int(np.floor(ticks[-1] * channels.rate + 1e-9)) + 1) / channels.rate
+    times = _instants(float(ticks[-1]), channels, rng)
+    angle = log.link_angle if sensing.link_side else log.angle
+    position = read_encoder(sensing, ticks, angle, times, rng)
     channels_of: dict[str, Array | None] = {
-        "position": read_encoder(sensing, ticks, log.angle, times, rng),
+        "position": position,
         "effort": read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng),
-        "velocity": sample(ticks, log.speed_estimate, times) if channels.velocity else None,
+        "velocity": _velocity(channels, trace, times, position) if channels.velocity else None,
         "position_command": sample(ticks, trace.motion.q, times) if channels.commands else None,
         "velocity_command": sample(ticks, trace.motion.dq, times) if channels.commands else None,
         "temperature": None,
@@ -97,6 +109,36 @@ def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, 
     }
     time = np.round(trace.start + times, 6)
     return Recording(name=name, joints=hardware.arm.joint_names, time=time, **rounded)
+
+
+def _instants(end: float, channels: Channels, rng: np.random.Generator) -> Float[Array, " T"]:
+    """Times of the samples in the run [s]; the first and the last are never missing."""
+    times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
+    if channels.jitter > 0.0:
+        away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
+        times = np.clip(times + away, 0.0, end)
+    if channels.lost > 0.0:
+        kept = rng.random(len(times)) >= channels.lost
+        kept[[0, -1]] = True
+        times = times[kept]
+    return times
+
+
+def _velocity(
+    channels: Channels, trace: Trace, times: Float[Array, " T"], position: Float[Array, "T n"]
+) -> Float[Array, "T n"]:
+    """The velocity channel [rad/s]."""
+    log = trace.log
+    if channels.velocity_kind == "true":
+        return sample(trace.times, log.speed, times)
+    if channels.velocity_kind == "differenced":
+        steps = np.diff(position, axis=0) / np.diff(times)[:, None]
+        return np.concatenate([steps[:1], steps])
+    estimate = log.speed_estimate
+    if channels.velocity_kind == "filtered":
+        keep = np.exp(-TICK_S / channels.velocity_delay)
+        estimate, _ = lfilter([1.0 - keep], [1.0, -keep], estimate, axis=0, zi=keep * estimate[:1])
+    return sample(trace.times, estimate, times)
 
 
 # A log's resolution: far below the sensors' own, so that files stay small.

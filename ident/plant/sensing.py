@@ -37,6 +37,7 @@ class Sensing:
         limit: Torque that the reading can't exceed [N m].
         sag: Relative rise of the reading when all drives together draw `sag_power` (outside the catalogue).
         sag_power: [W].
+        link_side: Whether the logged position is that of the link, not of the motor.
     """
 
     white: Float[Array, " n"]
@@ -45,7 +46,7 @@ class Sensing:
     load_growth: float
     rated: Float[Array, " n"]
     count: Float[Array, " n"]
-    count_noise: float
+    count_noise: float | Float[Array, " n"]
     encoder_offset: Float[Array, " n"]
     gain: Float[Array, " n"]
     offset: Float[Array, " n"]
@@ -55,6 +56,7 @@ class Sensing:
     limit: Float[Array, " n"]
     sag: Float[Array, " n"]
     sag_power: float = 150.0
+    link_side: bool = False
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -17,10 +17,13 @@ from ident.plant.mjcf import AddedBody, as_point
 from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
 from ident.plant.request import EffectRequest, find_joint, parse_effect
 from ident.plant.visibility import VisibilityMeter
+from ident.plant.world import World
+from ident.plant.world_arm import channels_of, draw_world_arm, friction_path, noise_floor
 from ident.recordings.recording import Payload, Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import Motion
+from ident.trajectories.stepped import stepped
 
 RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
 """Motions that let every effect be seen."""
@@ -51,6 +54,7 @@ class SimulationOptions:
         noise: Factor on the noise of torque and encoders.
         measure: Whether the visible amplitude of every effect is measured for the answer.
         coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
+        world: What the arm, its sensors and its log are like; see `in_world`. As the plant's own if None.
     """
 
     robot: str = "tm5-900"
@@ -72,6 +76,21 @@ class SimulationOptions:
     noise: float = 1.0
     measure: bool = False
     coarse: bool = False
+    world: World | None = None
+
+    def in_world(self, world: World) -> SimulationOptions:
+        """These options in a world: what both speak of is the world's."""
+        return replace(
+            self,
+            world=world,
+            robot=world.robot,
+            runs=world.runs,
+            duration=world.run_duration_s,
+            rate=world.rate_hz,
+            velocity=world.velocity != "none",
+            inertia_error=0.0,
+            friction_spread=0.0,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,17 +136,19 @@ def simulate(
     healthy = _healthy(arm, options, decoy_rng)
     clock_rng, record_rng = run_rng.spawn(2)
     pauses = draw_pauses(len(plans), options.pause, clock_rng)
-    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse)
+    healthy, channels, floors = _surroundings(healthy, options, plans, pauses)
+    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors)
     hardware, effects = healthy, []
     for request, joint in zip(requests, joints, strict=True):
         hardware, effect = _add_effect(request, joint, hardware, meter, int(effect_rng.integers(2**63)), options)
         effects.append(effect)
-    channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
     payload = options.payload
     session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
-    floor = dict(zip(arm.joint_names, map(float, healthy.sensing.noise_floor), strict=True))
-    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor)
+    floor = dict(zip(arm.joint_names, map(float, floors), strict=True))
+    world = options.world.to_dict() if options.world else {}
+    losses = true_losses(healthy) if options.world else {}
+    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, world, losses)
     return Simulation(session, answer, hardware, plans)
 
 
@@ -149,13 +170,40 @@ def _check(options: SimulationOptions) -> None:
 
 
 def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[Motion, ...]:
-    return plan_motions(arm, options.motions, options.runs, options.duration, rng)
+    motions = plan_motions(arm, options.motions, options.runs, options.duration, rng)
+    return tuple(stepped(motion, options.world.reference) for motion in motions) if options.world else motions
+
+
+def _surroundings(
+    healthy: Hardware, options: SimulationOptions, plans: Sequence[Motion], pauses: Sequence[float]
+) -> tuple[Hardware, Channels, Float[Array, " n"]]:
+    """The arm with its friction of each run, what its log holds, and the noise floor of each joint [N m]."""
+    world = options.world
+    if world is None:
+        channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
+        return healthy, channels, healthy.sensing.noise_floor
+    path = friction_path(world, healthy.n, plans, pauses, np.random.default_rng([options.seed, 2]))
+    healthy = healthy.replace(friction_path=path)
+    return healthy, channels_of(world, options.commands, options.temperature), noise_floor(healthy, world, plans)
+
+
+def true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
+    """Rotor inertia, viscous and dry friction of each joint, as a diagnosis tells them."""
+    law = hardware.friction
+    figures = (hardware.drive.rotor_inertia, law.viscous, law.coulomb)
+    keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
+    return {
+        joint: {key: float(values[j]) for key, values in zip(keys, figures, strict=True)}
+        for j, joint in enumerate(hardware.arm.joint_names)
+    }
 
 
 def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Generator) -> Hardware:
     """The individual arm, with its known payload and decoys, before anything is wrong."""
     seed = options.seed if options.arm_seed is None else options.arm_seed
-    hardware = draw_hardware(arm, np.random.default_rng([seed, 1]), options.inertia_error)
+    own = np.random.default_rng([seed, 1])
+    world = options.world
+    hardware = draw_world_arm(arm, world, own) if world else draw_hardware(arm, own, options.inertia_error)
     for decoy in options.decoys:
         hardware = add_decoy(hardware, decoy, decoy_rng)
     if options.payload is not None:
@@ -167,7 +215,7 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
         coloured=options.noise * sensing.coloured,
         count_noise=options.noise * sensing.count_noise,
     )
-    return hardware.replace(sensing=sensing, friction_spread=options.friction_spread)
+    return hardware.replace(sensing=sensing, friction_spread=0.0 if world else options.friction_spread)
 
 
 def _add_effect(

@@ -16,7 +16,6 @@ from ident.plant.hardware import Hardware
 from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
 from ident.plant.mjcf import build_model
 from ident.plant.thermal import cool_down
-from ident.robot.arm import ArmModel
 from ident.trajectories.reference import TICK_S, Motion
 
 LARGEST_STEP_S = 5e-4
@@ -26,6 +25,10 @@ SPRING_PHASE = 0.6
 COARSER = 2.0
 # Velocity filter of the controller [rad/s].
 FILTER_RAD_S = 900.0
+# A softer loop filters more: its filter lies at this multiple of its bandwidth.
+FILTER_PER_BANDWIDTH = 11.25
+# A controller that knows friction knows this share of it, and turns it round over this speed [rad/s].
+FED_FRICTION, FED_SPEED = 0.85, 0.02
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
 APPROACH_S, SETTLE_S, ASIDE_RAD = 0.5, 0.4, 0.03
 
@@ -94,7 +97,7 @@ class Simulator:
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
             self._cool(pause)
-            feed = feed_forward(self.hardware.arm, motion) if feeds is None else feeds[number]
+            feed = feed_forward(self.hardware, motion) if feeds is None else feeds[number]
             traces.append(self._run_one(number, motion, clock, feed))
             clock += motion.duration
             progress()
@@ -110,10 +113,10 @@ class Simulator:
         laws = self._laws(number)
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
-        way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware.arm, approach)
+        way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware, approach)
         for piece, start, ahead in (way_there, (motion, 0.0, feed)):
             log = fresh_log(len(piece.q), self.hardware.n)
-            noise = self.hardware.sensing.count_noise * self.rng.standard_normal(piece.q.shape)
+            noise = self._loop_noise * self.rng.standard_normal(piece.q.shape)
             views = self._engine, laws, self.control, round(TICK_S / self.step), self.state
             run_loop(*views, piece.q, piece.dq, ahead, noise, start, log)
             if not check_finite(log, self.data):
@@ -124,6 +127,8 @@ class Simulator:
         """The laws of one run: friction changes a little from run to run."""
         h = self.hardware
         spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
+        if h.friction_path is not None:
+            spread = h.friction_path[number % len(h.friction_path)]
         friction: FrictionLaw = h.friction._replace(
             coulomb=h.friction.coulomb * spread[0], viscous=h.friction.viscous * spread[1]
         )
@@ -133,12 +138,14 @@ class Simulator:
 
     def _control(self) -> Array:
         h = self.hardware
+        gains = controller_gains(h)
+        filter_rad_s, resolution, self._loop_noise = _feedback(h, gains[1])
         law = Control(
-            *controller_gains(h),
+            *gains,
             limit=np.array(h.drive.effort_limit),
-            resolution=np.array(h.sensing.count),
+            resolution=resolution,
             offset=np.array(h.sensing.encoder_offset),
-            smoothing=np.full(h.n, -np.expm1(-FILTER_RAD_S * TICK_S)),
+            smoothing=np.full(h.n, -np.expm1(-filter_rad_s * TICK_S)),
         )
         return records(law)
 
@@ -171,9 +178,31 @@ class Simulator:
         self._engine = engine(self.model, self.data)
 
 
-def feed_forward(arm: ArmModel, motion: Motion) -> Float[Array, "K n"]:
-    """What the controller expects a motion to take, of the nominal arm without friction [N m]."""
-    return arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+def feed_forward(hardware: Hardware, motion: Motion) -> Float[Array, "K n"]:
+    """What the controller expects a motion to take [N m], of the nominal arm.
+
+    Without a model it is gravity alone, which the integrator of such a loop holds.
+    """
+    arm = hardware.arm
+    if hardware.feed_forward == "none":
+        return arm.gravity(motion.q)
+    torque = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    if hardware.feed_forward == "friction":
+        law = hardware.friction
+        torque = torque + FED_FRICTION * (law.coulomb * np.tanh(motion.dq / FED_SPEED) + law.viscous * motion.dq)
+    return torque
+
+
+def _feedback(hardware: Hardware, damping: Float[Array, " n"]) -> tuple[float, Array, float | Array]:
+    """Velocity filter [rad/s], resolution [rad] and noise [counts] of the encoders as the loop sees them."""
+    sensing = hardware.sensing
+    count = np.array(sensing.count)
+    if hardware.loop_noise is None:
+        return FILTER_RAD_S, count, sensing.count_noise
+    filter_rad_s = min(FILTER_RAD_S, FILTER_PER_BANDWIDTH * hardware.bandwidth)
+    most = hardware.loop_noise * hardware.drive.effort_limit / (damping * filter_rad_s)
+    resolution = np.minimum(count, np.sqrt(12.0) * most)
+    return filter_rad_s, resolution, np.minimum(sensing.count_noise * count, most) / resolution
 
 
 def choose_step(hardware: Hardware, coarse: bool = False) -> float:

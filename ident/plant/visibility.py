@@ -139,6 +139,7 @@ class VisibilityMeter:
         motions, pauses: The session.
         seed: Of the chance that runs with and without a cause share.
         coarse: Whether to measure the whole session coarsely.
+        floor: Noise floor of each joint [N m]; that of the torque readings if None.
     """
 
     def __init__(
@@ -148,7 +149,9 @@ class VisibilityMeter:
         pauses: Sequence[float],
         seed: int,
         coarse: bool = False,
+        floor: Float[Array, " n"] | None = None,
     ) -> None:
+        self.floor = hardware.sensing.noise_floor if floor is None else floor
         self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
         self.coarse = coarse
         self._feeds: list[Float[Array, "K n"]] = []
@@ -160,7 +163,7 @@ class VisibilityMeter:
     def feeds(self) -> list[Float[Array, "K n"]]:
         """Feed-forward torque of each motion [N m], worked out once for all simulations of the session."""
         if not self._feeds:
-            self._feeds = [feed_forward(self.hardware.arm, motion) for motion in self.motions]
+            self._feeds = [feed_forward(self.hardware, motion) for motion in self.motions]
         return self._feeds
 
     def measure(self, cause: Cause, scene: Scene, size: float, seed: int) -> Float[Array, " n"]:
@@ -207,7 +210,7 @@ class VisibilityMeter:
 
     def share(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
         """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""
-        seen = self.measure(cause, scene, size, seed) / self.hardware.sensing.noise_floor
+        seen = self.measure(cause, scene, size, seed) / self.floor
         return float(seen.max() if cause.whole_arm else seen[scene.joint])
 
     def find_size(self, cause: Cause, scene: Scene, wanted: float, seed: int) -> float:

@@ -23,7 +23,7 @@ EXAMPLE_ROBOTS = {
     "xarm7": "xarm_description/urdf/xarm7.urdf",
     "z1": "z1_description/urdf/z1.urdf",
 }
-SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf"}
+SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf", "scara": "urdf/scara.urdf"}
 MOVING = ("revolute", "continuous", "prismatic")
 # A branch with more joints than a finger has is another arm.
 MOST_FINGER_JOINTS = 4

@@ -18,6 +18,8 @@ from ident.trajectories.limits import Limits
 from ident.trajectories.reference import Motion, chirp, fourier, ramps, ticks, together, via_spline
 
 ATTEMPTS = 60
+# Paths that are tried for a spline.
+PATHS = 12
 # Standstill before and after every motion [s].
 REST_S = 0.25
 
@@ -95,8 +97,16 @@ def timed_spline(limits: Limits, name: str, points: Float[Array, "m n"], duratio
 
 def _spline(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
     vias = int(np.clip(round(duration / 2.0), 2, 12))
-    points = random_path(limits, vias, rng)
-    slow = timed_spline(limits, "spline", points, duration)
+    for attempt in range(PATHS):
+        # Nearer to the centre where a weak arm can't hold itself up on the way, however slowly it goes.
+        points = random_path(limits, vias, rng, 0.8 * 0.85**attempt)
+        try:
+            slow = timed_spline(limits, "spline", points, duration)
+        except RobotError:
+            if attempt == PATHS - 1:
+                raise
+        else:
+            break
     fast = timed_spline(limits, "spline", points, max(0.6 * duration, 1.0))
     return [slow, slow.reversed("spline"), fast, fast.reversed("spline")]
 

@@ -1,0 +1,141 @@
+"""An individual arm of a world: its friction, drives, sensors and controller, and the noise floor that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.plant.friction import plain_friction
+from ident.plant.hardware import Hardware, draw_hardware
+from ident.plant.mjcf import Bodies
+from ident.plant.record import Channels
+from ident.plant.sensing import Sensing
+from ident.plant.simulator import mass_matrix
+from ident.plant.thermal import heat_law
+from ident.plant.world import World
+from ident.robot.arm import ArmModel
+from ident.trajectories.reference import Motion
+
+# Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
+SLIDE_LEVER_M = 0.1
+# Largest errors of a mass, whatever is drawn: a link can't weigh nothing.
+LEAST_MASS, GREATEST_MASS = 0.4, 2.5
+# Share of rated torque that encoder noise may become in the loop: a drive's observer smooths what it feeds back.
+LOOP_NOISE = 0.002
+# Bandwidths between which a diagnosis can choose [Hz]; the upper is below any structure's resonance.
+LEAST_BAND_HZ, GREATEST_BAND_HZ = 2.0, 25.0
+
+
+def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Hardware:
+    """Draws an individual arm of a world, before anything of the catalogue is wrong."""
+    usual = draw_hardware(arm, rng, world.link_error)
+    own = usual.friction
+    coulomb, viscous = world.friction_scale * own.coulomb, world.friction_scale * own.viscous
+    rotor = world.rotor_scale * usual.drive.rotor_inertia
+    sliding = arm.sliding_joints
+    ratio = world.gear_scale * usual.drive.ripple_order / 2.0
+    return usual.replace(
+        bodies=_bodies(usual, world, rng),
+        friction=plain_friction(coulomb, viscous, rotor),
+        drive=usual.drive._replace(rotor_inertia=rotor, ripple_order=2.0 * ratio),
+        heat=heat_law(coulomb * 0.6 + viscous * 0.6**2),
+        sensing=_sensing(usual.sensing.rated, ratio, sliding, world),
+        bandwidth=2.0 * np.pi * world.bandwidth_hz,
+        friction_spread=0.0,
+        feed_forward=world.feed_forward,
+        loop_noise=LOOP_NOISE,
+    )
+
+
+def _bodies(usual: Hardware, world: World, rng: np.random.Generator) -> Bodies:
+    n, bodies = usual.n, usual.bodies
+    mass = np.array(bodies.mass_scale)
+    if world.copied_link and n > 1:
+        masses = np.array([body.mass for body in usual.arm.model.inertias])[1:]
+        link = int(rng.integers(1, n))
+        mass[link] *= masses[link - 1] / max(masses[link], 1e-3)
+    shift = world.com_error_m / np.sqrt(3.0) * rng.standard_normal((n, 3))
+    return bodies.replace(
+        mass_scale=np.clip(mass, LEAST_MASS, GREATEST_MASS),
+        inertia_scale=np.clip(bodies.inertia_scale, LEAST_MASS, GREATEST_MASS),
+        com_shift=shift,
+    )
+
+
+def _sensing(rated: Float[Array, " n"], ratio: Float[Array, " n"], sliding: Array, world: World) -> Sensing:
+    lever = np.where(sliding, SLIDE_LEVER_M, 1.0)
+    turns = ratio if world.encoder_at == "motor" else np.ones_like(ratio)
+    count = 2.0 * np.pi * lever / (2.0**world.encoder_bits * turns)
+    noise = world.torque_noise * rated
+    return Sensing.typical(rated, ratio).replace(
+        white=noise * np.sqrt(1.0 - world.coloured_share),
+        coloured=noise * np.sqrt(world.coloured_share),
+        corner_hz=world.corner_hz,
+        load_growth=world.load_growth,
+        count=count,
+        count_noise=world.encoder_noise_rad * lever / count,
+        link_side=world.encoder_at == "link",
+    )
+
+
+def channels_of(world: World, commands: bool = True, temperature: bool = False) -> Channels:
+    """What a world's log holds."""
+    velocity = world.velocity != "none"
+    kind = world.velocity if world.velocity != "none" else "estimate"
+    return Channels(
+        world.rate_hz, velocity, commands, temperature, kind, world.velocity_delay_s, world.jitter, world.lost
+    )
+
+
+def friction_path(
+    world: World, n: int, motions: Sequence[Motion], pauses: Sequence[float], rng: np.random.Generator
+) -> Float[Array, "R 2 n"]:
+    """Factors on dry and viscous friction of each run: its own change, and a drift that gathers as a random walk."""
+    spans = np.array([pause + motion.duration for pause, motion in zip(pauses, motions, strict=True)])
+    gathered = spans / spans.sum()
+    walk = np.cumsum(rng.standard_normal((len(spans), 1, n)) * np.sqrt(gathered)[:, None, None], axis=0)
+    own = rng.standard_normal((len(spans), 2, n))
+    return np.exp(world.friction_spread * own + world.friction_drift * walk)
+
+
+def noise_floor(hardware: Hardware, world: World, motions: Sequence[Motion]) -> Float[Array, " n"]:
+    """What the best model leaves at each joint in this world [N m].
+
+    Three parts: the noise of the torque reading; encoder noise, differentiated twice and multiplied by the joint's
+    inertia, in the band in which it is smaller than the torque's noise; and friction that changes from run to run.
+    """
+    q_noise = encoder_noise(hardware)
+    inertia = np.diag(mass_matrix(hardware, np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)))
+    inertia = inertia + hardware.drive.rotor_inertia
+    band = usable_band(hardware, world, inertia * q_noise)
+    accelerating = 2.0 * (inertia * q_noise) ** 2 / world.rate_hz * (2.0 * np.pi) ** 4 * band**5 / 5.0
+    speed = np.sqrt(np.mean([np.mean(motion.dq**2, axis=0) for motion in motions], axis=0))
+    change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
+    rubbing = change * np.hypot(hardware.friction.coulomb, hardware.friction.viscous * speed)
+    return np.sqrt(hardware.sensing.noise_floor**2 + accelerating + rubbing**2)
+
+
+def encoder_noise(hardware: Hardware) -> Float[Array, " n"]:
+    """Standard deviation of a position reading, its rounding with it [rad or m]."""
+    count = hardware.sensing.count
+    return np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0))
+
+
+def usable_band(hardware: Hardware, world: World, disturbance: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz].
+
+    Args:
+        hardware: The arm.
+        world: Its log rate and colour of noise.
+        disturbance: Inertia times encoder noise [N m s²].
+    """
+    sensing, interval = hardware.sensing, 1.0 / world.rate_hz
+    highest = max(min(GREATEST_BAND_HZ, 0.4 * world.rate_hz), LEAST_BAND_HZ)
+    f = np.geomspace(LEAST_BAND_HZ, highest, 200)[:, None]
+    corner = sensing.corner_hz
+    torque = 2.0 * sensing.white**2 * interval + sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2)
+    encoder = 2.0 * disturbance**2 * interval * (2.0 * np.pi * f) ** 4
+    below = (encoder < torque).sum(axis=0)
+    return f[np.clip(below - 1, 0, len(f) - 1), 0]
