@@ -25,7 +25,7 @@ def _range(name: str, about: str, **changes: Bounds | Choices) -> WorldRange:
     choices = {**FULL_CHOICES, "robot": ARMS, "copied_link": (False,) * 9 + (True,)}
     for key, value in changes.items():
         if key in FULL_TABLE:
-            numbers[key] = value  # type: ignore[assignment]
+            numbers[key] = value
         else:
             choices[key] = tuple(value)
     return WorldRange(name, about, numbers, choices)
@@ -179,7 +179,7 @@ PRESETS: dict[str, WorldRange] = {
             friction_spread=(0.01, 0.05),
             friction_drift=(0.0, 0.1),
             velocity=("none", "filtered"),
-            bandwidth_hz=(2.0, 8.0),
+            bandwidth_hz=(3.0, 8.0),
             feed_forward=("none", "rigid"),
             friction_scale=(1.0, 3.0),
             gear_scale=(1.0, 3.0),
