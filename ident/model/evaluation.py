@@ -208,7 +208,7 @@ def _mean(values: Array, axis: int) -> Array:
 
 
 def _r2(traces: Sequence[RunTrace], errors: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
-    """1 − variance of the error over variance of the torque, where the joint moves."""
+    """1 − mean square error over variance of the torque, where the joint moves: a bias is an error too."""
     measured = np.concatenate([trace.motion.tau_filtered for trace in traces])
     error = np.concatenate(list(errors))
     moving = np.concatenate([trace.motion.moving for trace in traces])
@@ -216,5 +216,5 @@ def _r2(traces: Sequence[RunTrace], errors: Sequence[Float[Array, "t n"]]) -> Fl
     for j in range(len(r2)):
         rows = moving[:, j]
         if rows.sum() > 10 and np.var(measured[rows, j]) > 0:
-            r2[j] = 1.0 - np.var(error[rows, j]) / np.var(measured[rows, j])
+            r2[j] = 1.0 - np.mean(error[rows, j] ** 2) / np.var(measured[rows, j])
     return r2

@@ -17,8 +17,9 @@ import tomli_w
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
-from ident.model.inertia import InertiaResults, Mode, fit_inertia
-from ident.model.loss import NAMES, UNITS, LossModel, LossParameters, LossResults
+from ident.model.identification import Identified, InertiaFigure, identify
+from ident.model.inertia import InertiaResults, Mode
+from ident.model.loss import NAMES, UNITS, LossParameters, LossResults
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -57,6 +58,7 @@ class HybridModel:
         links: 6 for the full arm, 3 for the lumped one.
         inertia: How the inertias were found.
         figures: Loss figures with intervals.
+        inertias: Base parameters with intervals; none where the URDF's inertias were kept.
         provenance: Data hashes, versions, options, figures of the fit.
     """
 
@@ -68,6 +70,7 @@ class HybridModel:
     links: int = 6
     inertia: str = "nominal"
     figures: tuple[LossFigure, ...] = ()
+    inertias: tuple[InertiaFigure, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -138,6 +141,7 @@ class HybridModel:
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
+                inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
                 provenance=record.get("provenance", {}),
             )
             model._check()
@@ -180,6 +184,7 @@ class HybridModel:
                 "mode": self.inertia,
                 "order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
                 "links": {name: row.tolist() for name, row in zip(self.arm.links, numbers, strict=True)},
+                "figures": [vars(figure) for figure in self.inertias],
             },
             "loss": loss,
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
@@ -233,12 +238,12 @@ class FitOptions:
         inertia: `nominal`, `base` or `consistent`.
         net: `default`, `paper` or `none`.
         offset: Whether a constant torque is a loss figure too.
-        robust: Huber's loss for the loss figures.
+        robust: Whether stretches that fit badly lose their pull.
         seed: Of the net.
     """
 
     links: int = 6
-    inertia: Mode = "nominal"
+    inertia: Mode = "consistent"
     net: NetPreset = "default"
     offset: bool = False
     robust: bool = False
@@ -259,9 +264,16 @@ class FitResults:
     """A fitted model and what stands behind it."""
 
     model: HybridModel
-    loss: LossResults
-    inertia: InertiaResults
+    identified: Identified
     history: TrainingHistory | None
+
+    @property
+    def loss(self) -> LossResults:
+        return self.identified.loss
+
+    @property
+    def inertia(self) -> InertiaResults:
+        return self.identified.inertia
 
 
 def fit_hybrid(
@@ -288,13 +300,11 @@ def fit_hybrid(
     nominal = robot if options.links == 6 else build_lumped_arm(robot)
     if options.links == 3:
         motions = [motion.select(nominal.joint_names) for motion in motions]
-    losses = LossModel(offset=options.offset, robust=options.robust)
-    inertia = fit_inertia(motions, nominal, options.inertia, losses)
-    arm = inertia.arm
-    rigid = [arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq) for m in motions]
-    loss = losses.fit(motions, rigid)
+    found = identify(motions, nominal, options.inertia, options.offset, options.robust)
+    arm, loss = found.inertia.arm, found.loss
     net = None
     if options.net != "none":
+        rigid = [arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq) for m in motions]
         net = _fit_net(motions, rigid, loss.params, options, progress, checkpoint)
     model = HybridModel(
         robot=robot,
@@ -305,9 +315,10 @@ def fit_hybrid(
         links=options.links,
         inertia=options.inertia,
         figures=_figures(loss),
-        provenance=_provenance(motions, options, data, inertia, loss, net),
+        inertias=found.inertias,
+        provenance=_provenance(motions, options, data, found, net),
     )
-    return FitResults(model, loss, inertia, net.history if net else None)
+    return FitResults(model, found, net.history if net else None)
 
 
 def _fit_net(
@@ -349,8 +360,7 @@ def _provenance(
     motions: Sequence[Motion],
     options: FitOptions,
     data: Sequence[dict[str, Any]],
-    inertia: InertiaResults,
-    loss: LossResults,
+    found: Identified,
     net: ResidualNet | None,
 ) -> dict[str, Any]:
     samples = freeze([len(motion.time) for motion in motions])
@@ -359,8 +369,12 @@ def _provenance(
         "runs": len(motions),
         "samples": int(samples.sum()),
         "cutoff_hz": motions[0].lowpass.cutoff,
-        "residual_rms_Nm": loss.residual_rms.tolist(),
-        "condition_number": inertia.condition_number,
+        "residual_rms_Nm": found.loss.residual_rms.tolist(),
+        "condition_number": found.inertia.condition_number,
+        "friction_spread": {"viscous": found.spread[:, 0].tolist(), "coulomb": found.spread[:, 1].tolist()},
+        "urdf_share": found.urdf_share,
+        "tied": [{"figures": [one, other], "correlation": value} for one, other, value in found.tied],
+        "through_reversals": list(found.through_reversals),
         "net_parameters": net.parameters if net else 0,
         "data": list(data),
         "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),

@@ -166,14 +166,14 @@ def fit_inertia(
             spread = _effective_noise(motions, fitted, losses, widths)
     information, _ = normal.whitened(spread)
     prior = base.mapping * scale**2 @ base.mapping.T
-    posterior = _posterior(_freed(information, base.rank), prior)
+    posterior = _posterior(free_of(information, base.rank), prior)
     return InertiaResults(
         arm=fitted,
         base=base,
         change=freeze(base.mapping @ change),
         std=freeze(np.sqrt(np.diag(posterior))),
         informed=freeze(1.0 - np.diag(posterior) / np.diag(prior)),
-        condition_number=_condition(information[: base.rank, : base.rank]),
+        condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
 
 
@@ -284,7 +284,7 @@ def correlation_time(residual: Float[Array, " T"]) -> float:
     return float(1.0 + 2.0 * rho[1:end].sum())
 
 
-def _freed(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
+def free_of(information: Float[Array, "m m"], rank: int) -> Float[Array, "r r"]:
     """Information on the base parameters once the loss figures are free."""
     cross, own = information[:rank, rank:], information[rank:, rank:]
     return information[:rank, :rank] - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T
@@ -301,7 +301,7 @@ def base_prior(base: BaseParameters, scale: Float[Array, " 10n"]) -> Float[Array
     return np.linalg.inv((base.mapping * scale**2) @ base.mapping.T)
 
 
-def _condition(information: Array) -> float:
+def compute_condition(information: Array) -> float:
     """Condition number of the column-scaled regressor behind an information matrix."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     values = np.linalg.eigvalsh(information / np.outer(size, size))

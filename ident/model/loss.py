@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import RecordingError
@@ -73,6 +73,7 @@ class LossResults:
         blocks: Number of independent blocks behind the covariance.
         residual_rms: Root mean square of what is left, where the joint moves [N m].
         at_bound: Names of figures that came to rest on zero, per joint: the data wanted them negative.
+        dof: Degrees of freedom of each standard deviation; one a block if None.
     """
 
     params: LossParameters
@@ -81,10 +82,12 @@ class LossResults:
     blocks: int
     residual_rms: Float[Array, " n"]
     at_bound: tuple[tuple[str, ...], ...]
+    dof: Float[Array, "n 4"] | None = None
 
     def conf_int(self, level: float = 0.95) -> Float[Array, "n 4 2"]:
-        """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t with one degree of freedom a block."""
-        reach = student.ppf(0.5 + level / 2, max(1, self.blocks - len(NAMES)))
+        """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t with each one's degrees of freedom."""
+        dof = max(1, self.blocks - len(NAMES)) if self.dof is None else np.minimum(self.dof, 1e6)
+        reach = stdtrit(dof, 0.5 + level / 2)
         std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         values = np.stack([getattr(self.params, name) for name in NAMES], axis=1)
         return np.stack([values - reach * std, values + reach * std], axis=-1)

@@ -1,0 +1,270 @@
+"""From the joint estimate to an arm: identified inertias, loss figures with intervals, and what can't be told apart.
+
+`nominal` keeps the URDF's inertias and fits the losses beside them; how far the URDF may be off is estimated from the
+same recordings and widens the intervals. `base` takes the base parameters as they come and changes the URDF's numbers
+as little as that needs. `consistent` takes the nearest ones that a real arm could have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+from ident.model.block_sums import sum_blocks
+from ident.model.consistency import solve_bounded
+from ident.model.inertia import (
+    PRIOR_SHARE,
+    BaseParameters,
+    InertiaResults,
+    Mode,
+    base_parameters,
+    base_prior,
+    compute_condition,
+    free_of,
+    lift_base,
+    parameter_scale,
+)
+from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, shortfall
+from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+
+# Figures whose estimates are correlated beyond this are told as a pair that the recordings can't tell apart.
+TIED = 0.95
+# A base parameter of whose prior variance the data take away less than this rests on the URDF.
+INFORMED = 0.5
+# An estimate this near to zero, in standard deviations, lies on its bound.
+ON_BOUND = 1e-3
+
+
+@dataclass(frozen=True)
+class InertiaFigure:
+    """One base parameter of the identified arm with its 95 % interval.
+
+    Attributes:
+        name: Link and number of the independent column; other links' numbers may be added to it.
+        value, low, high: SI units.
+        informed: Share of its prior variance that the recordings take away: near 0 it is the URDF's.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    informed: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified.
+
+    Attributes:
+        inertia: The arm and its base parameters.
+        loss: Loss figures.
+        inertias: Base parameters with intervals.
+        tied: Pairs of figures that these recordings can't tell apart, with their correlation.
+        spread: Relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2).
+        urdf_share: How far the URDF's inertias are off, as a share of each link's scale; as the recordings have it.
+        through_reversals: Joints whose samples near reversals had to be used.
+        estimate: The unbounded joint estimate.
+    """
+
+    inertia: InertiaResults
+    loss: LossResults
+    inertias: tuple[InertiaFigure, ...]
+    tied: tuple[tuple[str, str, float], ...]
+    spread: Float[Array, "n 2"]
+    urdf_share: float
+    through_reversals: tuple[str, ...]
+    estimate: JointEstimate
+
+
+def identify(
+    motions: Sequence[Motion], nominal: ArmModel, mode: Mode, offset: bool = False, robust: bool = False
+) -> Identified:
+    """Identifies an arm from its runs.
+
+    Args:
+        motions: Training runs; known payloads are part of the model.
+        nominal: The arm as its URDF describes it.
+        mode: `nominal`, `base` or `consistent`.
+        offset: Whether a constant torque is a loss figure too.
+        robust: Whether stretches that fit badly lose their pull.
+
+    Raises:
+        RecordingError: A joint hardly moves in any run.
+    """
+    base = base_parameters(nominal)
+    scale = parameter_scale(nominal)
+    prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
+    sums = sum_blocks(motions, nominal, base)
+    require_motion(sums, nominal.joint_names, motions[0].name)
+    found = estimate(sums, prior, offset, robust)
+    share = urdf_share(found, base, scale)
+    if mode == "nominal":
+        found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
+    change, losses = _bounded(found, nominal, base, mode, scale)
+    arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
+    informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
+    information = found.information
+    inertia = InertiaResults(
+        arm=arm,
+        base=base,
+        change=freeze(base.mapping @ change),
+        std=freeze(found.std[: base.rank]),
+        informed=freeze(np.clip(informed, 0.0, 1.0)),
+        condition_number=compute_condition(information[: base.rank, : base.rank]),
+    )
+    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses))
+    inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
+    tied = tied_figures(found, base, nominal.joint_names)
+    return Identified(inertia, loss, inertias, tied, found.spread, share, sums.through_reversals, found)
+
+
+def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
+    """How far the URDF's inertial numbers are off, as a share of `scale`: where the change has its expected size.
+
+    Solves Δβᵀ (C + s² B S² Bᵀ)⁻¹ Δβ = r for s, C the covariance of the data's Δβ. Source: Paule and Mandel 1982.
+    """
+    information = free_of(found.information, base.rank)
+    score = _freed_score(found, base.rank)
+    root = np.linalg.cholesky((base.mapping * scale**2) @ base.mapping.T)
+    whitened = root.T @ information @ root
+    values, vectors = np.linalg.eigh(whitened)
+    values = np.maximum(values, 0.0)
+    projected = (vectors.T @ (root.T @ score)) ** 2
+    known = values > 1e-9 * values.max()
+
+    def excess(share: float) -> float:
+        # In the eigenbasis the data's change is projected / values, its variance 1 / values + share².
+        return float(np.sum(projected[known] / (values[known] * (1.0 + share**2 * values[known]))) - known.sum())
+
+    low, high = 0.0, PRIOR_SHARE["base"]
+    if excess(low) <= 0.0:
+        return 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return high
+
+
+def _freed_score(found: JointEstimate, rank: int) -> Float[Array, " r"]:
+    cross, own = found.information[:rank, rank:], found.information[rank:, rank:]
+    return found.score[:rank] - cross @ np.linalg.pinv(own, hermitian=True) @ found.score[rank:]
+
+
+def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimate:
+    """The losses' estimate with the inertias held at the URDF's, which may be off as far as the prior says."""
+    rank = found.rank
+    own = np.linalg.inv(found.information[rank:, rank:])
+    values = np.concatenate([np.zeros(rank), own @ found.score[rank:]])
+    through = own @ found.information[rank:, :rank]
+    off = np.linalg.inv(prior)
+    data = own @ found.meat[rank:, rank:] @ own
+    short = shortfall(np.diag(own), np.diag(data), np.diag(own))
+    covariance = np.zeros_like(found.covariance)
+    covariance[:rank, :rank] = off
+    covariance[rank:, rank:] = data * np.outer(short, short) + through @ off @ through.T
+    fields = {**vars(found), "values": values, "covariance": covariance}
+    return JointEstimate(**fields)
+
+
+def _bounded(
+    found: JointEstimate, arm: ArmModel, base: BaseParameters, mode: str, scale: Float[Array, " 10n"]
+) -> tuple[Float[Array, " 10n"], Float[Array, "n p"]]:
+    """Change of the inertial numbers and loss figures (non-negative but for offsets) of a mode."""
+    rank, per, size = base.rank, found.per_joint, len(found.values)
+    bounded = np.array([rank + per * j + k for j in range(arm.n) for k in range(3)])
+    if mode == "consistent":
+        scale = PRIOR_SHARE["consistent"] * scale
+        lift = np.zeros((size, 10 * arm.n + size - rank))
+        lift[:rank, : 10 * arm.n] = base.mapping * scale
+        lift[rank:, 10 * arm.n :] = np.eye(size - rank)
+        information = lift.T @ found.information @ lift
+        information[: 10 * arm.n, : 10 * arm.n] += np.eye(10 * arm.n)
+        solved = solve_bounded(
+            information, lift.T @ found.score, bounded - rank + 10 * arm.n, arm.inertial_parameters, scale
+        )
+        return scale * solved[: 10 * arm.n], solved[10 * arm.n :].reshape(arm.n, per)
+    values = found.values
+    if np.any(values[bounded] < 0.0):
+        values = _non_negative(found, base, mode, scale, bounded)
+    change = np.zeros(10 * arm.n)
+    if mode == "base":
+        change = lift_base(base, scale) @ values[:rank]
+    return change, values[rank:].reshape(arm.n, per)
+
+
+def _non_negative(
+    found: JointEstimate, base: BaseParameters, mode: str, scale: Float[Array, " 10n"], bounded: Array
+) -> Float[Array, " m"]:
+    rank = base.rank
+    if mode == "nominal":
+        losses = solve_bounded(found.information[rank:, rank:], found.score[rank:], bounded - rank)
+        return np.concatenate([np.zeros(rank), losses])
+    information = found.information.copy()
+    information[:rank, :rank] += base_prior(base, PRIOR_SHARE["base"] * scale)
+    return solve_bounded(information, found.score, bounded)
+
+
+def _transition(motions: Sequence[Motion], arm: ArmModel, losses: Float[Array, "n p"]) -> Float[Array, " n"]:
+    """Width of each joint's turn of dry friction that leaves least where it moves, all else held [rad/s]."""
+    misfit = np.zeros((len(TRANSITION_GRID), arm.n))
+    for motion in motions:
+        rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        known = rigid + losses[:, 0] * motion.ddq + losses[:, 1] * motion.dq
+        turns = [losses[:, 2] * direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
+        left = motion.filtered(np.concatenate([motion.tau - known, *turns], axis=1))
+        target, *models = np.split(left, len(TRANSITION_GRID) + 1, axis=1)
+        offset = losses[:, 3] if losses.shape[1] > 3 else 0.0
+        for k, model in enumerate(models):
+            misfit[k] += np.sum(np.where(motion.moving, target - offset - model, 0.0) ** 2, axis=0)
+    return np.asarray(TRANSITION_GRID)[np.argmin(misfit, axis=0)]
+
+
+def _loss_results(
+    found: JointEstimate, losses: Float[Array, "n p"], joints: tuple[str, ...], widths: Float[Array, " n"]
+) -> LossResults:
+    n, per = losses.shape
+    values, covariance, dof = np.zeros((n, 4)), np.zeros((n, 4, 4)), np.full((n, 4), np.inf)
+    values[:, :per] = losses
+    for j in range(n):
+        index = found.index(j)
+        covariance[j, :per, :per] = found.covariance[np.ix_(index, index)]
+        dof[j, :per] = found.dof[index]
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    bound = tuple(tuple(NAMES[k] for k in range(3) if values[j, k] <= ON_BOUND * std[j, k] + 1e-12) for j in range(n))
+    return LossResults(
+        params=LossParameters(values[:, 0], values[:, 1], values[:, 2], values[:, 3], widths),
+        joints=joints,
+        covariance=covariance,
+        blocks=found.blocks,
+        residual_rms=freeze(found.noise),
+        at_bound=bound,
+        dof=freeze(dof),
+    )
+
+
+def _inertia_figures(inertia: InertiaResults, found: JointEstimate) -> tuple[InertiaFigure, ...]:
+    base = inertia.base
+    values = base.mapping @ inertia.arm.inertial_parameters
+    reach = quantile(found.dof[: base.rank]) * inertia.std
+    return tuple(
+        InertiaFigure(name, float(value), float(value - half), float(value + half), float(informed))
+        for name, value, half, informed in zip(base.names, values, reach, inertia.informed, strict=True)
+    )
+
+
+def tied_figures(
+    found: JointEstimate, base: BaseParameters, joints: tuple[str, ...]
+) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of figures whose estimates are so correlated that only a combination of them is known."""
+    names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
+    std = np.maximum(found.std, 1e-300)
+    correlation = found.covariance / np.outer(std, std)
+    pairs = np.argwhere(np.triu(np.abs(correlation) > TIED, 1))
+    ranked = sorted(pairs.tolist(), key=lambda pair: -abs(correlation[pair[0], pair[1]]))
+    return tuple((names[a], names[b], float(correlation[a, b])) for a, b in ranked)

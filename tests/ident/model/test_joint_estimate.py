@@ -1,0 +1,155 @@
+"""Laws of the joint estimate and of its intervals."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ident.arrays import Array
+from ident.errors import RecordingError
+from ident.model.block_sums import run_numbers, sum_blocks
+from ident.model.consistency import is_consistent, nearest_consistent, pseudo_inertia
+from ident.model.identification import Identified, identify
+from ident.model.inertia import base_parameters, parameter_scale
+from ident.model.loss import NAMES
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import exact_motion, multisine, two_joint_arm
+
+TRUTH = np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])  # rotor inertia, viscous, Coulomb of each joint
+RATE = 100.0
+
+
+@pytest.fixture(scope="module")
+def nominal() -> ArmModel:
+    return two_joint_arm()
+
+
+def _measured(arm: ArmModel, seed: int, runs: int = 8, spread: float = 0.0, seconds: float = 12.0) -> list[Motion]:
+    """Runs whose friction changes by a share from run to run, under coloured noise of 0.3 N m."""
+    rng, motions = np.random.default_rng(seed), []
+    time = np.arange(int(seconds * RATE)) / RATE
+    for k in range(runs):
+        q, dq, ddq = multisine(rng, time, 2)
+        change = 1.0 + spread * rng.standard_normal((2, 2))
+        friction = TRUTH[:, 1] * change[:, 0] * dq + TRUTH[:, 2] * change[:, 1] * np.sign(dq)
+        noise = 0.3 * np.sqrt(1 - 0.9**2) * lfilter([1.0], [1.0, -0.9], rng.standard_normal(dq.shape), axis=0)
+        tau = arm.inverse_dynamics(q, dq, ddq) + TRUTH[:, 0] * ddq + friction + noise
+        motions.append(exact_motion(time, (q, dq, ddq), tau, arm.joint_names, f"run_{k}"))
+    return motions
+
+
+def _inside(found: Identified) -> Array:
+    low, high = np.moveaxis(found.loss.conf_int()[:, :3], -1, 0)
+    return np.asarray((low <= TRUTH) & (high >= TRUTH))
+
+
+def test_intervals_hold_the_truth_when_friction_changes_from_run_to_run(nominal: ArmModel) -> None:
+    """Of 16 arms, about 95 % of the friction figures lie in their intervals, and the spread itself is found."""
+    inside, spreads = [], []
+    for seed in range(16):
+        found = identify(_measured(nominal, seed, spread=0.02), nominal, "consistent")
+        inside.append(_inside(found))
+        spreads.append(found.spread)
+    assert 0.90 <= np.mean(inside) <= 0.995
+    assert np.median(spreads) == pytest.approx(0.02, abs=0.007)
+
+
+def test_steady_friction_has_no_spread(nominal: ArmModel) -> None:
+    """Runs with one friction show a spread far below a per cent, and tighter intervals than runs without."""
+    steady = identify(_measured(nominal, 3), nominal, "base")
+    shaky = identify(_measured(nominal, 3, spread=0.03), nominal, "base")
+    assert np.median(steady.spread) < 0.006
+    width = [np.diff(found.loss.conf_int()[:, 1:3], axis=-1).mean() for found in (steady, shaky)]
+    assert width[1] > 2 * width[0]
+
+
+def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel) -> None:
+    """Link numbers 5 % off: told as such; held inertias then leave wide intervals that hold the truth."""
+    rng = np.random.default_rng(4)
+    scale = parameter_scale(nominal)
+    links = nominal.inertial_parameters + 0.05 * scale * rng.standard_normal(len(scale))
+    real = nominal.with_inertial_parameters(nearest_consistent(links, scale))
+    right = identify(_measured(nominal, 5), nominal, "nominal")
+    wrong = identify(_measured(real, 5), nominal, "nominal")
+    assert right.urdf_share < 0.01 < 0.02 < wrong.urdf_share < 0.12
+    widths = [np.diff(found.loss.conf_int()[:, 0], axis=-1).mean() for found in (right, wrong)]
+    assert widths[1] > 3 * widths[0]
+    assert _inside(wrong).all()
+
+
+def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
+    """Base parameters of a changed arm lie in their intervals; what only acts as a sum is told as tied."""
+    real = nominal.with_inertial_parameters(1.1 * nominal.inertial_parameters)
+    found = identify(_measured(real, 6), nominal, "base")
+    true = base_parameters(nominal).mapping @ real.inertial_parameters
+    inside = [f.low <= value <= f.high for f, value in zip(found.inertias, true, strict=True)]
+    assert np.mean(inside) >= 0.8
+    # Rotor 1 turns about the same axis as link 1: only their sum acts.
+    assert any("joint_1.motor_inertia" in (one, other) for one, other, _ in found.tied)
+
+
+def test_identified_links_are_bodies(nominal: ArmModel) -> None:
+    """Consistent inertias are bodies also where the base parameters' smallest change is none."""
+    matrix = pseudo_inertia(nominal.inertial_parameters.reshape(-1, 10))
+    assert np.allclose(matrix, np.swapaxes(matrix, -1, -2))
+    broken = nominal.inertial_parameters.copy()
+    broken[4] = -1.0
+    mended = nearest_consistent(broken, parameter_scale(nominal))
+    assert not is_consistent(broken)
+    assert is_consistent(mended)
+    assert np.array_equal(nearest_consistent(mended, parameter_scale(nominal)), mended)
+    real = nominal.with_inertial_parameters(1.2 * nominal.inertial_parameters)
+    assert is_consistent(identify(_measured(real, 7), nominal, "consistent").inertia.arm.inertial_parameters)
+
+
+def test_losses_are_never_negative(nominal: ArmModel) -> None:
+    """A joint whose torque asks for less than no friction gets none, and is told to be on its bound."""
+    motions = [replace(m, tau=m.tau - (TRUTH[:, 2] + 1.0) * np.sign(m.dq)) for m in _measured(nominal, 8, runs=3)]
+    for mode in ("nominal", "base", "consistent"):
+        loss = identify(motions, nominal, mode).loss  # type: ignore[arg-type]
+        assert np.all(loss.params.coulomb >= -1e-6)
+        assert all("coulomb" in names for names in loss.at_bound)
+
+
+def test_pieces_of_a_run_are_one_run(nominal: ArmModel) -> None:
+    """A run cut at a gap has one friction: its pieces are no repeats."""
+    motions = _measured(nominal, 9, runs=3)
+    names: Sequence[str] = ("a[0]", "a[1]", "b")
+    cut = [replace(motion, name=name) for motion, name in zip(motions, names, strict=True)]
+    assert run_numbers(cut) == [0, 0, 1]
+    assert run_numbers([motions[0], replace(motions[1], continues=True), motions[2]]) == [0, 0, 1]
+    assert len(np.unique(sum_blocks(cut, nominal, base_parameters(nominal)).run)) == 2
+
+
+def test_one_run_is_enough_for_figures(nominal: ArmModel) -> None:
+    """Of one run nothing is known of repeats: no spread is claimed, and the figures are there."""
+    found = identify(_measured(nominal, 10, runs=1, seconds=30.0), nominal, "consistent")
+    assert np.all(found.spread == 0.0)
+    assert np.allclose(found.loss.params.coulomb, TRUTH[:, 2], rtol=0.05)
+    assert np.all(np.isfinite(found.loss.conf_int()))
+
+
+def test_a_joint_that_never_moves_is_refused_by_name(nominal: ArmModel) -> None:
+    """Its losses can't be known: the error names the joint and what to do."""
+    resting = []
+    for motion in _measured(nominal, 11, runs=2):
+        states = tuple(values * [1.0, 0.0] for values in (motion.q, motion.dq, motion.ddq))
+        resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
+        identify(resting, nominal, "base")
+
+
+def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
+    """A stretch with foreign torque pulls the plain estimate, and the robust one less."""
+    motions = _measured(nominal, 12)
+    tau = np.array(motions[0].tau)
+    tau[300:450] += 60.0 * np.sign(motions[0].dq[300:450])
+    spoilt = [replace(motions[0], tau=tau), *motions[1:]]
+    errors = []
+    for robust in (False, True):
+        params = identify(spoilt, nominal, "nominal", robust=robust).loss.params
+        errors.append(np.abs(np.stack([getattr(params, name) for name in NAMES[:3]], 1) - TRUTH)[:, 2].max())
+    assert errors[1] < 0.5 * errors[0]
