@@ -2,7 +2,30 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+# Control characters, marks that turn the direction of writing, and bytes of names that are not UTF-8.
+UNSEEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]")
+
+
+def visible(text: str, lines: bool = False) -> str:
+    """A text with everything in it that a terminal would obey rather than show written as its escape.
+
+    Args:
+        text: Names from files, messages with such names in them.
+        lines: Whether line ends and tabs stay.
+    """
+
+    def escape(found: re.Match[str]) -> str:
+        code = ord(found.group())
+        if lines and code in (9, 10):
+            return found.group()
+        if 0xDC80 <= code <= 0xDCFF:  # a byte of a file's name that is not UTF-8
+            code -= 0xDC00
+        return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+    return UNSEEN.sub(escape, text)
 
 
 class ArmgapError(Exception):
@@ -20,7 +43,7 @@ class InputError(ArmgapError):
 
     def __init__(self, where: str | Path, what: str, remedy: str) -> None:
         self.where, self.what, self.remedy = str(where), what, remedy
-        super().__init__(f"{self.where}: {what}; {remedy}")
+        super().__init__(visible(f"{self.where}: {what}; {remedy}"))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         return type(self), (self.where, self.what, self.remedy)

@@ -1,29 +1,38 @@
-"""Files and folders that appear whole or not at all, and the hashes that tell one from another."""
+"""Files and folders that appear whole or not at all, and never in the place of the user's own."""
 
 from __future__ import annotations
 
-import hashlib
+import ctypes
+import errno
 import os
+import secrets
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import socket
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ident.errors import InputError
+from ident.ownership import absolute, require_own_folder, require_plain, sha256_of, write_marker
 
+__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of"]
 
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+# Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
+# Ending of what was there before, while a new folder takes its place without an exchange.
+RETIRED = ".old"
+# The system's own faults: full disks and quotas, broken devices, no handles or memory left. No other name helps.
+FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+HOST = f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Lends a temporary path in the target's folder; renames it to the target if the block succeeds.
 
-    The temporary file keeps the target's suffix, as some writers choose the format by it.
+    The temporary file keeps the target's suffix, as some writers choose the format by it. What processes that were
+    killed left behind for the same target is cleared.
 
     Args:
         path: The file to be written; its folder is made if need be.
@@ -32,67 +41,167 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         The path to write to.
 
     Raises:
-        InputError: The folder can't be written to.
+        InputError: The folder can't be written to, or the target is a device, a link or a folder.
     """
-    target = Path(path)
-    temporary = _make_temporary(target, folder=False)
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    target = absolute(path)
+    require_plain(target)
+    with _parents(target):
+        temporary = _make_temporary(target, folder=False)
+        try:
+            yield temporary
+            temporary.chmod(0o666 & ~_umask())
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Lends a temporary folder beside the target; renames it to the target if the block succeeds.
+def atomic_folder(path: str | Path, kind: str) -> Iterator[Path]:
+    """Lends a temporary folder beside the target; puts it in the target's place if the block succeeds.
 
-    A folder that is already there is replaced as a whole, and put back if the rename fails.
+    The folder gets a marker that lists its files. Only an earlier folder of the same kind that holds nothing else is
+    replaced, as a whole and in one step where the system can exchange two names.
 
     Args:
         path: The folder to be written.
+        kind: Kind of result, such as `model`.
 
     Yields:
         The folder to write into.
 
     Raises:
-        InputError: The parent folder can't be written to, or the target is a file.
+        InputError: The parent folder can't be written to, or the target holds what armgap did not write.
     """
-    target = Path(path)
-    if target.exists() and not target.is_dir():
-        raise InputError(target, "is a file, not a folder", "choose another name for the output folder")
-    temporary = _make_temporary(target, folder=True)
-    retired = temporary.with_name(temporary.name + ".old")
+    target = absolute(path)
+    require_own_folder(target, kind)
+    with _parents(target):
+        temporary = _make_temporary(target, folder=True)
+        try:
+            yield temporary
+            write_marker(temporary, kind)
+            temporary.chmod(0o777 & ~_umask())
+            _put_in_place(temporary, target)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:
+    """Writes results, then shows them. One that can't be written takes neither the others nor the print with it.
+
+    Raises:
+        OSError, InputError: The first that a write raised, after everything else was done.
+    """
+    failed: list[Exception] = []
+    for write in writes:
+        try:
+            write()
+        except (OSError, InputError) as error:
+            failed.append(error)
+    show()
+    if failed:
+        raise failed[0]
+
+
+def clear_temporaries(target: Path) -> None:
+    """Removes what dead processes of this machine left behind while they wrote a target."""
+    beginning = f".{_short(target)}.armgap-{HOST}-"
     try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        if target.exists():
-            os.replace(target, retired)
+        left = [entry for entry in target.parent.iterdir() if entry.name.startswith(beginning)]
+    except OSError:
+        return
+    for entry in left:
+        process = entry.name.removeprefix(beginning).partition("-")[0]
+        if process.isdecimal() and not _is_alive(int(process)):
+            if entry.name.endswith(RETIRED) and not os.path.lexists(target):
+                os.replace(entry, target)  # killed between two renames: this is the only copy
+            elif entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    entry.unlink()
+
+
+def _put_in_place(temporary: Path, target: Path) -> None:
+    """Renames a folder to its target; what was there has the temporary name afterwards."""
+    if not target.exists():
+        os.replace(temporary, target)
+    elif not _exchange(temporary, target):
+        retired = temporary.with_name(temporary.name + RETIRED)
+        os.replace(target, retired)
         try:
             os.replace(temporary, target)
         except OSError:
-            if retired.exists():
-                os.replace(retired, target)
+            os.replace(retired, target)
             raise
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(retired, ignore_errors=True)
+
+
+def _exchange(first: Path, second: Path) -> bool:
+    """Lets two names change places in one step; False where the system can't."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):
+        return False
+    return bool(rename(AT_FDCWD, os.fsencode(first), AT_FDCWD, os.fsencode(second), RENAME_EXCHANGE) == 0)
+
+
+@contextmanager
+def _parents(target: Path) -> Iterator[None]:
+    """Makes the target's folder, and takes it away again if nothing came of it."""
+    made: list[Path] = []
+    folder = target.parent
+    while not os.path.lexists(folder):
+        made.append(folder)
+        folder = folder.parent
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(target, error) from None
+    try:
+        yield
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _make_temporary(target: Path, folder: bool) -> Path:
     """A fresh temporary file or folder next to the target: a rename is atomic only on one file system."""
-    prefix, suffix = f".{target.stem}-", f".part{target.suffix}"
+    clear_temporaries(target)
+    ending = ".part" + ("" if folder else target.suffix[:16])
+    name = f".{_short(target)}.armgap-{HOST}-{os.getpid()}-{secrets.token_hex(4)}{ending}"
+    temporary = target.with_name(name)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         if folder:
-            return Path(tempfile.mkdtemp(prefix=prefix, suffix=suffix, dir=target.parent))
-        handle, name = tempfile.mkstemp(prefix=prefix, suffix=suffix, dir=target.parent)
+            temporary.mkdir(mode=0o700)
+        else:
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(target, f"can't be written ({reason})", "choose a folder that you may write to") from None
-    os.close(handle)
-    return Path(name)
+        raise _refused(target, error) from None
+    return temporary
+
+
+def _refused(target: Path, error: OSError) -> Exception:
+    if error.errno in FAULTS:
+        return error
+    reason = error.strerror or str(error)
+    return InputError(target, f"can't be written ({reason})", "choose a folder that you may write to")
+
+
+def _short(target: Path) -> str:
+    """The beginning of a target's name, so that the temporary's is not too long for the file system."""
+    return os.fsdecode(os.fsencode(target.stem)[:100])
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def _umask() -> int:

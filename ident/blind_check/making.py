@@ -79,9 +79,8 @@ def make(task: MakeTask) -> str:
         except InputError:
             if attempt == MOST_ATTEMPTS - 1:
                 raise
-    with atomic_folder(task.session) as folder:
-        write_session(made.session, folder)
-    with atomic_folder(task.sealed) as folder:
+    write_session(made.session, task.session)
+    with atomic_folder(task.sealed, "envelope") as folder:
         digest = seal(made.answer, folder, case_key(task.seed, task.slot.name))
         record = {
             "sha256": digest,

@@ -109,8 +109,11 @@ def _begin(options: BlindOptions) -> int:
         find_worlds(options.worlds)
     path, settings = options.out / RUN_NAME, _settings(options)
     if path.is_file():
-        before = _read(path)
-        seed = int(before.pop("seed"))
+        try:
+            before = _read(path)
+            seed = int(before.pop("seed"))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise InputError(path, f"no record of a check ({error!r})", "choose another --out") from None
         if before != settings or options.seed not in (None, seed):
             raise InputError(path, "another check was begun in this folder", "choose another --out, or its options")
         return seed

@@ -6,6 +6,9 @@ dies is given to another.
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -22,6 +25,8 @@ MOST_LOSSES = 4
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 # How long the scheduler may take to answer [s].
 PATIENCE_S = 10.0
+# How often a worker looks whether its parent is still there [s].
+WATCH_S = 1.0
 
 
 class LostWorker(RuntimeError):
@@ -61,7 +66,9 @@ def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, do
     waiting = dict(enumerate(tasks))
     for _ in range(MOST_LOSSES):
         workers = min(workers, len(waiting))
-        executor = ProcessPoolExecutor(workers, env=dict.fromkeys(THREAD_COUNTS, "1"))
+        executor = ProcessPoolExecutor(
+            workers, env=dict.fromkeys(THREAD_COUNTS, "1"), initializer=end_with, initargs=(os.getpid(),)
+        )
         try:
             futures = {executor.submit(function, task): i for i, task in waiting.items()}
             for future in as_completed(futures):
@@ -78,6 +85,17 @@ def _run_here(function: Callable[[T], str], tasks: Sequence[T], workers: int, do
         if not waiting:
             return
     raise LostWorker(f"{len(waiting)} tasks lost their worker {MOST_LOSSES} times: is there memory enough?")
+
+
+def end_with(parent: int) -> None:
+    """Lets this process end soon after its parent, however that ended: nobody would take its results."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _run_on_cluster(

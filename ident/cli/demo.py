@@ -10,8 +10,9 @@ from rich.console import Console
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.model.evaluation import Evaluation, evaluate
-from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
 from ident.opening import Opened, inspect_paths, open_sessions
+from ident.ownership import check_outputs
 from ident.robot.urdf import data_path
 from ident.show.console import ladder_table, print_issues, progress_bar
 from ident.show.report import write_diagnosis_report, write_evaluation_report
@@ -24,6 +25,17 @@ EVALUATION = ("E1", "E2", "payload_516g", "payload_1029g", "payload_1544g")
 SEALED = ("sealed_1", "sealed_2", "sealed_3")
 # The paper's figure 9: the same model trained on one group of trajectories, on the other, and on both.
 GROUPS = {"T1": ("T1",), "T2": ("T2",), "T1 + T2": ("T1", "T2")}
+
+
+def check_places(out: Path, logs: Path | None, json_file: Path | None) -> None:
+    """Looks at all places where the demo writes, before it works.
+
+    Raises:
+        InputError: Something of the user's stands there.
+    """
+    pages = ["report.html", "timeline.rrd", *(f"diagnosis_{name}.html" for name in SEALED)]
+    files: dict[str, Path | None] = {f"--out {out}: {name}": out / name for name in pages}
+    check_outputs([logs], {**files, "--json": json_file}, {"--out": (out / "model", MODEL_KIND)})
 
 
 def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:

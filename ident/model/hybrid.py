@@ -29,6 +29,8 @@ if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
     from ident.model.residual_net import ResidualNet, TrainingHistory
 
 SCHEMA = "ident.model/1"
+# What a model's folder is marked as.
+MODEL_KIND = "model"
 LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
 NetPreset = Literal["default", "paper", "none"]
 
@@ -111,7 +113,7 @@ class HybridModel:
     def save(self, folder: str | Path) -> Path:
         """Writes the model as a folder of readable text plus weights, whole or not at all."""
         target = Path(folder)
-        with atomic_folder(target) as part:
+        with atomic_folder(target, MODEL_KIND) as part:
             (part / "robot.urdf").write_text(self.robot.urdf, encoding="utf-8")
             (part / "arm.urdf").write_text(self.nominal.urdf, encoding="utf-8")
             (part / "model.toml").write_text(tomli_w.dumps(self.record()), encoding="utf-8")

@@ -60,3 +60,6 @@ class JointNets(torch.nn.Module):
         which = better.reshape(-1)
         for name, value in self.state_dict().items():
             best.setdefault(name, torch.zeros_like(value))[which] = value[which]
+
+
+Network = DenseNet | JointNets

@@ -17,22 +17,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.networks import DenseNet, JointNets
+from ident.model.checkpoint import Training
+from ident.model.networks import DenseNet, JointNets, Network
 
 Progress = Callable[[int, int, float], None]
-Network = DenseNet | JointNets
 
 # Speeds at which the direction features bend [rad/s]: the transition at a reversal, and the Stribeck zone.
 DIRECTION_SCALES = (0.02, 0.15)
@@ -220,59 +219,6 @@ class _Data:
         return squares.sum(dim=1) / weight.sum(dim=1).clamp(min=1.0)
 
 
-@dataclass
-class _Training:
-    """State of a training that can be stopped and resumed; all that a checkpoint holds."""
-
-    network: Network
-    optimiser: torch.optim.Optimizer
-    least: torch.Tensor  # least held-back error by member and joint
-    epoch: int = 0
-    best: dict[str, torch.Tensor] = field(default_factory=dict)
-    best_epoch: int = 0
-    train: list[float] = field(default_factory=list)
-    validation: list[float] = field(default_factory=list)
-
-    def save(self, folder: Path, fingerprint: str) -> None:
-        """Writes the checkpoint as one file: tensors, and the rest as its metadata."""
-        tensors = {f"now.{name}": value for name, value in self.network.state_dict().items()}
-        tensors |= {f"best.{name}": value for name, value in self.best.items()} | {"least": self.least}
-        for index, entry in self.optimiser.state_dict()["state"].items():
-            tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in entry.items()}
-        record = {name: getattr(self, name) for name in ("epoch", "best_epoch", "train", "validation")}
-        with atomic_write(folder / "checkpoint.safetensors") as part:
-            metadata = {"fingerprint": fingerprint, "record": json.dumps(record)}
-            save_file({name: value.contiguous() for name, value in tensors.items()}, part, metadata)
-
-    def resume(self, folder: Path, fingerprint: str) -> None:
-        """Takes up a checkpoint of the same data and options, if there is one that can be read."""
-        path = folder / "checkpoint.safetensors"
-        if not path.is_file():
-            return
-        try:
-            with safe_open(path, framework="pt") as stream:
-                metadata = stream.metadata() or {}
-            tensors = load_file(path)
-        except (OSError, SafetensorError):
-            return  # damaged: the training starts afresh and writes it anew
-        if metadata.get("fingerprint") != fingerprint:
-            return
-
-        def part(prefix: str) -> dict[str, torch.Tensor]:
-            return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
-
-        self.network.load_state_dict(part("now."))
-        state = self.optimiser.state_dict()
-        for key, value in part("adam.").items():
-            index, name = key.split(".")
-            state["state"].setdefault(int(index), {})[name] = value
-        self.optimiser.load_state_dict(state)
-        self.best, self.least = part("best."), tensors["least"]
-        record = json.loads(metadata["record"])
-        for name, value in record.items():
-            setattr(self, name, value)
-
-
 def _held_back(samples: int, options: NetOptions, rng: np.random.Generator) -> Bool[Array, "members T"]:
     """What each member does not train on."""
     if options.validation_share > 0:
@@ -343,12 +289,12 @@ def _threads(count: int) -> Iterator[None]:
 
 def _train(
     network: Network, data: _Data, options: NetOptions, progress: Progress | None, checkpoint: Path | None
-) -> _Training:
+) -> Training:
     adam = torch.optim.AdamW if options.weight_decay > 0 else torch.optim.Adam
     optimiser = adam(network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
     silent = data.held[:, :, None] * data.mask
     least = (silent * data.targets**2).sum(dim=1) / silent.sum(dim=1).clamp(min=1.0)
-    training = _Training(network, optimiser, least)
+    training = Training(network, optimiser, least)
     network.keep(training.best, torch.zeros_like(least, dtype=torch.bool))
     sums = [float(tensor.double().sum()) for tensor in (data.inputs, data.targets, data.mask)]
     fingerprint = f"{sums} {asdict(options)}"
@@ -363,11 +309,11 @@ def _train(
     return training
 
 
-def _stalled(training: _Training, options: NetOptions) -> bool:
+def _stalled(training: Training, options: NetOptions) -> bool:
     return bool(options.patience) and training.epoch - training.best_epoch >= options.patience
 
 
-def _one_epoch(training: _Training, data: _Data, options: NetOptions) -> None:
+def _one_epoch(training: Training, data: _Data, options: NetOptions) -> None:
     """One pass in an order that depends on seed and epoch alone, so that a resumed training is the same training."""
     torch.manual_seed(options.seed * 100_003 + training.epoch)  # dropout's masks
     some = torch.nonzero((data.held == 0).any(dim=0))[:, 0]

@@ -27,6 +27,7 @@ from ident.patches.verify import Written, check_structure, compare
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.patch/1"
+PATCH_KIND = "patch"
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
 FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
@@ -47,9 +48,8 @@ def write_patch(diagnosed: Diagnosed, robot: ArmModel, out: Path, motions: Seque
     Raises:
         InputError: Another robot's diagnosis, or the folder holds something else.
     """
-    _require_replaceable(out)
     arm = diagnosed.fit_to(robot)
-    with atomic_folder(out) as folder, tempfile.TemporaryDirectory() as spare:
+    with atomic_folder(out, PATCH_KIND) as folder, tempfile.TemporaryDirectory() as spare:
         after = _write_after(diagnosed, arm, folder)
         _, links = tuned_arm(arm, diagnosed)
         record = {
@@ -189,12 +189,3 @@ def _measure(before: Mapping[str, Written], after: Written, motions: Sequence[Mo
         "after_with_module": "the written file and the module's missing_torque; for the URDF also its log",
         "gaps": {form: {when: gap.to_dict(joints) for when, gap in found.items()} for form, found in gaps.items()},
     }
-
-
-def _require_replaceable(out: Path) -> None:
-    """Raises InputError if the folder holds anything but a patch."""
-    if not out.is_dir():
-        return
-    foreign = [path.name for path in sorted(out.iterdir()) if path.name not in FILES]
-    if foreign:
-        raise InputError(out, f"is no patch: it holds {foreign[0]}", "choose another folder for --out")

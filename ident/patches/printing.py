@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ident.console import styled
 from ident.patches.expressed import FORMATS
 
 WHEN = {
@@ -23,7 +24,8 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
     for effect in record["effects"]:
         answers = ", ".join(f"{form} {effect['formats'][form]['expressed']}" for form in FORMATS)
-        console.print(f"{', '.join(effect['joints'])}: [bold]{effect['effect']}[/]: {answers}", soft_wrap=True)
+        head = styled(f"{', '.join(effect['joints'])}: ", (effect["effect"], "bold"), f": {answers}")
+        console.print(head, soft_wrap=True)
         for form in FORMATS:
             found = effect["formats"][form]
             if found["expressed"] != "yes":

@@ -9,15 +9,12 @@ from pathlib import Path
 
 from ident.errors import InputError
 from ident.files import atomic_folder
-from ident.plant.answer import ANSWER_NAME, ENVELOPE_NAME, seal, write_answer
+from ident.ownership import SESSION_KIND, require_own_folder
+from ident.plant.answer import seal, write_answer
 from ident.plant.record import Progress, no_progress
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
-from ident.recordings.save import write_session
+from ident.recordings.save import fill_session
 from ident.trajectories.reference import Motion
-
-# What a folder of an earlier session may hold; any other folder is not replaced.
-OWN_SUFFIXES = (".parquet", ".csv")
-OWN_NAMES = ("session.toml", ANSWER_NAME, ENVELOPE_NAME)
 
 
 @dataclass(frozen=True)
@@ -61,10 +58,9 @@ def write_simulation(
     if answer and sealed:
         raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
     target = Path(folder)
-    require_replaceable(target)
     session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
-    with atomic_folder(target) as temporary:
-        write_session(session, temporary)
+    with atomic_folder(target, SESSION_KIND) as temporary:
+        fill_session(session, temporary)
         if answer:
             write_answer(simulation.answer, temporary)
         if sealed:
@@ -95,17 +91,6 @@ def simulate_to(
     """
     if answer and sealed:
         raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
-    require_replaceable(Path(folder))
+    require_own_folder(Path(folder), SESSION_KIND)
     simulation = simulate(options, name=Path(folder).name, progress=progress, motions=motions)
     return write_simulation(simulation, folder, answer, sealed)
-
-
-def require_replaceable(folder: Path) -> None:
-    """Raises InputError if the folder holds anything but a session."""
-    if not folder.is_dir():
-        return
-    foreign = [
-        path.name for path in sorted(folder.iterdir()) if path.suffix not in OWN_SUFFIXES and path.name not in OWN_NAMES
-    ]
-    if foreign:
-        raise InputError(folder, f"is no session: it holds {foreign[0]}", "choose another folder for --out")

@@ -20,7 +20,7 @@ from ident.plant.causes import CATALOGUE
 from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.mjcf import AddedBody
-from ident.plant.output import Written, require_replaceable, write_simulation
+from ident.plant.output import Written, write_simulation
 from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import ORIGIN, Simulation, SimulationOptions, simulate
@@ -143,7 +143,6 @@ def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[Wri
     """Writes the paper's sets below a folder."""
     written = []
     for session in paper_sessions(progress):
-        require_replaceable(folder / session.name)
         write_session(session, folder / session.name)
         written.append(Written(folder / session.name, len(session.runs), session.samples, session.duration))
     return written

@@ -13,6 +13,7 @@ import tomli_w
 
 from ident.errors import RecordingError
 from ident.files import atomic_folder, atomic_write
+from ident.ownership import SESSION_KIND
 from ident.recordings.columns import TIME
 from ident.recordings.recording import Recording, Session
 from ident.recordings.session_toml import NAME
@@ -50,12 +51,17 @@ def write_session(session: Session, folder: str | Path) -> None:
 
     Drive gains and effort signs are not written: they are in the effort already.
     """
-    with atomic_folder(folder) as temporary:
-        for run in session.runs:
-            write_recording(run, temporary / f"{run.name}.parquet")
-        settings = session_settings(session)
-        if settings:
-            (temporary / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")
+    with atomic_folder(folder, SESSION_KIND) as temporary:
+        fill_session(session, temporary)
+
+
+def fill_session(session: Session, folder: Path) -> None:
+    """Writes the files of a session into a folder that is there."""
+    for run in session.runs:
+        write_recording(run, folder / f"{run.name}.parquet")
+    settings = session_settings(session)
+    if settings:
+        (folder / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")
 
 
 def session_settings(session: Session) -> dict[str, Any]:

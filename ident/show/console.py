@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+
+from ident.console import styled
+from ident.errors import visible
 
 if TYPE_CHECKING:  # a help text needs none of them
     import numpy as np
@@ -43,16 +45,11 @@ def _pairs(mean: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray
 def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
     """Telemetry issues, the worst first, a line each and the remedy below."""
     for issue in sorted(issues, key=lambda found: list(COLOURS).index(found.severity)):
-        head = f"[{COLOURS[issue.severity]}]{issue.severity}[/] [bold]{issue.issue}[/]: {escape(issue.evidence)}"
+        colour = COLOURS[issue.severity]
+        head = styled((issue.severity, colour), " ", (issue.issue, "bold"), f": {visible(issue.evidence)}")
         console.print(head, soft_wrap=True)
         if issue.severity != "note":
-            console.print(f"    remedy: {escape(issue.remedy)}", soft_wrap=True)
-
-
-def make_console() -> Console:
-    """Standard output; wide where it is no terminal, since a file has no edge."""
-    console = Console()
-    return console if console.is_terminal else Console(width=160)
+            console.print(f"    remedy: {visible(issue.remedy)}", soft_wrap=True)
 
 
 @contextmanager
@@ -72,7 +69,7 @@ def progress_bar(console: Console, label: str, figure: str = "error") -> Iterato
 
         yield line
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(label, total=None)
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from rich.console import Console
 
+from ident.console import styled
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.gap_map import SIGNIFICANT
@@ -40,7 +41,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
             console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
     record = diagnosis.to_dict()
     words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
-    console.print(f"[bold]{diagnosis.verdict}[/]: {words}")
+    console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
         console.print(describe(finding), soft_wrap=True, highlight=False)
     if unnamed := describe_unnamed(record):

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from ident.diagnosis.selection.intervals import TEMPER
-from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
+from ident.ownership import require_own_folder
 from ident.trajectories.reference import TICK_S, Motion
 from plan.experiment.programme import Programme, duration_of
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
@@ -149,7 +149,7 @@ class Excitation:
 
     def write(self, folder: str | Path) -> None:
         """The runs as command files and `excite.json`, whole or not at all."""
-        with atomic_folder(folder) as part:
+        with atomic_folder(folder, "motion") as part:
             for name, run in zip(file_names(self.runs), self.runs, strict=True):
                 pacsv.write_csv(command_table(run, tuple(self.noise)), part / name)
             (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
@@ -164,11 +164,7 @@ def save_record(found: Excitation, path: Path | None) -> None:
 
 def require_replaceable(folder: Path) -> None:
     """Raises InputError if the folder holds anything but an earlier motion."""
-    if not folder.is_dir():
-        return
-    foreign = [one.name for one in sorted(folder.iterdir()) if one.suffix != ".csv" and one.name != RECORD_NAME]
-    if foreign:
-        raise InputError(folder, f"is no motion of ours: it holds {foreign[0]}", "choose another folder for --out")
+    require_own_folder(folder, "motion")
 
 
 def _keyed(distances: Distances) -> dict[str, float]:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from ident import files
 from ident.errors import InputError
-from ident.files import atomic_folder, atomic_write, sha256_of
+from ident.files import atomic_folder, atomic_write, deliver, sha256_of
+from ident.ownership import MARKER
 
 
 def write_half_a_file(target: Path) -> None:
@@ -18,7 +23,7 @@ def write_half_a_file(target: Path) -> None:
 
 
 def write_half_a_folder(target: Path) -> None:
-    with atomic_folder(target) as temporary:
+    with atomic_folder(target, "model") as temporary:
         (temporary / "half").write_text("half")
         raise KeyboardInterrupt
 
@@ -46,12 +51,12 @@ def test_a_failed_block_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> 
 def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
     target = tmp_path / "model"
     for content in ("first", "second"):
-        with atomic_folder(target) as temporary:
+        with atomic_folder(target, "model") as temporary:
             (temporary / content).write_text(content)
-    assert [entry.name for entry in target.iterdir()] == ["second"]
+    assert sorted(entry.name for entry in target.iterdir()) == [MARKER, "second"]
     with pytest.raises(KeyboardInterrupt):
         write_half_a_folder(target)
-    assert [entry.name for entry in target.iterdir()] == ["second"]
+    assert sorted(entry.name for entry in target.iterdir()) == [MARKER, "second"]
     assert list(tmp_path.iterdir()) == [target]
 
 
@@ -59,10 +64,135 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="can't be written"), atomic_write(tmp_path / "file/below"):
         pass
-    with pytest.raises(InputError, match="not a folder"), atomic_folder(tmp_path / "file"):
+    with pytest.raises(InputError, match="not a folder"), atomic_folder(tmp_path / "file", "model"):
         pass
 
 
 def test_the_hash_is_that_of_the_bytes(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"abc")
     assert sha256_of(tmp_path / "file") == hashlib.sha256(b"abc").hexdigest()
+
+
+def write(target: Path, kind: str = "model", content: str = "new") -> None:
+    with atomic_folder(target, kind) as temporary:
+        (temporary / "file").write_text(content)
+
+
+def test_a_folder_with_anything_of_the_users_stays(tmp_path: Path) -> None:
+    """Law: only a folder that armgap wrote, and nobody changed since, is replaced."""
+    target = tmp_path / "model"
+    target.mkdir()
+    write(target)  # an empty one is nobody's
+    write(target, content="again")
+    (target / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"'notes\.txt', which armgap did not write"):
+        write(target)
+    (target / "notes.txt").unlink()
+    (target / "file").write_text("edited")
+    with pytest.raises(InputError, match="changed since"):
+        write(target)
+    assert (target / "file").read_text() == "edited"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["model"]
+
+
+def test_another_kind_of_result_stays(tmp_path: Path) -> None:
+    write(tmp_path / "there", "session")
+    with pytest.raises(InputError, match="holds a session, not a model"):
+        write(tmp_path / "there", "model")
+
+
+@pytest.mark.parametrize("marker", ["", "[]", '{"schema": "armgap.folder/1"}', "[" * 100_000, '{"files": {}}'])
+def test_a_marker_that_is_none_protects(tmp_path: Path, marker: str) -> None:
+    """Law: a folder is the user's unless its marker says otherwise, whatever stands in the marker's place."""
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / MARKER).write_text(marker)
+    with pytest.raises(InputError, match="did not write"):
+        write(tmp_path / "own")
+
+
+def test_links_and_the_folder_one_stands_in_are_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "model")
+    (tmp_path / "link").symlink_to(tmp_path / "model")
+    with pytest.raises(InputError, match="is a link"):
+        write(tmp_path / "link")
+    monkeypatch.chdir(tmp_path / "model")
+    with pytest.raises(InputError, match="name a new folder"):
+        write(Path("."))
+    for place in (tmp_path / "link", Path(os.devnull), tmp_path):
+        with pytest.raises(InputError, match="not a plain file"), atomic_write(place):
+            pass
+    assert not Path(os.devnull).is_file()
+
+
+def test_between_two_versions_a_folder_is_never_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: whoever looks at any moment sees the old folder or the new one."""
+    target = tmp_path / "model"
+    write(target, content="old")
+    seen = []
+
+    def look(source: Path, destination: Path) -> None:
+        rename(source, destination)
+        seen.append(target.exists())
+
+    rename = os.replace
+    monkeypatch.setattr(files.os, "replace", look)
+    write(target)
+    assert all(seen)
+    assert (target / "file").read_text() == "new"
+
+
+def test_without_an_exchange_a_folder_is_replaced_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "_exchange", lambda first, second: False)
+    target = tmp_path / "model"
+    write(target, content="old")
+    write(target)
+    assert (target / "file").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from ident.files import atomic_folder, atomic_write
+with atomic_folder(Path(sys.argv[1]) / "model", "model") as a, atomic_write(Path(sys.argv[1]) / "result.json") as b:
+    (a / "half").write_text("half"); b.write_text("half")
+    print("ready", flush=True)
+    os.kill(os.getpid(), 9)
+"""
+
+
+def test_what_a_killed_process_left_is_cleared(tmp_path: Path) -> None:
+    """Law: after a kill, the next run to the same place leaves what a run without a kill leaves."""
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], stdout=subprocess.DEVNULL, check=False)
+    assert len(list(tmp_path.iterdir())) == 2
+    write(tmp_path / "model")
+    with atomic_write(tmp_path / "result.json") as part:
+        part.write_text("{}")
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["model", "result.json"]
+
+
+def test_what_a_living_process_writes_stays(tmp_path: Path) -> None:
+    with atomic_write(tmp_path / "file") as first:
+        first.write_text("one")
+        with atomic_write(tmp_path / "file") as second:
+            second.write_text("two")
+        assert first.exists()
+    assert (tmp_path / "file").read_text() == "one"
+
+
+def test_a_failure_leaves_no_new_folders(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        write_half_a_file(tmp_path / "a/b/c")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_result_that_cannot_be_written_takes_nothing_with_it() -> None:
+    """Law: results are written before anything is shown, and all of them are tried."""
+    done: list[str] = []
+
+    def fail() -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        deliver(lambda: done.append("shown"), fail, lambda: done.append("written"))
+    assert done == ["written", "shown"]

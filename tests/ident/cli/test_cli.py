@@ -16,14 +16,17 @@ import pytest
 from ident.cli import app as cli
 from ident.diagnosis.gap.trees import Ceiling
 from ident.effects import catalogue
+from ident.files import HOST
 from ident.model.hybrid import HybridModel
 from ident.model.residual_net import PRESETS, NetOptions
+from ident.ownership import begin_folder
 from ident.robot.urdf import data_path
 from tests.ident.diagnosis.contract import check_diagnosis
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 ROBOT = ("--robot", "tm5-900")
 # A diagnosis that skips the search: too little is recorded.
+OLD_RESULT = '{"schema": "ident.telemetry/1"}'
 ONE_RUN = E1 / "01_trajectory_1.parquet"
 
 
@@ -394,9 +397,48 @@ def test_interrupted_while_fitting(run: Run, tmp_path: Path, monkeypatch: pytest
 
 def test_interrupted_while_writing(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: Ctrl-C amid an output leaves the old file as it was, and no part of the new one."""
-    (tmp_path / "i.json").write_text("old")
-    monkeypatch.setattr(cli.json, "dumps", stop)
+    (tmp_path / "i.json").write_text(OLD_RESULT)
+    monkeypatch.setattr(json, "dumps", stop)
     ended = run("inspect", E1, *ROBOT, "--json", tmp_path / "i.json")
     assert ended.status == 130
-    assert (tmp_path / "i.json").read_text() == "old"
+    assert (tmp_path / "i.json").read_text() == OLD_RESULT
     assert_untouched(tmp_path, "i.json")
+
+
+def test_no_command_takes_the_users_files(run: Run, text_session: Path, tmp_path: Path) -> None:
+    """Law: whatever stands at a place where a command would write stays, and the command says so before it works."""
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work/thesis.tex").write_text("years")
+    before = {path: path.read_bytes() for path in text_session.iterdir()}
+    work, mine = tmp_path / "work", tmp_path / "work/thesis.tex"
+    assert_told(run("fit", E1, *ROBOT, "--out", work), "thesis.tex", "did not write")
+    assert_told(run("simulate", "--out", work), "thesis.tex", "did not write")
+    assert_told(run("inspect", E1, *ROBOT, "--mend", work), "thesis.tex", "did not write")
+    assert_told(run("demo", "--out", work, "--json", mine), "did not write")
+    assert_told(run("blind", "--out", work), "something else")
+    assert_told(run("inspect", text_session, *ROBOT, "--mend", text_session), "read by the same command")
+    assert_told(run("inspect", E1, E1, *ROBOT, "--mend", tmp_path / "m"), "two sessions are called 'E1'")
+    assert_told(run("inspect", E1, *ROBOT, "--json", next(text_session.glob("*.csv"))), "did not write")
+    assert_told(run("diagnose", E1, *ROBOT, "--html", mine), "did not write")
+    assert_told(run("diagnose", E1, *ROBOT, "--rrd", mine), "did not write")
+    assert_told(run("inspect", E1, *ROBOT, "--json", "/dev/null"), "a device")
+    assert {path: path.read_bytes() for path in text_session.iterdir()} == before
+    assert mine.read_text() == "years"
+    assert_untouched(tmp_path, "work")
+
+
+def test_a_fit_goes_on_after_a_kill_amid_a_checkpoint(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: whatever a kill left of a checkpoint, the next fit succeeds and leaves nothing of it."""
+    few = NetOptions(hidden=(4,), members=2, epochs=10, patience=0)
+    monkeypatch.setitem(PRESETS, "default", few)
+    training = tmp_path / "m.training"
+    assert run("fit", E1, *ROBOT, "--out", tmp_path / "m").status == 0
+    assert_untouched(tmp_path, "m")
+    for content in (b"", b"half", b"\x08" + bytes(7) + b'{"a":{}}'):
+        begin_folder(training, "training")
+        (training / "checkpoint.safetensors").write_bytes(content)
+        (training / f".checkpoint.armgap-{HOST}-999999999-ab.part.safetensors").write_bytes(b"half")
+        assert run("fit", E1, *ROBOT, "--out", tmp_path / "m").status == 0
+        assert_untouched(tmp_path, "m")

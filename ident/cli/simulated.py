@@ -1,0 +1,146 @@
+"""The commands of the simulated arm: `ident simulate` and `ident blind`."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.shared import JsonFile, app, console, write_json
+from ident.files import deliver
+from ident.ownership import SESSION_KIND, check_outputs
+from ident.show.console import progress_bar
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder of the simulated session.")],
+    effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE; SIZE in SI units, or 3x the noise.")] = None,
+    robot: Annotated[str | None, typer.Option(help="URDF path or name; tm5-900 if not given.")] = None,
+    world: Annotated[
+        str | None, typer.Option(help="Another arm and sensors: a preset's name, or a TOML file. Other options hold.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.")] = 0,
+    motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
+    commands: Annotated[
+        Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(help="Number of runs; 10 if not given.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Rough duration of a run [s]; 8 if not given.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Log rate [Hz]; 250 if not given.")] = None,
+    velocity: Annotated[bool | None, typer.Option(help="Log the velocity channel; yes if not given.")] = None,
+    temperature: Annotated[bool, typer.Option(help="Log joint temperatures.")] = False,
+    payload: Annotated[str | None, typer.Option(help="Known body at the flange: MASS or MASS@X,Y,Z.")] = None,
+    decoy: Annotated[list[str] | None, typer.Option(help="inertia, geometry, friction, controller.")] = None,
+    answer: Annotated[bool, typer.Option(help="Write what was wrong beside the session.")] = False,
+    sealed: Annotated[bool, typer.Option(help="Write it encrypted; its SHA-256 and key are printed.")] = False,
+    recipe: Annotated[str | None, typer.Option(help="Make a shipped set of recordings instead.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """A session of the simulated arm, its effects chosen."""
+    from ident.plant.output import simulate_to
+    from ident.plant.recipes import run_recipe
+    from ident.plant.request import parse_payload
+    from ident.plant.simulate import RICH, SimulationOptions
+    from ident.plant.world_presets import find_world, settle
+    from ident.robot.arm import ArmModel
+    from ident.trajectories.command_files import read_commands
+
+    whole = {} if recipe else {"--out": (out, SESSION_KIND)}
+    check_outputs([commands, robot, world], {"--json": json_file}, whole)
+    drawn = None if world is None else settle(find_world(world), seed, robot, runs, duration, rate, velocity)
+    robot = drawn.robot if drawn else robot or "tm5-900"
+    runs = drawn.runs if drawn else 10 if runs is None else runs
+    given = None if commands is None else read_commands(commands, ArmModel.load(robot))
+    total = runs if given is None else len(given)
+    with progress_bar(console, "simulation", "") as progress:
+        finished = count()
+
+        def tell() -> None:
+            progress(next(finished) + 1, total, 0.0)
+
+        if recipe is not None:
+            written = run_recipe(recipe, out)
+        else:
+            options = SimulationOptions(
+                robot=robot,
+                effects=tuple(effect or ()),
+                seed=seed,
+                motions=tuple(motion) if motion else RICH,
+                runs=runs,
+                duration=8.0 if duration is None else duration,
+                rate=250.0 if rate is None else rate,
+                velocity=velocity is not False,
+                temperature=temperature,
+                payload=parse_payload(payload) if payload else None,
+                decoys=tuple(decoy or ()),
+            )
+            options = options if drawn is None else options.in_world(drawn)
+            written = [simulate_to(out, options, answer, sealed, tell, given)]
+    record = {
+        "schema": "ident.simulation/1",
+        "sessions": [{**vars(one), "folder": str(one.folder)} for one in written],
+    }
+
+    def show() -> None:
+        for one in written:
+            console.print(f"{one.folder}: {one.runs} runs, {one.samples} samples, {one.duration_s:.0f} s")
+            if one.sha256:
+                key = f", key {one.key}" if one.key else ""
+                console.print(f"sealed: sha256 {one.sha256}{key}", soft_wrap=True)
+
+    deliver(show, lambda: write_json(json_file, record))
+
+
+@app.command()
+def blind(
+    cases: Annotated[int, typer.Option(help="Number of cases.")] = 40,
+    seed: Annotated[int | None, typer.Option(help="Of the check; the system's entropy if not given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the check; one that was stopped there goes on.")] = Path(
+        "out/blind"
+    ),
+    workers: Annotated[int, typer.Option(help="Processes on this machine.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
+    robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
+    semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
+    worlds: Annotated[
+        str,
+        typer.Option(help="Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without)."),
+    ] = "",
+    mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
+    json_file: JsonFile = None,
+) -> None:
+    """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
+    from ident.blind_check.cases import FULL_MIX, parse_mix
+    from ident.blind_check.run import BlindOptions, run_blind
+
+    check_outputs([robot, semi_real], {"--json": json_file})
+    options = BlindOptions(
+        cases=cases,
+        seed=seed,
+        out=out,
+        workers=workers,
+        scheduler=scheduler,
+        robot=robot,
+        semi_real=semi_real,
+        worlds=worlds,
+        mix=parse_mix(mix) if mix else FULL_MIX,
+    )
+    with progress_bar(console, "blind check", "") as progress:
+        report = run_blind(
+            options,
+            lambda line: console.print(line, soft_wrap=True, highlight=False),
+            lambda step, done, total: progress(done, total, 0.0),
+        )
+    record = report.to_dict()
+
+    def show() -> None:
+        for name, value in record["scores"].items():
+            low, high = record["intervals"].get(name, (None, None))
+            interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
+            console.print(f"  {name}: {value if value is None else round(value, 3)}{interval}", highlight=False)
+        console.print(f"written to {out}")
+
+    deliver(show, lambda: write_json(json_file, record))

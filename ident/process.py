@@ -1,0 +1,177 @@
+"""What a command owes its system: statuses, signals, and output that may fail without taking the work along."""
+
+from __future__ import annotations
+
+import codecs
+import importlib
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn, TextIO
+
+from ident.errors import InputError, visible
+
+# Exit statuses: the user's input, the system's own faults (sysexits.h: EX_IOERR), and 128 + the signal after one.
+USER, SYSTEM, SIGNALLED = 2, 74, 128
+# What consoles without these characters show instead.
+PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
+PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}
+
+
+def run_command(name: str, module: str) -> NoReturn:
+    """Loads a command's module and runs its `app`; ends the process with one line wherever the user can do something.
+
+    Args:
+        name: The command's name, for its messages.
+        module: Module with a typer application called `app`.
+    """
+    with _patient_streams(name) as streams, _signals(name) as signals:
+        if not sys.warnoptions:  # a library's warnings are for us: what concerns the user is told as an issue
+            warnings.simplefilter("ignore")
+        status = _run(name, module, signals)
+        for stream in streams:
+            stream.flush()
+        status = status or _told(name, streams)
+    sys.exit(status)
+
+
+def _run(name: str, module: str, signals: _Signals) -> int:
+    def say(line: str) -> None:
+        print(f"{name}: {visible(line)}", file=sys.stderr)
+
+    try:
+        app = importlib.import_module(module).app
+        signals.is_loading = False
+        status = app(standalone_mode=False)
+    except InputError as error:
+        say(str(error))
+        return USER
+    except KeyboardInterrupt:
+        status = signals.status
+    except OSError as error:
+        say(_system_fault(error))
+        return SYSTEM
+    except MemoryError:
+        say("memory is full; give fewer or shorter sessions, or a larger machine")
+        return SYSTEM
+    except Exception as error:
+        # Interrupted, maybe within a library that made something else of it.
+        if signals.came or type(error).__name__ == "Abort":
+            status = signals.status
+        elif type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
+            say(f"{error.format_message().rstrip('.')}; see {name} --help")
+            return USER
+        else:
+            raise
+    if signals.came or status == SIGNALLED + signal.SIGINT:  # typer turns Ctrl-C into this status
+        say("stopped")
+        return signals.status
+    return status if isinstance(status, int) else 0
+
+
+def _system_fault(error: OSError) -> str:
+    place = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
+    return f"{place}{error.strerror or error}; free what is full or broken, then run the command again"
+
+
+def _told(name: str, streams: tuple[_Patient, ...]) -> int:
+    """Status for output that could not be printed; who closed a pipe has read enough."""
+    for stream in streams:
+        if stream.failed is not None and not isinstance(stream.failed, BrokenPipeError):
+            with suppress(OSError, ValueError):
+                reason = stream.failed.strerror or str(stream.failed)
+                print(f"{name}: the screen's output: {reason}; the results' files are written", file=sys.stderr)
+            return SYSTEM
+    return 0
+
+
+class _Patient:
+    """A stream whose failure does not end the work: results are worth more than the lines that speak of them."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.failed: OSError | None = None
+
+    def write(self, text: str) -> int:
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def _try(self, action: Callable[[], object]) -> None:
+        if self.failed is not None:
+            return
+        try:
+            action()
+        except OSError as error:
+            self.failed = error
+            # What is left in the stream's buffer must not fail again when Python ends.
+            with suppress(OSError, ValueError, AttributeError):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, self._stream.fileno())
+                os.close(nowhere)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _patient_streams(name: str) -> Iterator[tuple[_Patient, ...]]:
+    codecs.register_error("armgap", _replace_unprintable)
+    before: tuple[Any, Any] = sys.stdout, sys.stderr
+    for stream in before:
+        with suppress(AttributeError, OSError, ValueError):
+            stream.reconfigure(errors="armgap")
+    # A closed descriptor leaves no stream at all.
+    streams = tuple(_Patient(stream if stream is not None else open(os.devnull, "w")) for stream in before)  # noqa: SIM115
+    sys.stdout, sys.stderr = streams
+    try:
+        yield streams
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _replace_unprintable(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lost = error.object[error.start : error.end]
+    text = "".join(PLAIN.get(character) or visible(character) for character in lost)
+    return text.encode("ascii", "backslashreplace").decode("ascii"), error.end
+
+
+class _Signals:
+    """What Ctrl-C and its like do: nothing but leave while modules are loaded, unwind once, leave at the second."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.is_loading, self.came = name, True, False
+        self.status = SIGNALLED + signal.SIGINT
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.status = SIGNALLED + number
+        if self.is_loading or self.came:
+            if not self.came:
+                with suppress(OSError):
+                    os.write(2, f"{self.name}: stopped\n".encode())
+            os._exit(self.status)
+        self.came = True
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _signals(name: str) -> Iterator[_Signals]:
+    handler = _Signals(name)
+    before: dict[int, Any] = {}
+    for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+        with suppress(ValueError, OSError):  # not in the main thread: whoever runs us there has their own
+            if signal.getsignal(number) != signal.SIG_IGN:  # nohup and its like stay as they are
+                before.setdefault(number, signal.signal(number, handler))
+    try:
+        yield handler
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

@@ -1,0 +1,138 @@
+"""Commands as processes: signals, closed pipes, full disks, consoles of other alphabets. One line, no traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ident.errors import visible
+
+APP = """
+import sys, typer
+from ident.console import make_console, styled
+from ident.files import atomic_write
+app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False)
+console = make_console()
+
+@app.command()
+def work(name: str = "", out: str = "", wait: float = 0.0, lines: int = 1):
+    import time
+    print("begun", file=sys.stderr, flush=True)
+    time.sleep(wait)
+    for _ in range(lines):
+        console.print(f"gap {name} ± 0.1 → closed")
+    console.print(styled((name, "bold")))
+    if out:
+        with atomic_write(out) as part:
+            part.write_text("whole" * 100000)
+"""
+RUN = "from ident.process import run_command; run_command('ident', 'made_up_app')"
+
+
+def command(folder: Path, *arguments: str, app: str = APP) -> list[str]:
+    (folder / "made_up_app.py").write_text(app)
+    return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder)!r}); {RUN}", *arguments]
+
+
+def test_a_reader_who_leaves_does_not_end_the_work(tmp_path: Path) -> None:
+    out = tmp_path / "result"
+    line = command(tmp_path, "--lines", "20000", "--out", str(out))
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    told = process.stderr.read()
+    assert (process.wait(), told) == (0, "begun\n")
+    assert out.exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_behind_the_screen_is_told_after_the_work(tmp_path: Path) -> None:
+    out = tmp_path / "result"
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run(
+            command(tmp_path, "--out", str(out)), stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert ended.returncode == 74
+    assert "Traceback" not in ended.stderr
+    assert "No space left" in ended.stderr
+    assert out.exists()
+
+
+def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
+    """Law: the system's own faults end with 74; the half-written file is gone."""
+    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); {RUN}"
+    line = command(tmp_path, "--out", str(tmp_path / "result"))
+    line[2] = line[2].replace(RUN, limited)
+    ended = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert ended.returncode == 74
+    assert len(ended.stderr.splitlines()) == 2
+    assert "File too large" in ended.stderr
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".py") in ([], ["__pycache__"])
+
+
+def test_a_console_of_ascii_alone(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    ended = subprocess.run(
+        command(tmp_path, "--name", "épaule"), capture_output=True, text=True, check=False, env=environment
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "+- 0.1 -> closed" in ended.stdout
+    assert "\\xe9paule" in ended.stdout
+
+
+def test_names_are_shown_as_they_are(tmp_path: Path) -> None:
+    """Law: no text of a file is markup, or an order to the terminal."""
+    name = "[bold]x[/] :smile: $(id) \x1b[31m \u202e ]"
+    ended = subprocess.run(command(tmp_path, "--name", name), capture_output=True, text=True, check=False)
+    assert ended.stdout.count("[bold]x[/] :smile: $(id) \\x1b[31m \\u202e ]") == 2
+
+
+def test_bytes_that_are_not_utf8_are_shown_as_bytes() -> None:
+    assert visible(os.fsdecode(b"a\xffb\x00\n")) == "a\\xffb\\x00\\x0a"
+    assert visible("joint_1 ± 0.1 [N m], Gelenk ü, 関節") == "joint_1 ± 0.1 [N m], Gelenk ü, 関節"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_amid_the_work_is_one_line(tmp_path: Path, number: signal.Signals) -> None:
+    line = command(tmp_path, "--wait", "20")
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()
+    process.send_signal(number)
+    assert process.stderr.read() == "ident: stopped\n"
+    assert process.wait() == 128 + number
+
+
+@pytest.mark.parametrize(
+    "ending", ["time.sleep(20)", "try:\n    time.sleep(20)\nexcept BaseException:\n    raise ImportError"]
+)
+def test_a_signal_amid_the_imports_is_one_line(tmp_path: Path, ending: str) -> None:
+    app = f"import os, time\nos.write(2, b'loading\\n')\n{ending}\n"
+    process = subprocess.Popen(command(tmp_path, app=app), stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.stderr.read() == "ident: stopped\n"
+    assert process.wait() == 130
+
+
+def test_a_signal_that_a_library_turns_into_its_own_error(tmp_path: Path) -> None:
+    app = APP.replace(
+        "time.sleep(wait)",
+        "\n    try:\n        time.sleep(wait)\n    except BaseException:\n        raise RuntimeError",
+    )
+    process = subprocess.Popen(command(tmp_path, "--wait", "20", app=app), stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    process.stderr.readline()
+    time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    assert process.stderr.read() == "ident: stopped\n"
+    assert process.wait() == 130
