@@ -17,6 +17,7 @@ from scipy.signal import butter
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RecordingError
+from ident.motion.signal_band import find_signal_band, keep_band
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.motion.zero_phase import filter_both_ways
 from ident.recordings.recording import Payload, Recording, Session
@@ -186,6 +187,9 @@ def prepare_run(
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
     even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
     q, dq, ddq = (states.q, states.dq, states.ddq) if even else _resample(run.time, states, grid)
+    lowpass = Lowpass.design(rate, cutoff, oversampling)
+    band = find_signal_band(ddq, rate, levels)
+    q, dq, ddq = np.moveaxis(keep_band(np.stack([q, dq, ddq], axis=-1), rate, band, 2 * lowpass.cutoff), -1, 0)
 
     def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
         if values is None or even:
@@ -202,7 +206,7 @@ def prepare_run(
         dq=freeze(dq),
         ddq=freeze(ddq),
         tau=freeze(effort),
-        lowpass=Lowpass.design(rate, cutoff, oversampling),
+        lowpass=lowpass,
         std=states.std,
         payload=payload,
         temperature=on_grid(run.temperature),

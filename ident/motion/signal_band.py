@@ -1,0 +1,73 @@
+"""Up to which frequency a run's smoothed acceleration is motion, and from which on it is encoder noise.
+
+A smoother of one bandwidth lets encoder noise through wherever a motion is slower than that bandwidth. Such noise stands
+in every column that is made of the motion: it makes coefficients too small, and other columns made of the same noise
+(a delayed torque, another joint's acceleration) take some of it away, which looks like an effect. The noise of the
+smoothed acceleration is known,
+
+    N(f) = 2 r Δt (2π f)⁴ / (1 + (f / f_s)⁶)²,
+
+with r the variance of a measured position and f_s the smoother's corner. Where the acceleration's spectrum P(f) is not
+above twice that, less than half of it is motion: the optimal (Wiener) gain 1 − N/P is below one half. There the states
+are cut off. What is left of the noise is then nearly uncorrelated with the states, and regressions on them are unbiased.
+
+Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4 (regression calibration); Welch 1967.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, welch
+
+from ident.arrays import Float
+from ident.motion.smoothing import NoiseLevels
+from ident.motion.zero_phase import filter_both_ways
+
+# Length of the stretches whose spectra are averaged [s], and over how much frequency they are smoothed [Hz].
+STRETCH, SPREAD = 2.0, 2.0
+# Spectrum over noise where the Wiener gain is one half.
+HALF_SIGNAL = 2.0
+# Every motion is at least as fast as this: a joint at rest keeps its slow drift [Hz].
+SLOWEST_BAND = 1.0
+FILTER_ORDER = 4
+# The noise of the sampled smoother follows the formula up to here, in sampling rates.
+KNOWN_UP_TO = 0.35
+
+
+def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels) -> Float[Array, " n"]:
+    """Frequency above which each joint's smoothed acceleration is mostly noise; the Nyquist frequency if nowhere [Hz].
+
+    Args:
+        ddq: Smoothed acceleration, evenly sampled [rad/s²].
+        rate: Sampling rate [Hz].
+        levels: Noise of the joints' positions.
+    """
+    length = min(len(ddq), max(16, round(STRETCH * rate)))
+    f, power = welch(ddq, rate, nperseg=length, axis=0, detrend=False)
+    power = uniform_filter1d(power, max(1, round(SPREAD / f[1])), axis=0, mode="nearest")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        corner = levels.bandwidth(1.0 / rate)
+        noise = 2 * levels.position / rate * (2 * np.pi * f[:, None]) ** 4 / (1 + (f[:, None] / corner) ** 6) ** 2
+        motion = (power > HALF_SIGNAL * noise) & (noise > 0.0) & (f[:, None] <= KNOWN_UP_TO * rate)
+    last = len(f) - 1 - np.argmax(motion[::-1], axis=0)
+    band = np.where(motion.any(axis=0), f[last], 0.0)
+    return np.where(levels.jerk > 0.0, np.maximum(band, SLOWEST_BAND), rate / 2)
+
+
+def keep_band(
+    states: Float[Array, "T n k"], rate: float, band: Float[Array, " n"], highest: float
+) -> Float[Array, "T n k"]:
+    """States of each joint up to its band; left as they are where that reaches what is looked at at all.
+
+    Args:
+        states: q, dq, ddq, evenly sampled.
+        rate: Sampling rate [Hz].
+        band: Of each joint [Hz].
+        highest: Frequency above which nobody looks [Hz].
+    """
+    kept = states.copy()
+    for j in np.flatnonzero(band < min(highest, 0.45 * rate)):
+        padding = min(len(states) - 1, int(3 * rate / band[j]))
+        kept[:, j] = filter_both_ways(butter(FILTER_ORDER, band[j], fs=rate, output="sos"), states[:, j], padding)
+    return kept
