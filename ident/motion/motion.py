@@ -150,7 +150,7 @@ class Motion:
         for shift in range(1, reach + 1):
             settled[shift:] &= heading[shift:] == heading[:-shift]
             settled[:-shift] &= heading[:-shift] == heading[shift:]
-            settled[:shift] = False
+            settled[:shift] = settled[-shift:] = False  # what was before a run and came after it, nobody knows
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q) > FORGETTING_TRAVEL
         return np.asarray(settled & travelled)

@@ -7,9 +7,9 @@ smoothed acceleration is known,
 
     N(f) = 2 r Δt (2π f)⁴ / (1 + (f / f_s)⁶)²,
 
-with r the variance of a measured position and f_s the smoother's corner. Where the acceleration's spectrum P(f) is not
-above twice that, less than half of it is motion: the optimal (Wiener) gain 1 − N/P is below one half. There the states
-are cut off. What is left of the noise is then nearly uncorrelated with the states, and regressions on them are unbiased.
+with r the variance of a measured position and f_s the smoother's corner. With the acceleration's spectrum P(f), keeping all up to a frequency b costs the noise below b and the motion above b,
+∫_{f<b} N + ∫_{f>b} (P − N): b is where that is least, and there the states are cut off. What is left of the noise is
+nearly uncorrelated with the states, so that regressions on them are unbiased.
 
 Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4 (regression calibration); Welch 1967.
 """
@@ -17,17 +17,14 @@ Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, welch
 
 from ident.arrays import Float
 from ident.motion.smoothing import NoiseLevels
 from ident.motion.zero_phase import filter_both_ways
 
-# Length of the stretches whose spectra are averaged [s], and over how much frequency they are smoothed [Hz].
-STRETCH, SPREAD = 2.0, 2.0
-# Spectrum over noise where the Wiener gain is one half.
-HALF_SIGNAL = 2.0
+# Length of the stretches whose spectra are averaged [s].
+STRETCH = 2.0
 # Every motion is at least as fast as this: a joint at rest keeps its slow drift [Hz].
 SLOWEST_BAND = 1.0
 FILTER_ORDER = 4
@@ -36,7 +33,7 @@ KNOWN_UP_TO = 0.35
 
 
 def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels) -> Float[Array, " n"]:
-    """Frequency above which each joint's smoothed acceleration is mostly noise; the Nyquist frequency if nowhere [Hz].
+    """Frequency at which each joint's states are best cut off; the Nyquist frequency if nowhere [Hz].
 
     Args:
         ddq: Smoothed acceleration, evenly sampled [rad/s²].
@@ -45,14 +42,12 @@ def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels)
     """
     length = min(len(ddq), max(16, round(STRETCH * rate)))
     f, power = welch(ddq, rate, nperseg=length, axis=0, detrend=False)
-    power = uniform_filter1d(power, max(1, round(SPREAD / f[1])), axis=0, mode="nearest")
     with np.errstate(divide="ignore", invalid="ignore"):
         corner = levels.bandwidth(1.0 / rate)
         noise = 2 * levels.position / rate * (2 * np.pi * f[:, None]) ** 4 / (1 + (f[:, None] / corner) ** 6) ** 2
-        motion = (power > HALF_SIGNAL * noise) & (noise > 0.0) & (f[:, None] <= KNOWN_UP_TO * rate)
-    last = len(f) - 1 - np.argmax(motion[::-1], axis=0)
-    band = np.where(motion.any(axis=0), f[last], 0.0)
-    return np.where(levels.jerk > 0.0, np.maximum(band, SLOWEST_BAND), rate / 2)
+        saved = np.cumsum(np.where(f[:, None] <= KNOWN_UP_TO * rate, power - 4.0 * noise, 0.0), axis=0)
+    band = np.maximum(f[np.argmax(saved, axis=0)], SLOWEST_BAND)
+    return np.where((levels.jerk > 0.0) & (band < KNOWN_UP_TO * rate - f[1]), band, rate / 2)
 
 
 def keep_band(
