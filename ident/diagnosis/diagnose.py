@@ -20,6 +20,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import NotTestable, build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
@@ -44,6 +45,8 @@ SCHEMA = "ident.diagnosis/1"
 # A name less probable than this is not told: something else was going on.
 LEAST_PROBABILITY = 0.05
 PLACES_TOLD = 12
+# Searches at the most, and the fall of friction's variation from run to run that is worth another one.
+MOST_SETTLING, SETTLED_SHARE = 3, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +179,8 @@ def diagnose(
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
-    search = Search(evidence, prior, HeldOut(evidence, prior), seed)
-    found, estimates, fine = _sure(search, session, baseline)
+    search, found, estimates, fine = _settle(evidence, prior, session, baseline, seed)
+    evidence = search.evidence
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
@@ -217,6 +220,28 @@ def diagnose(
         catalogue=tuple(catalogue),
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
+
+
+def _settle(
+    evidence: Evidence, prior: Prior, session: SessionContext, baseline: Baseline, seed: int
+) -> tuple[Search, SearchResults, list[Estimate], Refined | None]:
+    """Names and how much friction varies from run to run: each is told beside the other.
+
+    Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
+    no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
+    """
+    evidence = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
+    spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
+    for _ in range(MOST_SETTLING):
+        evidence = evidence.with_run_spread(spread)
+        search = Search(evidence, prior, HeldOut(evidence, prior), seed)
+        found, estimates, fine = _sure(search, session, baseline)
+        model = project(evidence.gram(), evidence, prior, [item.group for item in found.named])
+        smaller = np.minimum(spread, estimate_run_spread(evidence, model))
+        if not found.named or np.all(smaller > SETTLED_SHARE * spread):
+            break
+        spread = smaller
+    return search, found, estimates, fine
 
 
 def _sure(

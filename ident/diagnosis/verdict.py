@@ -31,12 +31,12 @@ LOUD = 1.15
 def find_floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
     """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
     ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
-    return np.minimum(np.maximum(NOISE_MARGIN * evidence.whitening.level, ratio * last.rms), last.rms)
+    return np.minimum(np.maximum(NOISE_MARGIN * evidence.floor, ratio * last.rms), last.rms)
 
 
 def stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
     """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
-    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.whitening.level[joint] ** 2)
+    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.floor[joint] ** 2)
 
 
 def find_unexplained(
@@ -47,9 +47,9 @@ def find_unexplained(
     colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
-    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * whitening.level**2
+    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * evidence.floor**2
     left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
-    return left, np.minimum(whitening.level, usual * whitening.innovation)
+    return left, np.minimum(evidence.floor, usual * whitening.innovation)
 
 
 def decide(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"], tolerance: Tolerance) -> str:

@@ -85,6 +85,8 @@ class Motion:
         temperature: Measured joint temperature [degC], or None.
         position_command: Commanded position [rad], or None.
         continues: Whether it is the next piece of the recorded run that the motion before it is a piece of.
+        state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
+            made of the states is what the noise that is in them does.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Motion:
     temperature: Float[Array, "T n"] | None = None
     position_command: Float[Array, "T n"] | None = None
     continues: bool = False
+    state_noise: Float[Array, "T n 3"] | None = None
 
     @property
     def n(self) -> int:
@@ -160,10 +163,18 @@ class Motion:
         """Speed below which a joint can't be told from one at rest [rad/s]."""
         return np.maximum(3.0 * self.std[1], 2e-3)
 
+    @property
+    def noisier(self) -> Motion:
+        """The same run with one more draw of the encoder noise in its states; the same, where no noise was drawn."""
+        if self.state_noise is None:
+            return self
+        q, dq, ddq = np.moveaxis(self.state_noise, -1, 0)
+        return replace(self, q=self.q + q, dq=self.dq + dq, ddq=self.ddq + ddq)
+
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
-        names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command")
+        names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
         kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
         return replace(self, joints=tuple(joints), **cut)
@@ -180,16 +191,21 @@ def prepare_run(
     payload: Payload | None = None,
     cutoff: float | None = None,
     oversampling: float = OVERSAMPLING,
+    rng: np.random.Generator | None = None,
 ) -> Motion:
-    """Smooths one run and lays it on an even grid."""
+    """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken along."""
     states = smooth(run.time, run.position, levels)
     rate = 1.0 / run.sample_interval
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
     even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
-    q, dq, ddq = (states.q, states.dq, states.ddq) if even else _resample(run.time, states, grid)
     lowpass = Lowpass.design(rate, cutoff, oversampling)
-    band = find_signal_band(ddq, rate, levels)
-    q, dq, ddq = np.moveaxis(keep_band(np.stack([q, dq, ddq], axis=-1), rate, band, 2 * lowpass.cutoff), -1, 0)
+    even_states = _on_grid(run.time, states, None if even else grid)
+    band = find_signal_band(even_states[:, :, 2], rate, levels)
+    q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, 2 * lowpass.cutoff), -1, 0)
+    noise = None
+    if rng is not None:
+        drawn = smooth(run.time, np.sqrt(levels.position) * rng.standard_normal(run.position.shape), levels)
+        noise = keep_band(_on_grid(run.time, drawn, None if even else grid), rate, band, 2 * lowpass.cutoff)
 
     def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:
         if values is None or even:
@@ -211,6 +227,7 @@ def prepare_run(
         payload=payload,
         temperature=on_grid(run.temperature),
         position_command=on_grid(run.position_command),
+        state_noise=None if noise is None else freeze(noise),
     )
 
 
@@ -231,19 +248,30 @@ def prepare(session: Session, cutoff: float | None = None, oversampling: float =
     return motions
 
 
-def prepare_each(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Iterator[Motion]:
+def prepare_each(
+    session: Session,
+    cutoff: float | None = None,
+    oversampling: float = OVERSAMPLING,
+    rng: np.random.Generator | None = None,
+) -> Iterator[Motion]:
     """The same one after the other, for whoever needn't have them all at once; none where no run is long enough."""
     long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
     if not long:
         return
     levels = session_noise(session.replace(runs=long))
     for run in long:
-        yield prepare_run(run, levels, session.payload, cutoff, oversampling)
+        yield prepare_run(run, levels, session.payload, cutoff, oversampling, rng)
 
 
 def no_motion(where: str | Path) -> RecordingError:
     """The error of recordings whose runs are all too short."""
     return RecordingError(str(where), f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+
+
+def _on_grid(time: Array, states: Smoothed, grid: Array | None) -> Float[Array, "T n 3"]:
+    """Smoothed states side by side, at their own times or at those of a grid."""
+    found = (states.q, states.dq, states.ddq) if grid is None else _resample(time, states, grid)
+    return np.stack(found, axis=-1)
 
 
 def _resample(time: Array, states: Smoothed, grid: Array) -> tuple[Array, Array, Array]:

@@ -28,7 +28,7 @@ HELD_SAMPLES = 200_000
 PIECE_SAMPLES = 40_000
 # Of the choice of runs where a few are enough.
 CHOICE_SEED = 0
-CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command")
+CHANNELS = ("time", "q", "dq", "ddq", "tau", "temperature", "position_command", "state_noise")
 
 T = TypeVar("T")
 

@@ -1,15 +1,16 @@
 """Up to which frequency a run's smoothed acceleration is motion, and from which on it is encoder noise.
 
-A smoother of one bandwidth lets encoder noise through wherever a motion is slower than that bandwidth. Such noise stands
-in every column that is made of the motion: it makes coefficients too small, and other columns made of the same noise
-(a delayed torque, another joint's acceleration) take some of it away, which looks like an effect. The noise of the
-smoothed acceleration is known,
+A smoother of one bandwidth lets encoder noise through wherever a motion is slower than that bandwidth. Such noise
+stands in every column that is made of the motion: it makes coefficients too small, and other columns made of the same
+noise (a delayed torque, another joint's acceleration) take some of it away, which looks like an effect. The noise of
+the smoothed acceleration is known,
 
     N(f) = 2 r Δt (2π f)⁴ / (1 + (f / f_s)⁶)²,
 
-with r the variance of a measured position and f_s the smoother's corner. With the acceleration's spectrum P(f), keeping all up to a frequency b costs the noise below b and the motion above b,
-∫_{f<b} N + ∫_{f>b} (P − N): b is where that is least, and there the states are cut off. What is left of the noise is
-nearly uncorrelated with the states, so that regressions on them are unbiased.
+with r the variance of a measured position and f_s the smoother's corner. With P(f) the acceleration's spectrum, keeping
+all up to a frequency b costs the noise below b and the motion above b, ∫_{f<b} N + ∫_{f>b} (P − N). The states are cut
+off at the b where that is least, noise counted `CAUTION` times: within a run a motion is slower at most times than its
+mean spectrum says. What is lost is motion that the encoder hardly saw; it doesn't bend the other figures.
 
 Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4 (regression calibration); Welch 1967.
 """
@@ -19,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, welch
 
-from ident.arrays import Float
+from ident.arrays import Array, Float
 from ident.motion.smoothing import NoiseLevels
 from ident.motion.zero_phase import filter_both_ways
 
@@ -28,6 +29,8 @@ STRETCH = 2.0
 # Every motion is at least as fast as this: a joint at rest keeps its slow drift [Hz].
 SLOWEST_BAND = 1.0
 FILTER_ORDER = 4
+# Three beats one and seven on sessions of another simulator (false evidence for delays).
+CAUTION = 3.0
 # The noise of the sampled smoother follows the formula up to here, in sampling rates.
 KNOWN_UP_TO = 0.35
 
@@ -45,7 +48,7 @@ def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels)
     with np.errstate(divide="ignore", invalid="ignore"):
         corner = levels.bandwidth(1.0 / rate)
         noise = 2 * levels.position / rate * (2 * np.pi * f[:, None]) ** 4 / (1 + (f[:, None] / corner) ** 6) ** 2
-        saved = np.cumsum(np.where(f[:, None] <= KNOWN_UP_TO * rate, power - 4.0 * noise, 0.0), axis=0)
+        saved = np.cumsum(np.where(f[:, None] <= KNOWN_UP_TO * rate, power - (1.0 + CAUTION) * noise, 0.0), axis=0)
     band = np.maximum(f[np.argmax(saved, axis=0)], SLOWEST_BAND)
     return np.where((levels.jerk > 0.0) & (band < KNOWN_UP_TO * rate - f[1]), band, rate / 2)
 

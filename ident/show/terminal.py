@@ -73,7 +73,7 @@ def describe(finding: Finding) -> str:
 def gap_marks(analysis: Analysis) -> list[Mark]:
     """The half seconds in which a joint's residual stands highest above its noise, and the cells that they lie in."""
     found: list[tuple[float, int, int, slice]] = []
-    level = np.maximum(analysis.evidence.whitening.level, 1e-9)
+    level = np.maximum(analysis.evidence.floor, 1e-9)
     for k, item in enumerate(analysis.series):
         width = max(1, round(MARK_LENGTH / item.step))
         power = np.where(item.counts, (item.before / level) ** 2, 0.0)

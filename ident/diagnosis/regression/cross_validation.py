@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.regression.least_squares import Prior, positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,5 +119,5 @@ class HeldOut:
         information[:rank, :rank] += self.prior.base
         power = np.diag(information).copy()
         information[np.diag_indices(len(information))] += 1e-8 * power + 1e-9
-        estimate: Array = np.linalg.solve(information, gram[:-1, -1])
+        estimate: Array = np.linalg.solve(positive(information), gram[:-1, -1])
         return np.concatenate([-estimate, [1.0]])

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ident.arrays import Array, Float, freeze
 from ident.motion.motion import CRITICAL_OVERSAMPLING, LARGEST_CUTOFF_SHARE, Lowpass, Motion, prepare_each
 from ident.recordings.recording import Session
@@ -19,6 +21,8 @@ from ident.recordings.recording import Session
 GUARD = 2.0
 # Logs are left alone unless so many samples make way for one.
 LEAST_FACTOR = 3
+# Of the encoder noise that is drawn: the same session gives the same diagnosis.
+NOISE_SEED = 0
 
 
 def decimation_factor(rate: float, cutoff: float) -> int:
@@ -40,7 +44,7 @@ def decimate(motion: Motion, oversampling: float = CRITICAL_OVERSAMPLING) -> Mot
         return motion
     keep = Lowpass(rate, GUARD * cutoff, factor)
 
-    def slower(values: Float[Array, "T n"] | None) -> Float[Array, "t n"] | None:
+    def slower(values: Float[Array, "T ..."] | None) -> Float[Array, "t ..."] | None:
         return None if values is None else freeze(keep(values))
 
     states: dict[str, Any] = {name: freeze(keep(getattr(motion, name))) for name in ("q", "dq", "ddq", "tau")}
@@ -51,12 +55,14 @@ def decimate(motion: Motion, oversampling: float = CRITICAL_OVERSAMPLING) -> Mot
         lowpass=Lowpass.design(rate / factor, cutoff, oversampling),
         temperature=None if motion.temperature is None else freeze(motion.temperature[::factor]),
         position_command=slower(motion.position_command),
+        state_noise=slower(motion.state_noise),
     )
 
 
 def prepare_slower(session: Session, cutoff: float) -> Iterator[Motion]:
     """All runs of a session that are long enough, as motions for the diagnosis.
 
-    Each is decimated before the next is smoothed.
+    Each is decimated before the next is smoothed, and takes a draw of its encoder noise along.
     """
-    return map(decimate, prepare_each(session, cutoff, CRITICAL_OVERSAMPLING))
+    rng = np.random.default_rng(NOISE_SEED)
+    return map(decimate, prepare_each(session, cutoff, CRITICAL_OVERSAMPLING, rng))

@@ -6,18 +6,27 @@ Cross-validation, tests, grid search and nested models are then sums of small ma
 grow with the recording. Two kinds are kept: `white`, where columns and torque went through the same autoregressive
 whitening filter and count in units of the noise, for inference; and `plain`, in N m, for sizes that people ask for.
 
-Friction differs a little from run to run, whatever the model. The whitened rows of a run know that: what a change of
-its Coulomb and viscous level by `RUN_SPREAD` would do is shrunk by the square root of (I + F Λ Fᵀ)⁻¹, with F the run's
-two friction columns and Λ their prior variance. Without it, friction that seems to depend on place or temperature is
-found wherever runs cover different places at different times.
+Columns are made of smoothed positions, and what is left of the encoders' noise in them is in their sums as well: it
+makes coefficients too small and other columns of the same noise look useful. A second draw of that noise goes through
+the same smoother, columns and filters; the sums of what it adds are taken off, G_b = Σ x xᵀ − Σ e eᵀ, which leaves
+unbiased estimates of the sums of noise-free columns.
 
-Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3 (whitening by AR).
+Friction differs from run to run, whatever the model. In the whitened sums of a run, its Coulomb and viscous level are
+free within a standard deviation of their own, joint by joint: with F the run's two friction columns and Λ their
+variance, Xᵀ (I + F Λ Fᵀ)⁻¹ X = XᵀX − XᵀF (Λ⁻¹ + FᵀF)⁻¹ FᵀX. Without it, friction that seems to depend on place or
+temperature is found wherever runs cover different places at different times. Only FᵀX is kept of each run, so that Λ
+may change afterwards.
+
+Source: Frisch, Waugh and Lovell for the projections that use these sums; Hamilton 1994, section 8.3 (whitening by AR);
+Fuller 1987, section 3.1 (sums corrected for measurement error); Cook and Stefanski 1994 (remeasurement); Searle,
+Casella and McCulloch 1992 (variance components).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -36,10 +45,12 @@ MOST_BLOCKS = 128
 # Runs that have blocks of their own; of more than this, several share one.
 MOST_LONE_RUNS = 256
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
-# Relative standard deviation of a joint's friction from run to run.
-RUN_SPREAD = 0.015
+# Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
+FRICTION = slice(1, LOSS_FIGURES)
 # Ridge of the noise regression, as a share of each column's power.
 NOISE_RIDGE = 1e-4
+# However much encoder noise a residual holds, this share of its mean square is the torque's own noise.
+LEAST_OWN_NOISE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +60,65 @@ class Whitening:
     Attributes:
         coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
         innovation: Standard deviation of what can't be predicted from the past [N m].
-        level: Standard deviation of the noise itself [N m].
+        level: Standard deviation of the noise itself, encoder noise in the columns not counted [N m].
     """
 
     coefficients: Float[Array, "n p"]
     innovation: Float[Array, " n"]
     level: Float[Array, " n"]
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionSums:
+    """Whitened sums of each run's two friction columns with all columns, by the blocks that the run lies in.
+
+    Attributes:
+        run, block: Of each piece of a run.
+        sums: For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
+        level: Scaled viscous and Coulomb coefficient of each joint.
+        rank: Number of base parameters, before the joint's loss columns.
+    """
+
+    run: Int[Array, " K"]
+    block: Int[Array, " K"]
+    sums: tuple[Float[Array, "K 2 p"], ...]
+    level: Float[Array, "n 2"]
+    rank: int
+
+    @property
+    def columns(self) -> slice:
+        """The friction columns in a joint's rows."""
+        return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
+
+    def tied(self, joint: int, spread: float, blocks: int) -> Float[Array, "B p p"]:
+        """What freeing every run's friction level takes off the sums of each block."""
+        sums = self.sums[joint]
+        found = np.zeros((blocks, sums.shape[2], sums.shape[2]))
+        sizes = spread * self.level[joint]
+        if not sizes.any():
+            return found
+        for run in np.unique(self.run):
+            pieces = np.flatnonzero(self.run == run)
+            whole = sums[pieces].sum(axis=0)
+            inner = np.eye(2) + sizes[:, None] * whole[:, self.columns] * sizes
+            slope = sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole)
+            for k in pieces:
+                part = sums[k].T @ slope
+                found[self.block[k]] += 0.5 * (part + part.T)
+        return found
+
+    def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
+        """How far each run's friction is from the model's, as a share, and the variance of that by whitened noise of 1.
+
+        Args:
+            joint: The joint.
+            weights: What the model leaves of a row is their product.
+        """
+        runs, level = np.unique(self.run), self.level[joint]
+        whole = np.stack([self.sums[joint][self.run == run].sum(axis=0) for run in runs])
+        power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
+        seen = power > 1e-9
+        return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +134,9 @@ class Evidence:
         samples: Whitened samples of each joint.
         weights: Plain samples of each fold and joint, shape (F, n).
         whitening: The noise.
+        noise_power: Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
+        friction: What each run's own friction level goes with.
+        spread: Relative standard deviation from run to run of each joint's friction, counted in `white`.
     """
 
     layout: Layout
@@ -80,6 +147,38 @@ class Evidence:
     samples: Float[Array, " n"]
     weights: Float[Array, "F n"]
     whitening: Whitening
+    noise_power: Float[Array, " P"]
+    friction: FrictionSums
+    spread: Float[Array, " n"]
+
+    def with_run_spread(self, spread: Float[Array, " n"]) -> Evidence:
+        """The same sums where each joint's friction varies from run to run by another share.
+
+        Args:
+            spread: Relative standard deviation of each joint's friction level.
+        """
+        tied, blocks = self.friction.tied, len(self.fold_of_block)
+        white = tuple(
+            sums + tied(j, float(self.spread[j]), blocks) - tied(j, float(spread[j]), blocks)
+            for j, sums in enumerate(self.white)
+        )
+        return replace(self, white=white, spread=np.array(spread, dtype=float))
+
+    @cached_property
+    def friction_noise(self) -> Float[Array, " n"]:
+        """What friction that varies from run to run adds to each joint's torque, root mean square [N m]."""
+        found = np.zeros(self.layout.n)
+        columns = self.friction.columns
+        for j, sums in enumerate(self.plain):
+            level = self.friction.level[j]
+            power = level @ sums.sum(axis=0)[columns, columns] @ level / max(float(self.weights[:, j].sum()), 1.0)
+            found[j] = self.spread[j] * np.sqrt(max(float(power), 0.0))
+        return found
+
+    @property
+    def floor(self) -> Float[Array, " n"]:
+        """What no model of the state can go below: the torque's noise and friction's run-to-run variation [N m]."""
+        return np.hypot(self.whitening.level, self.friction_noise)
 
     def gram(self, blocks: Bool[Array, " B"] | None = None) -> Float[Array, "P P"]:
         """Whitened sums of all joints over some blocks, in the layout's order."""
@@ -138,19 +237,17 @@ def _deal_folds(run_of_block: Int[Array, " B"], folds: int) -> Int[Array, " B"]:
 
 
 def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: Whitening | None = None) -> Evidence:
-    """The one pass: noise from the first chunk, if it isn't known, then sums over all runs."""
+    """The one pass: noise from the first chunk, if it isn't known, then sums over all runs.
+
+    Friction is the same in all runs, until `Evidence.with_run_spread` says otherwise.
+    """
     partition = build_partition(session)
-    blocks = len(partition.folds)
-    folds = int(partition.folds.max()) + 1
     scale: Array | None = None
-    whitening: Whitening | None = None
-    white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
-    plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
-    samples, weights = np.zeros(layout.n), np.zeros((folds, layout.n))
+    sums: _Sums | None = None
     held: list[Rows] = []
     seen = 0
     for rows in compute_rows(session, baseline, layout, partition):
-        if whitening is None:
+        if sums is None:
             held.append(rows)
             seen += len(rows.counts)
             if seen < NOISE_SAMPLES and rows.run < len(session.runs) - 1:
@@ -158,48 +255,89 @@ def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: W
             scale = _column_scale(layout, held)
             for kept in held:
                 _rescale(layout, kept, scale)
-            whitening = known or estimate_noise(layout, held)
+            sums = _Sums(layout, partition, known or estimate_noise(layout, held))
             batch, held = held, []
         else:
             assert scale is not None
             _rescale(layout, rows, scale)
             batch = [rows]
-        spread = _run_spread(layout, baseline, scale)
         for part in batch:
-            _add(part, whitening, partition, spread, white, plain, samples, weights)
-    assert whitening is not None
+            sums.add(part)
+    assert sums is not None
     assert scale is not None
-    return Evidence(layout, scale, tuple(white), tuple(plain), partition.folds, samples, weights, whitening)
+    level = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
+    first = layout.rank + LOSS_FIGURES * np.arange(layout.n)
+    return sums.evidence(scale, level * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
 
 
-def _add(
-    rows: Rows,
-    whitening: Whitening,
-    partition: Partition,
-    spread: Float[Array, "n 2"],
-    white: Sequence[Array],
-    plain: Sequence[Array],
-    samples: Array,
-    weights: Array,
-) -> None:
-    order = whitening.coefficients.shape[1] - 1
-    friction = slice(rows.rank + 1, rows.rank + LOSS_FIGURES)
-    for j, table in enumerate(rows.tables):
+class _Sums:
+    """Sums as they grow, run by run."""
+
+    def __init__(self, layout: Layout, partition: Partition, whitening: Whitening) -> None:
+        blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
+        self.layout, self.partition, self.whitening = layout, partition, whitening
+        self.white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
+        self.plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
+        self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
+        self.noise_power = np.zeros(layout.size + 1)
+        self.pieces: list[tuple[int, int]] = []
+        self.friction: list[list[Array]] = [[] for _ in range(layout.n)]
+
+    def add(self, rows: Rows) -> None:
+        """Adds a run: what was seen, less what of it is encoder noise."""
+        self.pieces += [(rows.run, int(block)) for block in np.unique(rows.blocks)]
+        for j in range(self.layout.n):
+            self._add_tables(rows, j, rows.tables[j], 1.0)
+            if rows.noise is not None:
+                self._add_tables(rows, j, rows.noise[j], -1.0)
+
+    def _add_tables(self, rows: Rows, j: int, table: Float[Array, "t p"], sign: float) -> None:
         counts = rows.counts[:, j]
-        filtered = _whiten(table, whitening.coefficients[j] / whitening.innovation[j])
+        coefficients = self.whitening.coefficients[j] / self.whitening.innovation[j]
+        filtered = _whiten(table, coefficients)
         # A whitened row mixes itself with its past: it counts where all of these count.
+        order = len(coefficients) - 1
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
-        filtered[~whole] = 0.0
-        filtered -= _of_the_run(filtered[:, friction] * spread[j], filtered)
-        for block in np.unique(rows.blocks):
+        columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
+        for k, block in enumerate(np.unique(rows.blocks)):
             inside = rows.blocks == block
             x = filtered[inside & whole]
-            white[j][block] += x.T @ x
-            samples[j] += len(x)
+            product = x.T @ x
+            self.white[j][block] += sign * product
+            if sign > 0:
+                self.samples[j] += len(x)
+                self.friction[j].append(product[columns])
+            else:
+                self.friction[j][len(self.friction[j]) - len(np.unique(rows.blocks)) + k] -= product[columns]
+                self.noise_power[self.layout.local[j]] += np.diag(product)
             x = table[inside & counts]
-            plain[j][partition.folds[block]] += x.T @ x
-            weights[partition.folds[block], j] += len(x)
+            fold = self.partition.folds[block]
+            self.plain[j][fold] += sign * (x.T @ x)
+            self.weights[fold, j] += len(x) if sign > 0 else 0
+
+    def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
+        """All that was summed.
+
+        Args:
+            scale: What each column was divided by.
+            level: Scaled viscous and Coulomb coefficient of each joint.
+        """
+        run, block = np.array(self.pieces).T
+        friction = FrictionSums(run, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank)
+        return Evidence(
+            layout=self.layout,
+            scale=scale,
+            white=tuple(self.white),
+            plain=tuple(self.plain),
+            fold_of_block=self.partition.folds,
+            samples=self.samples,
+            weights=self.weights,
+            whitening=self.whitening,
+            noise_power=self.noise_power,
+            friction=friction,
+            spread=np.zeros(self.layout.n),
+        )
 
 
 def _whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
@@ -208,24 +346,6 @@ def _whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Flo
     for lag, coefficient in enumerate(coefficients[1:], start=1):
         left[lag:] += coefficient * table[:-lag]
     return left
-
-
-def _run_spread(layout: Layout, baseline: Baseline, scale: Float[Array, " P"]) -> Float[Array, "n 2"]:
-    """Standard deviation from run to run of each joint's scaled viscous and Coulomb coefficient."""
-    level = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
-    first = layout.rank + LOSS_FIGURES * np.arange(layout.n)
-    return np.asarray(RUN_SPREAD * level * scale[first[:, None] + [1, 2]])
-
-
-def _of_the_run(friction: Float[Array, "t 2"], table: Float[Array, "t p"]) -> Float[Array, "t p"]:
-    """What shrinking the run's own friction takes away: (I − (I + F Fᵀ)^−½) X, with F in prior standard deviations."""
-    values, vectors = np.linalg.eigh(friction.T @ friction)
-    kept = values > 1e-12 * max(values[-1], 1e-300)
-    if values[-1] <= 0.0:
-        return np.zeros_like(table)
-    basis = friction @ vectors[:, kept] / np.sqrt(values[kept])
-    share = 1.0 - 1.0 / np.sqrt(1.0 + values[kept])
-    return np.asarray((basis * share) @ (basis.T @ table))
 
 
 def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
@@ -242,8 +362,9 @@ def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
 
 
 def _rescale(layout: Layout, rows: Rows, scale: Array) -> None:
-    for table, local in zip(rows.tables, layout.local, strict=True):
-        table /= scale[local]
+    for tables in (rows.tables, rows.noise or ()):
+        for j, table in enumerate(tables):
+            table /= scale[layout.local[j]]
 
 
 def estimate_noise(layout: Layout, held: Sequence[Rows]) -> Whitening:
@@ -262,20 +383,34 @@ def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
     if len(x) < 20 * AR_ORDER:
         return fallback, 1.0, 1.0
     gram = x.T @ x
-    ridge = NOISE_RIDGE * np.diag(np.diag(gram)[:-1]) + 1e-9 * np.eye(len(gram) - 1)
-    estimate = np.linalg.solve(gram[:-1, :-1] + ridge, gram[:-1, -1])
-    # Every coefficient takes a share of the noise with it.
-    freedom = float(np.trace(np.linalg.solve(gram[:-1, :-1] + ridge, gram[:-1, :-1])))
-    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
-    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
     for rows in held:
-        table, mask = rows.tables[j], rows.counts[:, j].astype(float)
-        left = (table[:, -1] - table[:, :-1] @ estimate) * mask
-        for lag in range(AR_ORDER + 1):
-            products[lag] += left[lag:] @ left[: len(left) - lag]
-            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
-    covariance = inflate * products / np.maximum(counts, 1.0)
+        if rows.noise is not None:
+            drawn = rows.noise[j][rows.counts[:, j]]
+            gram -= drawn.T @ drawn
+    ridge = NOISE_RIDGE * np.diag((x[:, :-1] ** 2).sum(axis=0)) + 1e-9 * np.eye(len(gram) - 1)
+    inverse = np.linalg.pinv(gram[:-1, :-1] + ridge, hermitian=True)
+    estimate = inverse @ gram[:-1, -1]
+    # Every coefficient takes a share of the noise with it.
+    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
+    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
+    weights = np.concatenate([-estimate, [1.0]])
+    covariance = inflate * _autocovariance([(rows.tables[j] @ weights, rows.counts[:, j]) for rows in held])
+    encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
+    own = covariance[0] - (_autocovariance(encoder)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
     a = solve_toeplitz(covariance[:-1], covariance[1:])
     innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
-    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(covariance[0]))
+    level = max(own, LEAST_OWN_NOISE * covariance[0])
+    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]]) -> Float[Array, " k"]:
+    """Autocovariance up to `AR_ORDER` lags of series, where they count."""
+    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
+    for values, where in series:
+        mask = where.astype(float)
+        left = values * mask
+        for lag in range(AR_ORDER + 1):
+            products[lag] += left[lag:] @ left[: len(left) - lag]
+            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
+    return np.asarray(products / np.maximum(counts, 1.0))

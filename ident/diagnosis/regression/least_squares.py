@@ -19,6 +19,10 @@ from ident.diagnosis.regression.gram import Evidence
 
 # A column of which less than this share of power is left by the model is not visible in it.
 LEAST_VISIBLE = 1e-4
+# A column of which less than this multiple of its encoder noise is left is not visible through it.
+LEAST_OVER_NOISE = 0.3
+# Of a normalised matrix that sums of little motion made indefinite.
+LEAST_EIGENVALUE = 1e-6
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
 
@@ -51,6 +55,7 @@ class Projection:
         rest: Schur complement over all columns and the torque (the last row and column).
         total: The whole Gram matrix.
         slopes: Coefficients of every column on the model's, shape (z, P + 1).
+        noise: Power of every column that was encoder noise; it is not in `total` any more.
     """
 
     inside: Int[Array, " z"]
@@ -59,6 +64,7 @@ class Projection:
     rest: Float[Array, "P P"]
     total: Float[Array, "P P"]
     slopes: Float[Array, "z P"]
+    noise: Float[Array, " P"]
 
     @property
     def misfit(self) -> float:
@@ -83,10 +89,11 @@ class Projection:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
         power = np.diag(self.total)[columns]
         seen = (self.visibility(columns) > LEAST_VISIBLE) & (power > 0)
+        seen &= np.diag(self.rest)[columns] > LEAST_OVER_NOISE * self.noise[columns]
         beta = np.zeros(len(columns))
         if seen.any():
             at = columns[seen]
-            matrix = self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen])
+            matrix = positive(self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen]))
             beta[seen] = solve_signed(matrix, self.rest[at, -1], signed[seen])
         return beta
 
@@ -94,6 +101,21 @@ class Projection:
         beta = self.solve(columns, np.isin(np.arange(len(columns)), nonnegative))
         fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
         return float(max(fall, 0.0)), beta
+
+
+def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
+    """A symmetric matrix that is positive definite: itself, or the nearest of its eigenvectors.
+
+    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows they may come
+    out below zero.
+    """
+    root = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
+        return np.asarray((vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T * np.outer(root, root))
+    return matrix
 
 
 def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
@@ -125,7 +147,7 @@ def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups:
     information[: layout.rank, : layout.rank] += prior.base
     power = np.diag(information)
     information[np.diag_indices(len(inside))] += RIDGE * power + 1e-9
-    factor = cho_factor(information)
+    factor = cho_factor(positive(information))
     slopes = cho_solve(factor, gram[inside])
     rest = gram - gram[:, inside] @ slopes
     return Projection(
@@ -135,4 +157,5 @@ def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups:
         rest=rest,
         total=gram,
         slopes=slopes,
+        noise=evidence.noise_power,
     )

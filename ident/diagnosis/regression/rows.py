@@ -14,6 +14,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
 
 # Samples (after decimation) that are in memory at once, unless a run has more.
@@ -26,7 +27,8 @@ BATCH_COLUMNS = 64
 class Rows:
     """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
 
-    The first `rank` columns are the base parameters', then come the joint's loss figures.
+    The first `rank` columns are the base parameters', then come the joint's loss figures. `noise` is what one more
+    draw of the encoder noise adds to each table, or None where none was drawn.
     """
 
     run: int
@@ -34,6 +36,7 @@ class Rows:
     tables: tuple[Float[Array, "t p"], ...]
     counts: Bool[Array, "t n"]
     blocks: Int[Array, " t"]
+    noise: tuple[Float[Array, "t p"], ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +54,31 @@ class Partition:
 
 def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
     """Every run's tables, a chunk of runs in memory at a time."""
-    for i, run, tables in compute_tables(session, baseline, layout, layout.groups, range(len(session.runs))):
-        blocks = partition.blocks_of(i, len(tables[0]))
-        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks)
+    everything = range(len(session.runs))
+    seen = compute_tables(session, baseline, layout, layout.groups, everything)
+    again = compute_tables(session, baseline, layout, layout.groups, everything, noisier=True)
+    drawn = session.runs[0].motion.state_noise is not None
+    for i, run, tables in seen:
+        noise = tuple(more - table for more, table in zip(next(again)[2], tables, strict=True)) if drawn else None
+        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, partition.blocks_of(i, len(tables[0])), noise)
 
 
 def compute_tables(
-    session: SessionContext, baseline: Baseline, layout: Layout, groups: Sequence[Group], runs: Sequence[int]
+    session: SessionContext,
+    baseline: Baseline,
+    layout: Layout,
+    groups: Sequence[Group],
+    runs: Sequence[int],
+    noisier: bool = False,
 ) -> Iterator[tuple[int, RunContext, list[Float[Array, "t p"]]]]:
-    """Number, context and tables of some runs; columns of candidates that are not among the groups stay zero."""
+    """Number, context and tables of some runs; columns of candidates that are not among the groups stay zero.
+
+    With `noisier`, all is made of states with one more draw of the encoder noise in them.
+    """
     for chunk in _chunks(session, runs):
         # Copies, so that what the effects cache with a run goes when its chunk goes.
-        part = replace(session, runs=tuple(replace(session.runs[i]) for i in chunk), every=1)
+        fresh = (replace(session.runs[i]) for i in chunk)
+        part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh), every=1)
         tables = [baseline_tables(baseline, layout, run) for run in part.runs]
         batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
         for group in groups:

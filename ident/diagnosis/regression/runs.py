@@ -52,6 +52,13 @@ def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, sli
     )
 
 
+def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
+    """The same run as seen with one more draw of the encoder noise in its states."""
+    motion = run.motion.noisier
+    rigid = run.arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    return _run_of(baseline, motion, run.arm, rigid, baseline.sliding.direction(motion))
+
+
 class _SpooledRuns(OnDemand[RunContext]):
     """Runs of spooled motions; what costs most of the modelled torques is spooled beside them."""
 

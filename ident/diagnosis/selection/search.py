@@ -314,7 +314,7 @@ class Search:
         scores: tuple[HeldOutScore, HeldOutScore, HeldOutScore],
     ) -> Gates:
         """Figures of a candidate from held-out scores of the baseline alone, without and with it."""
-        floor = self.evidence.whitening.level
+        floor = self.evidence.floor
         joints = group.acts_on(self.evidence.layout.n)
         start, old, new = (one.rms[joints] for one in scores)
         fall = 1.0 - new / np.maximum(old, 1e-12)

@@ -1,0 +1,58 @@
+"""How much each joint's friction varies from run to run: a variance component, told apart from noise.
+
+A run's friction level s_r, as a share of the model's, is estimated from what the model leaves of the run, with variance
+v_r known from the run's length and motion. Of R runs, Σ (s_r − s̄)² / v_r beyond R − 1 is due to friction itself:
+
+    τ² = max(0, Σ w (s − s̄)² − (R − 1)) / (Σ w − Σ w² / Σ w),  w = 1 / v.
+
+Few runs say little of it: what is usual counts as `PRIOR_RUNS` more.
+
+Source: DerSimonian and Laird 1986 (moment estimator of a variance component).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Projection
+
+# Friction of a warm arm varies by about one per cent from run to run (measured on a UR10e); few runs are taken for so.
+USUAL_SPREAD, PRIOR_RUNS = 0.01, 2.0
+# Before anything is known, friction may vary by so much: an effect must first show beside that.
+WIDE_SPREAD = 0.05
+
+
+def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array, " P"]:
+    """What a model leaves of a row is the row's product with these."""
+    weights = np.zeros(evidence.layout.size + 1)
+    weights[projection.inside] = -projection.estimate
+    weights[-1] = 1.0
+    return weights
+
+
+def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Array, " n"]:
+    """Relative standard deviation of each joint's friction from run to run.
+
+    Args:
+        evidence: Sums of the session.
+        projection: The model that leaves the residual; solved with about this spread or a larger one.
+    """
+    weights = residual_weights(evidence, projection)
+    return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
+
+
+def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
+    own = weights[evidence.layout.local[joint]]
+    level, variance = evidence.friction.relative_levels(joint, own)
+    runs, usual = len(level), USUAL_SPREAD**2
+    if runs < 2:
+        return USUAL_SPREAD
+    # Whitened noise has a variance of one where the model fits; where more is left, friction is told less surely.
+    misfit = own @ evidence.white[joint].sum(axis=0) @ own / max(float(evidence.samples[joint]), 1.0)
+    share = 1.0 / (variance * max(float(misfit), 1.0))
+    mean = float(share @ level / share.sum())
+    excess = float(share @ (level - mean) ** 2) - (runs - 1)
+    found = max(0.0, excess) / max(float(share.sum() - share @ share / share.sum()), 1e-300)
+    return float(np.sqrt((runs * found + PRIOR_RUNS * usual) / (runs + PRIOR_RUNS)))
