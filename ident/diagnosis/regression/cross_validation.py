@@ -11,7 +11,8 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, positive
+from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.regression.positive import positive
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,12 @@ from scipy.optimize import nnls
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.positive import positive
 
 # A column of which less than this share of power is left by the model is not visible in it.
 LEAST_VISIBLE = 1e-4
 # A column of which less than this multiple of its encoder noise is left is not visible through it.
 LEAST_OVER_NOISE = 0.3
-# Of a normalised matrix that sums of little motion made indefinite.
-LEAST_EIGENVALUE = 1e-6
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
 
@@ -101,21 +100,6 @@ class Projection:
         beta = self.solve(columns, np.isin(np.arange(len(columns)), nonnegative))
         fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
         return float(max(fall, 0.0)), beta
-
-
-def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """A symmetric matrix that is positive definite: itself, or the nearest of its eigenvectors.
-
-    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows they may come
-    out below zero.
-    """
-    root = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
-        return np.asarray((vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T * np.outer(root, root))
-    return matrix
 
 
 def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
