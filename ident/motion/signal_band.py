@@ -28,7 +28,7 @@ from ident.motion.zero_phase import filter_both_ways
 STRETCH = 2.0
 # Every motion is at least as fast as this: a joint at rest keeps its slow drift [Hz].
 SLOWEST_BAND = 1.0
-FILTER_ORDER = 4
+FILTER_ORDER = 10
 # Three beats one and seven on sessions of another simulator (false evidence for delays).
 CAUTION = 3.0
 # The noise of the sampled smoother follows the formula up to here, in sampling rates.

@@ -47,7 +47,7 @@ BURST_NATS = 20.0
 ESSENTIAL_NATS = 10.0
 # Too small or too unlike the truth for a name, and yet beyond chance: family-wise p-value, evidence [nats]. Hours of
 # recordings make anything significant: what lowers the error by less than the last figure is not told at all.
-UNLIKELY, UNLIKELY_NATS, LEAST_TOLD_FALL = 0.01, 5.0, 0.003
+UNLIKELY, UNLIKELY_NATS, LEAST_TOLD_FALL = 0.01, 5.0, 0.015
 # Candidates that are tried on held-out runs at each step: names beyond these have no chance.
 SHORTLIST = 8
 
