@@ -26,9 +26,13 @@ from ident.motion.zero_phase import filter_both_ways
 
 # Length of the stretches whose spectra are averaged [s].
 STRETCH = 2.0
-# Every motion is at least as fast as this: a joint at rest keeps its slow drift [Hz].
-SLOWEST_BAND = 1.0
-FILTER_ORDER = 10
+# Nothing is cut off below this [Hz]: noise of the acceleration falls with the fifth power of the band, while a slow cut
+# would blur the ends of a run.
+SLOWEST_BAND = 4.0
+# Order of the cutting filter: steep, for what is half kept near the cut looks like elasticity; and how far a run is
+# extended beyond its ends, in periods of the cut.
+FILTER_ORDER, PADDING_PERIODS = 10, 3.0
+FADING_PERIODS = 2.0
 # Three beats one and seven on sessions of another simulator (false evidence for delays).
 CAUTION = 3.0
 # The noise of the sampled smoother follows the formula up to here, in sampling rates.
@@ -54,9 +58,11 @@ def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels)
 
 
 def keep_band(
-    states: Float[Array, "T n k"], rate: float, band: Float[Array, " n"], highest: float
-) -> Float[Array, "T n k"]:
-    """States of each joint up to its band; left as they are where that reaches what is looked at at all.
+    states: Float[Array, "T n 3"], rate: float, band: Float[Array, " n"], highest: float
+) -> Float[Array, "T n 3"]:
+    """Speed and acceleration of each joint up to its band; as they are where that reaches all that is looked at.
+
+    Noise of the position itself is small in any torque, and stays.
 
     Args:
         states: q, dq, ddq, evenly sampled.
@@ -66,6 +72,20 @@ def keep_band(
     """
     kept = states.copy()
     for j in np.flatnonzero(band < min(highest, 0.45 * rate)):
-        padding = min(len(states) - 1, int(3 * rate / band[j]))
-        kept[:, j] = filter_both_ways(butter(FILTER_ORDER, band[j], fs=rate, output="sos"), states[:, j], padding)
+        reach = min(len(states) - 1, round(PADDING_PERIODS * rate / float(band[j])))
+        sections = butter(FILTER_ORDER, float(band[j]), fs=rate, output="sos")
+        column = states[:, j]
+        time = np.arange(1, reach + 1) / rate
+        longer = np.concatenate([_coasted(column[0], -time[::-1]), column, _coasted(column[-1], time)])
+        cut = filter_both_ways(sections, longer, reach)[reach : reach + len(column)]
+        # The smoother knows the ends of a run better than a filter does: there its states fade in.
+        end = np.minimum(np.arange(len(column)), np.arange(len(column))[::-1]) * float(band[j]) / rate
+        trust = np.sin(0.5 * np.pi * np.clip(end / FADING_PERIODS, 0.0, 1.0))[:, None] ** 2
+        kept[:, j, 1:] = (trust * cut + (1.0 - trust) * column)[:, 1:]
     return kept
+
+
+def _coasted(state: Float[Array, " 3"], time: Float[Array, " t"]) -> Float[Array, "t 3"]:
+    """States before or after one, at constant acceleration: a low-pass leaves these as they are."""
+    q, dq, ddq = state
+    return np.stack([q + dq * time + 0.5 * ddq * time**2, dq + ddq * time, np.full_like(time, ddq)], axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.regression.least_squares import NOISE_RIDGE, Prior
 from ident.diagnosis.regression.positive import positive
 
 
@@ -55,9 +55,10 @@ class FoldWeights:
 
 def _spots(local: Int[Array, " p"], used: Int[Array, " z"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
     """Where the used columns stand in a joint's rows, and where those stand among the used."""
-    order = np.argsort(used)
-    places = np.flatnonzero(np.isin(local, used))
-    return places, order[np.searchsorted(used, local[places], sorter=order)]
+    order = np.argsort(local)
+    near = order[np.minimum(np.searchsorted(local, used, sorter=order), len(local) - 1)]
+    there = np.flatnonzero(local[near] == used)
+    return near[there], there
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +94,11 @@ class HeldOut:
             gram = whole.copy()
             for sums, (places, into) in zip(self._folds, spots, strict=True):
                 gram[np.ix_(into, into)] -= sums[fold][np.ix_(places, places)]
-            solved.append(self._solve(gram))
+            solved.append(self._solve(gram, used))
         values = np.array(solved)
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
         if once.any():  # what happened once can't be learnt from other runs
-            values[:, once] = self._solve(whole)[once]
+            values[:, once] = self._solve(whole, used)[once]
         return FoldWeights(used, values)
 
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
@@ -113,12 +114,13 @@ class HeldOut:
                 squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
-    def _solve(self, gram: Float[Array, "z z"]) -> Float[Array, " z"]:
+    def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
         rank = self.evidence.layout.rank
         information[:rank, :rank] += self.prior.base
         power = np.diag(information).copy()
-        information[np.diag_indices(len(information))] += 1e-8 * power + 1e-9
+        noise = NOISE_RIDGE * self.evidence.noise_power[used[:-1]]
+        information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9
         estimate: Array = np.linalg.solve(positive(information), gram[:-1, -1])
         return np.concatenate([-estimate, [1.0]])

@@ -24,6 +24,8 @@ LEAST_VISIBLE = 1e-4
 LEAST_OVER_NOISE = 0.3
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
+# The same as a share of the encoder noise that was taken off a column: what is left of it is an estimate.
+NOISE_RIDGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,7 @@ def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups:
     information = gram[np.ix_(inside, inside)].copy()
     information[: layout.rank, : layout.rank] += prior.base
     power = np.diag(information)
-    information[np.diag_indices(len(inside))] += RIDGE * power + 1e-9
+    information[np.diag_indices(len(inside))] += RIDGE * power + NOISE_RIDGE * evidence.noise_power[inside] + 1e-9
     factor = cho_factor(positive(information))
     slopes = cho_solve(factor, gram[inside])
     rest = gram - gram[:, inside] @ slopes

@@ -7,19 +7,21 @@ import numpy as np
 from ident.arrays import Array, Float
 
 # Least eigenvalue of the normalised matrix.
-LEAST_EIGENVALUE = 1e-6
+LEAST_EIGENVALUE = 1e-9
 
 
 def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
-    """A symmetric matrix that is positive definite: itself, or the nearest of its eigenvectors.
+    """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at rest.
 
     Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows they may come
-    out below zero.
+    out below zero. Such a direction is given the curvature of a well-seen one, so that solutions stay small along it.
     """
     root = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(matrix / np.outer(root, root))
-        return np.asarray((vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T * np.outer(root, root))
+        return np.asarray(
+            (vectors * np.where(values > LEAST_EIGENVALUE, values, 1.0)) @ vectors.T * np.outer(root, root)
+        )
     return matrix

@@ -8,11 +8,10 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression import gram as evidence_module
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Layout
-from ident.diagnosis.regression.gram import build_partition, estimate_noise, gather
+from ident.diagnosis.regression.gram import Evidence, build_partition, estimate_noise, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.motion.motion import Lowpass, Motion
@@ -30,8 +29,11 @@ def whitened(healthy: Analysis, all_rows: list[Rows]) -> tuple[Array, Array, Arr
 
     Rows of a run are whitened for its own friction by the inverse square root of their covariance I + F Fᵀ.
     """
-    evidence = healthy.evidence
-    spread = evidence_module._run_spread(evidence.layout, healthy.baseline, evidence.scale)
+    return tall_rows(healthy.evidence, all_rows)
+
+
+def tall_rows(evidence: Evidence, all_rows: list[Rows]) -> tuple[Array, Array, Array]:
+    spread = evidence.spread[:, None] * evidence.friction.level
     order = evidence.whitening.coefficients.shape[1] - 1
     tall, blocks, joints = [], [], []
     for rows in all_rows:
@@ -76,10 +78,13 @@ def test_gram_is_the_product_of_the_rows(healthy: Analysis, whitened: tuple[Arra
     assert np.array_equal(healthy.evidence.samples, np.bincount(joints))
 
 
-def test_blocks_add_up_to_the_whole(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
-    """Law: sums over a set of blocks and over the others add up, and each set's are those of its own rows."""
-    tall, blocks, _ = whitened
-    evidence = healthy.evidence
+def test_blocks_add_up_to_the_whole(healthy: Analysis, all_rows: list[Rows]) -> None:
+    """Law: sums over a set of blocks and over the others add up; where no run ties its blocks together, each set's are
+
+    those of its own rows.
+    """
+    evidence = healthy.evidence.with_run_spread(np.zeros(3))
+    tall, blocks, _ = tall_rows(evidence, all_rows)
     chosen = np.arange(len(evidence.fold_of_block)) % 3 == 0
     part, rest, whole = evidence.gram(chosen), evidence.gram(~chosen), evidence.gram()
     assert np.allclose(part + rest, whole, rtol=0, atol=1e-9 * np.abs(whole).max())
@@ -151,7 +156,7 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
         assert np.array_equal(one.blocks, other.blocks)
         for a, b in zip(one.tables, other.tables, strict=True):
             assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
-    chunked = gather(healthy.session, healthy.baseline, layout)
+    chunked = gather(healthy.session, healthy.baseline, layout).with_run_spread(healthy.evidence.spread)
     assert np.array_equal(chunked.weights, healthy.evidence.weights)
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
         ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]

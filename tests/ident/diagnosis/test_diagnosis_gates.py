@@ -50,11 +50,11 @@ def test_every_gate_can_close(gates: Gates, passed: bool) -> None:
 @pytest.mark.parametrize(
     ("gates", "told"),
     [
-        (replace(CLEAR, rms_fall=0.01), True),
-        (replace(CLEAR, rms_fall=0.002), False),
-        (replace(CLEAR, rms_fall=0.01, p_value=0.02), False),
-        (replace(CLEAR, rms_fall=0.01, evidence=4.0), False),
-        (replace(CLEAR, rms_fall=0.01, log_score=(-1.0, 5.0)), False),
+        (replace(CLEAR, rms_fall=0.016), True),
+        (replace(CLEAR, rms_fall=0.014), False),
+        (replace(CLEAR, rms_fall=0.016, p_value=0.02), False),
+        (replace(CLEAR, rms_fall=0.016, evidence=4.0), False),
+        (replace(CLEAR, rms_fall=0.016, log_score=(-1.0, 5.0)), False),
         (replace(EVENT, gap_fall=0.4, evidence=10.0), False),
     ],
 )
