@@ -130,6 +130,28 @@ class Splines:
         """Top speed of every joint, exact [rad/s]."""
         return self._bounds[0].max(axis=1)
 
+    @cached_property
+    def _accelerations(self) -> Float[Array, "B S 2 n"]:
+        """Acceleration at both ends of every section; linear in between [rad/s²]."""
+        sections = self.durations.shape[1]
+        return self.states(np.array([0.0, 1.0]))[2].reshape(len(self.points), sections, 2, -1)
+
+    @property
+    def top_acceleration(self) -> Float[Array, "B n"]:
+        """Largest acceleration of every joint, exact [rad/s²]."""
+        return np.abs(self._accelerations).max(axis=(1, 2))
+
+    @property
+    def top_jerk(self) -> Float[Array, "B n"]:
+        """Largest jerk of every joint between start and goal, exact [rad/s³]."""
+        steps = np.abs(np.diff(self._accelerations, axis=2))[:, :, 0]
+        return (steps / self.durations[:, :, None]).max(axis=1)
+
+    @property
+    def end_acceleration(self) -> Float[Array, "B n"]:
+        """Larger acceleration of every joint at start and goal, which a motion from rest to rest jumps to [rad/s²]."""
+        return np.abs(self._accelerations[:, [0, -1], [0, 1]]).max(axis=1)
+
     @property
     def lowest(self) -> Float[Array, "B n"]:
         """Lowest position of every joint, exact [rad]."""

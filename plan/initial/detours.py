@@ -8,7 +8,7 @@ the line are the places through which the tip may go. Trees lead from the start 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -124,24 +124,36 @@ def find_seeds(
         problem: Task; its scene's obstacles shape the midplane.
         rng: Source of randomness.
         options: How the trees grow; the margin is the problem's unless given.
-        seconds: Time after which no further way is looked for [s].
+        seconds: Processor time after which no further way is looked for [s].
     """
-    started = time.perf_counter()
-    options = options or TreeOptions(margin=problem.margin)
+    started = time.process_time()
+    late = False
+    seeds: list[Seed] = []
+    ways = iterate_seeds(problem, rng, options)
+    for label, target in midplane_of(problem)[0]:
+        late = late or time.process_time() - started > seconds
+        seeds.append(Seed(label, target, reason="no time was left to look for it") if late else next(ways))
+    return seeds
+
+
+def midplane_of(problem: PlanningProblem) -> list[list[tuple[str, Float[Array, " 3"]]]]:
+    """The nine points of a task, at one, two and three girths from the obstacles' hull."""
     tip, width = _Tip(problem.scene.arm), girth(problem.scene)
     ends = tip.place(problem.start), tip.place(problem.goal)
-    rings = [midplane_targets(*ends, problem.scene.obstacles, share * width) for share in INFLATIONS]
-    seeds = []
-    for rays in zip(*rings, strict=True):
+    return [midplane_targets(*ends, problem.scene.obstacles, share * width) for share in INFLATIONS]
+
+
+def iterate_seeds(
+    problem: PlanningProblem, rng: np.random.Generator, options: TreeOptions | None = None
+) -> Iterator[Seed]:
+    """The nine ways one by one, each looked for when it is asked for."""
+    options, tip = options or TreeOptions(margin=problem.margin), _Tip(problem.scene.arm)
+    for rays in zip(*midplane_of(problem), strict=True):
         for label, target in rays:
-            if time.perf_counter() - started > seconds:
-                seed = Seed(label, target, reason="no time was left to look for it")
-                break
             seed = _find_seed(problem, tip, label, target, rng, options)
             if not seed.reason or label == "midpoint":
                 break
-        seeds.append(seed)
-    return seeds
+        yield seed
 
 
 def girth(scene: Scene) -> float:
@@ -175,7 +187,7 @@ def _connect(problem: PlanningProblem, a: Array, b: Array, options: TreeOptions,
     for reach, nodes in RANGES:
         low = np.maximum(problem.limits.lower, np.minimum(a, b) - reach)
         high = np.minimum(problem.limits.upper, np.maximum(a, b) + reach)
-        path = connect(problem.scene, a, b, low, high, replace(options, nodes=nodes), rng)
+        path = connect(problem.scene, a, b, low, high, replace(options, nodes=min(nodes, options.nodes)), rng)
         if path.found:
             break
     return path

@@ -12,11 +12,13 @@ from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.planners.toppra import Toppra
 
 __all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "default_budget", "make_planner"]
 
 METHODS: dict[str, Callable[[], Planner]] = {
+    "sqp": Sequential,
     "reference": Reference,
     "cma": Evolution,
     "ppo": Ppo,

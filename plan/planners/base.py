@@ -30,7 +30,7 @@ class Budget:
 
     Attributes:
         evaluations: Trajectories evaluated.
-        seconds: Wall-clock time [s].
+        seconds: Processor time of this process, which a busy machine does not stretch [s].
     """
 
     evaluations: int = 20_000
@@ -78,7 +78,7 @@ class BudgetSpentError(Exception):
 
 @dataclass
 class Ledger:
-    """Counts evaluations and seconds, keeps the best candidate and the history, and writes the journal.
+    """Counts evaluations and time, keeps the best candidate and the history, and writes the journal.
 
     The journal is what makes every planner resumable alike: it holds the outcomes of all evaluations in order. A
     planner asks for the same candidates again when it starts with the same seed, so a resumed search is fed from the
@@ -105,6 +105,7 @@ class Ledger:
     _started: float = field(default_factory=time.perf_counter)
     _cpu_started: float = field(default_factory=time.process_time)
     _seconds_before: float = 0.0
+    _cpu_before: float = 0.0
     _saved: float = 0.0
 
     def __post_init__(self) -> None:
@@ -113,6 +114,7 @@ class Ledger:
                 if str(stored["fingerprint"]) == self._digest:
                     self._replay = stored["rows"]
                     self._seconds_before = float(stored["seconds"])
+                    self._cpu_before = float(stored["cpu_seconds"]) if "cpu_seconds" in stored else 0.0
 
     @property
     def seconds(self) -> float:
@@ -121,13 +123,13 @@ class Ledger:
 
     @property
     def cpu_seconds(self) -> float:
-        """Processor time of this process since the search began: what a busy machine does not stretch [s]."""
-        return time.process_time() - self._cpu_started
+        """Processor time of this process since the search began, that of the interrupted search included [s]."""
+        return self._cpu_before + time.process_time() - self._cpu_started
 
     @property
     def remaining(self) -> int:
-        """Evaluations left; zero once the time is spent."""
-        return 0 if self.seconds >= self.budget.seconds else max(self.budget.evaluations - self.evaluations, 0)
+        """Evaluations left; zero once the processor time is spent."""
+        return 0 if self.cpu_seconds >= self.budget.seconds else max(self.budget.evaluations - self.evaluations, 0)
 
     def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Evaluation:
         """Evaluates a batch against the budget.
@@ -154,7 +156,8 @@ class Ledger:
             return
         with atomic_write(self.journal) as part, Path(part).open("wb") as stream:
             rows = np.concatenate(self._told)
-            np.savez(stream, rows=rows, seconds=self.seconds, fingerprint=np.array(self._digest))
+            digest = np.array(self._digest)
+            np.savez(stream, rows=rows, fingerprint=digest, seconds=self.seconds, cpu_seconds=self.cpu_seconds)
         self._saved = time.perf_counter()
 
     def count(self, evaluations: int) -> None:
@@ -207,11 +210,13 @@ def _from_rows(rows: Array) -> Evaluation:
 class Planner(ABC):
     """A way of searching.
 
-    Options live in the constructor; `search` gets the problems, one for each initial trajectory, best first.
+    Options live in the constructor; `search` gets the problems, one for each initial trajectory, best first. One that
+    explores looks for initial trajectories itself and gets the straight line, or the taught way.
     """
 
     name: ClassVar[str]
     threads: ClassVar[int] = 1
+    explores: ClassVar[bool] = False
 
     @abstractmethod
     def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:

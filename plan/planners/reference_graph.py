@@ -97,7 +97,7 @@ def _options(model: ChainTorque) -> dict[str, Any]:
         "print_level": 0,
         "sb": "yes",
         "max_iter": 60,
-        "max_wall_time": 10.0,
+        "max_cpu_time": 10.0,
         "tol": 1e-6,
         "acceptable_tol": 1e-4,
         "acceptable_iter": 4,

@@ -29,6 +29,8 @@ INSIDE = 0.999 * TOLERANCE
 SQUEEZE = 0.05
 # Local times at which torque is looked at where time is the objective, and torque the limit.
 TIME_NODES = np.linspace(0.0, 1.0, 25)
+# A motion with a jerk limit may start with the acceleration that the limit builds within this time, a controller's [s].
+TICK = 1e-3
 # Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost.
 SINGULAR = 0.02
 SINGULAR_PENALTY = 0.2
@@ -43,6 +45,8 @@ class Limits:
         speed: Speed limits [rad/s].
         torque: Torque limits [N m].
         clearance: Smallest distance to keep [m].
+        acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a
+            jerk limit starts and ends without acceleration.
     """
 
     lower: Float[Array, " n"]
@@ -50,10 +54,13 @@ class Limits:
     speed: Float[Array, " n"]
     torque: Float[Array, " n"]
     clearance: float
+    acceleration: Float[Array, " n"] | None = None
+    jerk: Float[Array, " n"] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "speed", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+        for name in ("lower", "upper", "speed", "torque", "acceleration", "jerk"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +70,7 @@ class Evaluation:
     Attributes:
         cost: Energy by the metric [J] or duration [s], with the penalty for singular positions.
         collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
-        speed, torque: Worst excess over the limit, as a share of it.
+        speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too.
         position: Worst excess over the position limits [rad].
         gap: Smallest separation seen [m].
         peak: Peak torque of each joint [N m].
@@ -107,6 +114,7 @@ class PlanningProblem:
         free: What is searched.
         radius: How far a via angle may go from the initial one [rad].
         label: Where the initial trajectory comes from.
+        grows: Whether a planner may insert via points and move stamps beyond what is named free.
     """
 
     scene: Scene
@@ -121,6 +129,7 @@ class PlanningProblem:
     free: Free = "vias"
     radius: float = np.pi / 2
     label: str = "straight"
+    grows: bool = True
 
     def __post_init__(self) -> None:
         for name in ("start", "goal", "vias", "durations"):
@@ -197,12 +206,23 @@ class PlanningProblem:
         return Evaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)),
             collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,
-            speed=_excess(splines.top_speed / (SHARE * self.limits.speed)),
+            speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines)),
             torque=_excess(peak / (SHARE * self.limits.torque)),
             position=np.maximum(over, 0.0),
             gap=gap,
             peak=peak,
         )
+
+    def _rate_excess(self, splines: Splines) -> Float[Array, " B"]:
+        """Worst excess over the limits of acceleration and jerk, exact: a cubic's acceleration is linear."""
+        found = np.zeros(len(splines.points))
+        limits = self.limits
+        if limits.acceleration is not None:
+            found = np.maximum(found, _excess(splines.top_acceleration / (SHARE * limits.acceleration)))
+        if limits.jerk is not None:
+            ends = splines.end_acceleration / (TICK * limits.jerk)
+            found = np.maximum(found, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends)))
+        return found
 
     @cached_property
     def margin(self) -> float:

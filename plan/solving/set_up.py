@@ -34,7 +34,8 @@ def set_up(
         model: Fitted model; the rigid arm without losses if None.
         objective: `energy` or `time`.
         metric: How energy is counted.
-        free: What is searched; via points for energy, via points and time stamps for time if None.
+        free: What is searched. If None, via points for energy, via points and time stamps for time; and a planner that
+            can may insert via points.
         stand_in: What stands in for links without collision geometry.
 
     Raises:
@@ -73,6 +74,7 @@ def set_up(
         metric=metric,
         free=free or ("vias" if objective == "energy" else "both"),
         radius=task.reach,
+        grows=free is None,
     )
 
 

@@ -154,6 +154,8 @@ def solve(
     rng = np.random.default_rng(seed)
     ledger = Ledger(budget or default_budget(method), progress, journal, _fingerprint(problem, method, seed))
     seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds)
+    if starts is None and planner.explores:
+        starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, seconds)
     planner.run(starts.problems, ledger, rng)
     spent, busy = ledger.seconds, ledger.cpu_seconds
@@ -250,10 +252,12 @@ def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]
     for label, record in records.items():
         if label not in tried and not record["reason"]:
             record["reason"] = "left out: the same way as another, or more energy than the ones tried"
-    for problem in starts.problems:
-        record = records.setdefault(problem.label, {"label": problem.label, "reason": ""})
-        record["initial_via_points_rad"] = problem.vias.tolist()
-        found = ledger.best_of.get(problem.label)
+    known = {problem.label: problem for problem in starts.problems}
+    for label in dict.fromkeys([*known, *ledger.best_of]):
+        record = records.setdefault(label, {"label": label, "reason": ""})
+        if label in known:
+            record["initial_via_points_rad"] = known[label].vias.tolist()
+        found = ledger.best_of.get(label)
         if found is not None:
             record["cost"] = found.cost if found.feasible else None
             record["violation"] = found.violation

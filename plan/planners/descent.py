@@ -1,0 +1,193 @@
+"""Sequential quadratic programming from one trajectory: exact slopes, a learned curvature, steps that must pay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from plan.planners.base import Ledger
+from plan.planners.local_model import LocalModel, Look
+from plan.planners.subproblem import Rows, solve_step
+from plan.planners.transcription import DEGREE
+
+# Price of the largest excess over a limit (a share of it) and of the clearance's shortfall (10 cm), as shares of the
+# cost; raised tenfold, so many times at most, where something stays broken.
+PRICES, RAISES = (4.0, 20.0), 3
+# A step must bring this share of what was promised; one that brings the larger share may be longer next time.
+LEAST, GOOD = 0.05, 0.5
+# Shortest step worth another try [rad].
+SHORTEST = 1e-5
+# A failed step shorter than this teaches the next one what it hit [rad].
+NEARBY = 0.1
+# Curvature given to the time objective, whose own is nought: keeps coefficients that don't matter where they are.
+CALM = 2e-3
+# Length of the step by which curvature is measured [rad], and the factors that are believed.
+PROBE, STIFFEST = 0.01, (1e-3, 1e2)
+# What counts as kept: of a limit as a share of it, of the clearance as a share of 10 cm. A quarter of a millimetre more
+# than the margin is asked for.
+KEPT, KEPT_CLEAR = 2e-6, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Where a descent has come to.
+
+    Attributes:
+        local: Task and grid.
+        x: Variables.
+        look: What the trajectory costs and breaks.
+        curvature: Learned second derivative of the scaled cost.
+        converged: Whether it ended of itself.
+    """
+
+    local: LocalModel
+    x: Float[Array, " d"]
+    look: Look
+    curvature: Float[Array, "d d"]
+    converged: bool = False
+
+    @property
+    def kept(self) -> bool:
+        """Whether all limits hold as far as the search looks."""
+        return self.look.limits <= KEPT and self.look.clearance <= KEPT_CLEAR
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Allowed before not allowed, then by what is broken or by cost."""
+        return (not self.kept, self.look.cost if self.kept else self.look.limits + self.look.clearance)
+
+
+def begin(local: LocalModel, x: Float[Array, " d"]) -> Course:
+    """A course before its first step."""
+    look, curvature = local.look(x), first_curvature(local)
+    if not local.timed:
+        curvature = curvature * _measured(local, x, curvature, max(abs(look.cost), 1e-9))
+    return Course(local, x, look, curvature)
+
+
+def _measured(local: LocalModel, x: Array, curvature: Array, scale: float) -> float:
+    """How much more the cost is bent than the curvature says, along a short way downhill."""
+    gradient = local.gradient(x)[0] / scale
+    step = -np.linalg.solve(curvature + 1e-9 * np.eye(len(x)), gradient)
+    length = float(np.abs(step).max())
+    if length < 1e-12:
+        return 1.0
+    step *= PROBE / length
+    change = local.gradient(x + step)[0] / scale - gradient
+    return float(np.clip((change @ step) / (step @ curvature @ step), *STIFFEST))
+
+
+def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
+    """A second derivative to begin with: what smoothness asks for, ∫ (dq/ds)² ds."""
+    grid = local.grid
+    weights = (np.diff(grid.knots)[:, None] * local.weights).reshape(-1)
+    design = np.zeros((len(weights), grid.sections + DEGREE))
+    design[np.arange(len(weights))[:, None], grid.first[:, None] + np.arange(DEGREE + 1)] = grid.bases[1]
+    gram = (design.T @ (weights[:, None] * design))[grid.held : -grid.held, grid.held : -grid.held]
+    smooth = np.kron(gram, np.eye(local.n))
+    if not local.timed:
+        return smooth
+    calm = np.diag(np.full(local.size, 1e-4))
+    calm[:-1, :-1] += CALM * smooth
+    return calm
+
+
+def descend(
+    course: Course,
+    ledger: Ledger,
+    low: Float[Array, " d"],
+    high: Float[Array, " d"],
+    steps: int,
+    reach: float,
+    tolerance: float,
+) -> Course:
+    """Takes up to so many steps.
+
+    Args:
+        course: Where to begin.
+        ledger: Counts what is evaluated.
+        low, high: Bounds of the variables.
+        steps: Most steps.
+        reach: Longest first step [rad].
+        tolerance: Ends where less than this share of the cost is to be gained.
+    """
+    local, x, now, curvature = course.local, course.x, course.look, course.curvature
+    scale = max(abs(now.cost), 1e-9)
+    prices, raised = np.array(PRICES), 0
+    slope: Array | None = None
+    taken = np.zeros(0)
+    for _ in range(steps):
+        if ledger.remaining == 0:
+            break
+        gradient, rows = local.gradient(x)
+        ledger.count(1)
+        if slope is not None and not local.timed:
+            curvature = _learn(curvature, taken, (gradient - slope) / scale)
+        slope = gradient
+        clear = local.clearance_rows(x)
+        taken = np.zeros(0)
+        while reach > SHORTEST and ledger.remaining > 0:
+            span = np.full(local.size, reach)
+            if local.timed:
+                span[-1] = min(reach, 0.2) * x[-1]
+            bounds = np.maximum(low - x, -span), np.minimum(high - x, span)
+            found = solve_step(gradient / scale, curvature, [rows, clear], prices, *bounds)
+            if found is None:
+                reach *= 0.3
+                continue
+            if found.promised < tolerance:
+                if (now.limits > KEPT or now.clearance > KEPT_CLEAR) and raised < RAISES:
+                    prices, raised = prices * 10.0, raised + 1
+                    continue
+                return Course(local, x, now, curvature, True)
+            new = local.look(x + found.step)
+            ledger.count(1)
+            share = (now.merit(prices, scale) - new.merit(prices, scale)) / found.promised
+            if share > GOOD:
+                reach = min(2.0 * max(float(np.abs(found.step).max()), 0.5 * reach), 1.0)
+            elif share < LEAST:
+                length = float(np.abs(found.step).max())
+                learned = new.clearance > now.clearance + KEPT and length < NEARBY
+                if learned:
+                    clear = Rows.join([clear, _seen_from(local, x, found.step)])
+                reach = (0.6 if learned else 0.3) * min(reach, length)
+                continue
+            x, now, taken = x + found.step, new, found.step
+            break
+        if len(taken) == 0:
+            break
+    return Course(local, x, now, curvature, False)
+
+
+def _seen_from(local: LocalModel, x: Array, step: Array) -> Rows:
+    """Clearance to first order about where a step failed, as seen from before it.
+
+    The distance of two boxes bends where another edge or face comes nearest; a step that missed that knows it now.
+    """
+    rows = local.clearance_rows(x + step)
+    missed = rows.room < 0.0
+    return Rows(rows.matrix[missed], rows.room[missed] + rows.matrix[missed] @ step)
+
+
+def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]) -> Float[Array, "d d"]:
+    """BFGS with Powell's damping, so that the curvature stays positive."""
+    bent = curvature @ step
+    curved, seen = float(step @ bent), float(step @ change)
+    if curved < 1e-16:
+        return curvature
+    if seen < 0.2 * curved:
+        share = 0.8 * curved / (curved - seen)
+        change = share * change + (1.0 - share) * bent
+        seen = float(step @ change)
+    return curvature - np.outer(bent, bent) / curved + np.outer(change, change) / seen
+
+
+def refine(course: Course, width: float, power: float) -> Course:
+    """The same trajectory on a grid with every section in two, with its own rounding of sign and power."""
+    local, (coefficients, duration) = course.local, course.local.split(course.x)
+    grid = local.grid.halved()
+    finer = replace(local, grid=grid, width=width, power=power, torque_aim=np.repeat(local.torque_aim, 2, axis=0))
+    x = finer.join(grid.fit(local.grid.splines(coefficients, duration)), duration)
+    return begin(finer, x)

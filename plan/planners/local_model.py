@@ -1,0 +1,320 @@
+"""Cost, limits and clearance of one trajectory, and their derivatives by its coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int
+from plan.dynamics.power import ChainTorque
+from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.planners.subproblem import Rows
+from plan.planners.transcription import DEGREE, Grid
+from plan.problem.problem import SHARE, PlanningProblem
+from plan.spline import Splines
+
+# Only what has come this near to its limit is watched while a step is looked for [-].
+WATCHED_SHARE = 0.6
+# Pairs closer than this are watched [m]; at most so many of their places at a time, the nearest ones.
+NEAR, MOST_NEAR = 0.06, 60
+# Places along a motion at which all pairs are looked at; where a gap dips to within so much of the margin [m], it is
+# looked at more closely, as shares of the distance of two places.
+PLACES, CLOSE, CLOSER = 64, 0.03, np.arange(-8, 9) / 8
+# Unit of the clearance's shortfall [m].
+CLEARANCE_UNIT = 0.1
+# Clearance asked for beyond the margin, for what happens between the watched places [m].
+EXTRA = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a trajectory costs and breaks, as a local search sees it.
+
+    Attributes:
+        cost: Energy [J] or duration [s], rounded as the search rounds it.
+        limits: Largest excess over a limit, as a share of it.
+        clearance: Shortfall of the clearance, in units of 10 cm.
+    """
+
+    cost: float
+    limits: float
+    clearance: float
+
+    def merit(self, weights: Float[Array, " 2"], scale: float) -> float:
+        """One number to bring down."""
+        return float(self.cost / scale + weights @ [self.limits, self.clearance])
+
+
+@dataclass(frozen=True, eq=False)
+class LocalModel:
+    """A task on one grid of coefficients.
+
+    The variables are the free coefficients, coefficient by coefficient, and for the time objective the duration as a
+    share of the task's own.
+
+    Attributes:
+        problem: The task.
+        grid: Knots and nodes.
+        weights: Quadrature weights of one section's nodes.
+        width, power: Rounding of the friction's sign [rad/s] and of the modulus of power [W].
+        aims: Share of the limits that is aimed at: torque by section and joint, then speed by joint.
+    """
+
+    problem: PlanningProblem
+    grid: Grid
+    weights: Float[Array, " m"]
+    width: float
+    power: float
+    torque_aim: Float[Array, "K n"]
+    speed_aim: Float[Array, " n"]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.problem.n
+
+    @property
+    def timed(self) -> bool:
+        """Whether the duration is a variable."""
+        return self.problem.objective == "time"
+
+    @property
+    def size(self) -> int:
+        """Number of variables."""
+        return self.grid.free * self.n + self.timed
+
+    @cached_property
+    def reference(self) -> float:
+        """Duration by which durations are measured [s]."""
+        return float(self.problem.durations.sum())
+
+    def join(self, free: Float[Array, "F n"], duration: float) -> Float[Array, " d"]:
+        """Variables of coefficients and a duration."""
+        return np.append(free.reshape(-1), duration / self.reference) if self.timed else free.reshape(-1).copy()
+
+    def split(self, x: Float[Array, " d"]) -> tuple[Float[Array, "C n"], float]:
+        """All coefficients and the duration [s]."""
+        count = self.grid.free * self.n
+        duration = float(x[count]) * self.reference if self.timed else self.reference
+        return self.grid.coefficients(x[:count].reshape(-1, self.n), self.problem.start, self.problem.goal), duration
+
+    def splines(self, x: Float[Array, " d"]) -> Splines:
+        """The trajectory."""
+        return self.grid.splines(*self.split(x))
+
+    def look(self, x: Float[Array, " d"]) -> Look:
+        """What a trajectory costs and breaks."""
+        coefficients, duration = self.split(x)
+        q, dq, ddq = self.grid.states(coefficients, duration)
+        tau = self._model.torque(q[None], dq[None], ddq[None])[0]
+        cost = duration if self.timed else float(self._quadrature * duration @ self._rate(tau, dq)[0])
+        shares = [np.abs(tau) / self._torque_limit, np.abs(dq) / self._speed_limit]
+        shares += [np.abs(value) / limit for value, limit in self._rates(coefficients, duration, ddq)]
+        limits = self.problem.limits
+        outside = max(float((q - limits.upper).max()), float((limits.lower - q).max()))
+        excess = max(outside, *(float(share.max()) - 1.0 for share in shares), 0.0)
+        return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)))
+
+    def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], Rows]:
+        """Derivative of the cost, and the limits that are near, to first order."""
+        coefficients, duration = self.split(x)
+        states = self.grid.states(coefficients, duration)
+        found = differentiate_torque(self._model, *states)
+        slope = np.zeros(self.size)
+        if self.timed:
+            slope[-1] = self.reference
+        else:
+            _, by_tau, by_speed = self._rate(found.tau, states[1])
+            w = (self._quadrature * duration)[:, None]
+            parts = [np.einsum("ti,tij->tj", by_tau, part) for part in (found.by_position, found.by_speed)]
+            parts[1] += by_speed
+            parts.append(np.einsum("ti,tij->tj", by_tau, found.by_acceleration))
+            slope = self._scatter([w * part for part in parts], duration)
+        torque = self._torque_rows(states, found, duration)
+        return slope, Rows.join([torque, *self._kinematic_rows(coefficients, states, duration)])
+
+    def clearance_rows(self, x: Float[Array, " d"]) -> Rows:
+        """Clearance of the nearest pairs at the watched places, to first order."""
+        scene = self.problem.scene
+        if len(scene.pairs) == 0:
+            return Rows.none(self.size)
+        coefficients = self.split(x)[0]
+        even = (np.arange(PLACES) + 0.5) / PLACES
+        gaps = scene.gaps(self.grid.positions(coefficients, even))
+        bound = self.problem.margin + NEAR
+        shares, pairs, found = _dips(even, gaps, bound)
+        if len(shares) == 0:
+            return Rows.none(self.size)
+        # Between two places the arm moves by centimetres: each dip is looked at more closely, and its bottom watched.
+        inside = np.unique(shares[found < self.problem.margin + CLOSE])
+        closer = np.unique(np.clip(inside[:, None] + CLOSER / PLACES, 0.0, 1.0))
+        if len(closer):
+            fine = _dips(closer, scene.gaps(self.grid.positions(coefficients, closer)), bound)
+            shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
+        order = np.argsort(found)[:MOST_NEAR]
+        shares, pairs, found = shares[order], pairs[order], found[order]
+        q = self.grid.positions(coefficients, shares)
+        slopes = np.array([scene.proximity.gradient(at, int(pair)) for at, pair in zip(q, pairs, strict=True)])
+        local = [-slopes / CLEARANCE_UNIT, np.zeros_like(slopes), np.zeros_like(slopes)]
+        room = (found - self.problem.margin - self._extra) / CLEARANCE_UNIT
+        return Rows(self._rows(*self.grid.at(shares), local), room)
+
+    # Parts of the above.
+
+    @cached_property
+    def _model(self) -> ChainTorque:
+        assert isinstance(self.problem.model, ChainTorque)
+        return rounded(self.problem.model, self.width)
+
+    @cached_property
+    def _extra(self) -> float:
+        return EXTRA if self.problem.margin > 0 else 0.0
+
+    @cached_property
+    def _quadrature(self) -> Float[Array, " T"]:
+        return (np.diff(self.grid.knots)[:, None] * self.weights).reshape(-1)
+
+    @cached_property
+    def _torque_limit(self) -> Float[Array, "T n"]:
+        return np.repeat(SHARE * self.torque_aim * self.problem.limits.torque, len(self.grid.nodes), axis=0)
+
+    @cached_property
+    def _speed_limit(self) -> Float[Array, " n"]:
+        return SHARE * self.speed_aim * self.problem.limits.speed
+
+    def _rate(self, tau: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """What is integrated, summed over the joints, and its derivatives by torque and speed."""
+        metric, power = self.problem.metric, tau * dq
+        if metric == "copper":
+            return (tau * tau).sum(axis=1), 2.0 * tau, np.zeros_like(dq)
+        if metric == "signed":
+            return power.sum(axis=1), dq, tau
+        root = np.sqrt(power * power + self.power**2)
+        slope = power / root
+        value = root - self.power
+        if metric == "positive":
+            value, slope = 0.5 * (power + value), 0.5 * (1.0 + slope)
+        return value.sum(axis=1), slope * dq, slope * tau
+
+    def _rates(self, coefficients: Array, duration: float, ddq: Array) -> list[tuple[Array, Array]]:
+        """Acceleration and jerk with their limits, where there are any."""
+        limits, found = self.problem.limits, []
+        if limits.acceleration is not None:
+            found.append((ddq, SHARE * limits.acceleration))
+        if limits.jerk is not None:
+            found.append((self.grid.jerk(coefficients, duration), SHARE * limits.jerk))
+        return found
+
+    def _shortfall(self, splines: Splines) -> float:
+        if len(self.problem.scene.pairs) == 0:
+            return 0.0
+        gap = float(self.problem.scene.sweep(splines, self.problem.margin)[0][0])
+        return max(self.problem.margin + 0.5 * self._extra - gap, 0.0) / CLEARANCE_UNIT
+
+    def _scatter(self, parts: list[Array], duration: float) -> Float[Array, " d"]:
+        """Sums derivatives by the nodes' states into derivatives by the coefficients."""
+        out = np.zeros((self.grid.sections + DEGREE, self.n))
+        for order, part in enumerate(parts):
+            local = self.grid.bases[order][:, :, None] * part[:, None, :] / duration**order
+            np.add.at(out, self.grid.first[:, None] + np.arange(DEGREE + 1), local)
+        return out[self.grid.held : -self.grid.held].reshape(-1)
+
+    def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> Rows:  # type: ignore[no-untyped-def]
+        share = found.tau / self._torque_limit
+        nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
+        signs = np.sign(share[nodes, joints]) / self._torque_limit[nodes, joints]
+        parts = (found.by_position, found.by_speed, found.by_acceleration)
+        local = [part[nodes, joints] * signs[:, None] for part in parts]
+        matrix = self._node_rows(nodes, local, states, duration)
+        return Rows(matrix, 1.0 - np.abs(share[nodes, joints]))
+
+    def _kinematic_rows(self, coefficients: Array, states: tuple[Array, Array, Array], duration: float) -> list[Rows]:
+        """Position, speed and acceleration at the nodes, and jerk section by section."""
+        limits, n = self.problem.limits, self.n
+        found = []
+        q = states[0]
+        for side, room in ((1.0, limits.upper - q), (-1.0, q - limits.lower)):
+            nodes, joints = np.nonzero(room < 0.5)
+            local = [side * np.eye(n)[joints], np.zeros((len(nodes), n)), np.zeros((len(nodes), n))]
+            found.append(Rows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
+        wanted = [(1, self._speed_limit)]
+        if limits.acceleration is not None:
+            wanted.append((2, SHARE * limits.acceleration))
+        for order, limit in wanted:
+            share = states[order] / limit
+            nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
+            rows = np.eye(n)[joints] * (np.sign(share[nodes, joints]) / limit[joints])[:, None]
+            local = [rows if k == order else np.zeros_like(rows) for k in range(3)]
+            matrix = self._node_rows(nodes, local, states, duration)
+            found.append(Rows(matrix, 1.0 - np.abs(share[nodes, joints])))
+        if limits.jerk is not None:
+            found.append(self._jerk_rows(coefficients, duration))
+        return found
+
+    def _jerk_rows(self, coefficients: Array, duration: float) -> Rows:
+        assert self.problem.limits.jerk is not None
+        limit = SHARE * self.problem.limits.jerk
+        share = self.grid.jerk(coefficients, duration) / limit
+        sections, joints = np.nonzero(np.abs(share) > 0.5 * WATCHED_SHARE)
+        signs = np.sign(share[sections, joints])
+        values = self.grid.jerks[sections] * (signs / limit[joints])[:, None] / duration**3
+        columns = (sections[:, None] + np.arange(DEGREE + 1) - self.grid.held) * self.n + joints[:, None]
+        matrix = self._spread(values, columns)
+        if self.timed:
+            by_time = -3.0 * np.abs(share[sections, joints]) * self.reference / duration
+            matrix = self._with_time(matrix, by_time)
+        return Rows(matrix, 1.0 - np.abs(share[sections, joints]))
+
+    def _node_rows(
+        self, nodes: Array, local: list[Array], states: tuple[Array, Array, Array], duration: float
+    ) -> Float[Array, "r d"]:
+        """Rows from derivatives by the states at some nodes."""
+        bases, first = self.grid.bases[:, nodes], self.grid.first[nodes]
+        return self._rows(bases, first, local, [part[nodes] for part in states], duration)
+
+    def _rows(
+        self,
+        bases: Float[Array, "3 r 4"],
+        first: Int[Array, " r"],
+        local: list[Array],
+        states: list[Array] | None = None,
+        duration: float = 1.0,
+    ) -> Float[Array, "r d"]:
+        """Rows from derivatives by the states at some places: by the four coefficients that act there, and the time."""
+        at = np.zeros((len(first), DEGREE + 1, self.n))
+        for order, part in enumerate(local):
+            at += bases[order][:, :, None] * part[:, None, :] / duration**order
+        which = first[:, None] + np.arange(DEGREE + 1) - self.grid.held
+        columns = which[:, :, None] * self.n + np.arange(self.n)
+        wide = (DEGREE + 1) * self.n
+        matrix = self._spread(at.reshape(-1, wide), columns.reshape(-1, wide))
+        if not self.timed:
+            return matrix
+        by_time = np.zeros(len(first))
+        if states is not None:
+            for order in (1, 2):
+                by_time -= order * (local[order] * states[order]).sum(axis=1) * self.reference / duration
+        return self._with_time(matrix, by_time)
+
+    def _spread(self, values: Float[Array, "r k"], columns: Int[Array, "r k"]) -> Float[Array, "r d"]:
+        """Rows of values at columns; columns of held coefficients fall away."""
+        count = self.grid.free * self.n
+        out = np.zeros((len(values), count + 1))
+        inside = (columns >= 0) & (columns < count)
+        np.add.at(out, (np.arange(len(values))[:, None], np.where(inside, columns, count)), values)
+        return out[:, :count]
+
+    def _with_time(self, matrix: Array, by_time: Array) -> Float[Array, "r d"]:
+        return np.concatenate([matrix, by_time[:, None]], axis=1)
+
+
+def _dips(
+    shares: Float[Array, " T"], gaps: Float[Array, "T P"], bound: float
+) -> tuple[Float[Array, " m"], Int[Array, " m"], Float[Array, " m"]]:
+    """Where along the motion each pair's gap dips below a bound, with the neighbours; and the pairs, and the gaps."""
+    padded = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
+    dips = np.pad((gaps <= padded[:-2]) & (gaps <= padded[2:]), ((1, 1), (0, 0)))
+    places, pairs = np.nonzero((dips[1:-1] | dips[:-2] | dips[2:]) & (gaps < bound))
+    return shares[places], pairs, gaps[places, pairs]

@@ -1,0 +1,131 @@
+"""The quadratic programme of one step: cost to second order, limits to first, nothing farther than the step allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from ident.arrays import Array, Float
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linear inequalities: matrix · step ≤ room, in units in which one is a whole limit or a decimetre.
+
+    Attributes:
+        matrix: One row an inequality.
+        room: What is left of each; below zero where it is broken now.
+    """
+
+    matrix: Float[Array, "r d"]
+    room: Float[Array, " r"]
+
+    @classmethod
+    def none(cls, size: int) -> Rows:
+        """No inequality."""
+        return cls(np.empty((0, size)), np.empty(0))
+
+    @classmethod
+    def join(cls, parts: list[Rows]) -> Rows:
+        """All of several sets."""
+        return cls(np.concatenate([p.matrix for p in parts]), np.concatenate([p.room for p in parts]))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What the programme found.
+
+    Attributes:
+        step: Change of the variables.
+        promised: By how much cost and weighted shortfall should fall.
+        slack: What each set of inequalities is left short of.
+    """
+
+    step: Float[Array, " d"]
+    promised: float
+    slack: Float[Array, " g"]
+
+
+def solve_step(
+    gradient: Float[Array, " d"],
+    hessian: Float[Array, "d d"],
+    groups: list[Rows],
+    weights: Float[Array, " g"],
+    low: Float[Array, " d"],
+    high: Float[Array, " d"],
+) -> Step | None:
+    """Minimises g·s + ½ sᵀHs + Σ weight · slack, each set of inequalities with one slack of its own.
+
+    Args:
+        gradient, hessian: The cost's.
+        groups: Sets of inequalities.
+        weights: Price of each set's largest shortfall.
+        low, high: Bounds of the step.
+
+    Returns:
+        The step; None where the solver gives none.
+    """
+    plain = _unhindered(gradient, hessian, groups, low, high)
+    if plain is not None:
+        return plain
+    size, count = len(gradient), len(groups)
+    whole = np.zeros((size + count, size + count))
+    whole[:size, :size] = np.triu(hessian)
+    matrix, side = _stack(groups, low, high)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    price = np.concatenate([gradient, weights])
+    cones = [clarabel.NonnegativeConeT(len(side))]
+    solver = clarabel.DefaultSolver(_compress(whole), price, _compress(matrix), side, cones, settings)
+    found = solver.solve()
+    x = np.array(found.x)
+    if not np.isfinite(x).all() or str(found.status) not in ("Solved", "AlmostSolved"):
+        return None
+    step = np.clip(x[:size], low, high)
+    before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
+    slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
+    after = float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
+    return Step(step, before - after, slack)
+
+
+def _stack(groups: list[Rows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
+    """All inequalities of the step and of the slacks, which stand behind it."""
+    size, count = len(low), len(groups)
+    lengths = [len(rows.room) for rows in groups]
+    matrix = np.zeros((sum(lengths) + 2 * size + count, size + count))
+    end = 0
+    for k, rows in enumerate(groups):
+        matrix[end : end + lengths[k], :size] = rows.matrix
+        matrix[end : end + lengths[k], size + k] = -1.0
+        end += lengths[k]
+    places = np.arange(size)
+    matrix[end + places, places], matrix[end + size + places, places] = 1.0, -1.0
+    slacks = np.arange(count)
+    matrix[end + 2 * size + slacks, size + slacks] = -1.0
+    return matrix, np.concatenate([*(rows.room for rows in groups), high, -low, np.zeros(count)])
+
+
+def _compress(matrix: Float[Array, "r c"]) -> sparse.csc_matrix:
+    """A dense matrix by columns; SciPy's own way takes several times as long at these sizes."""
+    turned = np.ascontiguousarray(matrix.T)
+    columns, rows = np.nonzero(turned)
+    ends = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=len(turned)))])
+    return sparse.csc_matrix((turned[columns, rows], rows, ends), shape=matrix.shape)
+
+
+def _unhindered(gradient: Array, hessian: Array, groups: list[Rows], low: Array, high: Array) -> Step | None:
+    """Newton's own step where no bound and no inequality is in its way."""
+    if any(rows.room.min(initial=0.0) < 0.0 for rows in groups):
+        return None
+    try:
+        step = -np.linalg.solve(hessian, gradient)
+    except np.linalg.LinAlgError:
+        return None
+    inside = bool(np.all(step >= low) and np.all(step <= high))
+    if not inside or any(np.any(rows.matrix @ step > rows.room) for rows in groups):
+        return None
+    return Step(step, float(-0.5 * gradient @ step), np.zeros(len(groups)))

@@ -1,0 +1,144 @@
+"""A trajectory as coefficients of cubic B-splines: the same clamped splines, in numbers that act locally.
+
+A clamped cubic spline over K sections has K + 3 coefficients. The first two hold the start at rest and the last two the
+goal; with the third and the third last held too, acceleration starts and ends at zero, and jerk is bounded. The knots
+are shares of the whole duration T, so speed goes with 1/T and acceleration with 1/T².
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ident.arrays import Array, Float, Int, freeze
+from plan.spline import Splines
+
+DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Knots of a trajectory, as shares of its duration, and nodes where it is looked at.
+
+    Attributes:
+        knots: Shares of the duration, from 0 to 1.
+        soft: Whether acceleration is zero at both ends.
+        nodes: Local times at which every section is looked at, 0 to 1.
+    """
+
+    knots: Float[Array, " K"]
+    soft: bool = False
+    nodes: Float[Array, " m"] = field(default_factory=lambda: freeze(np.linspace(0.0, 1.0, 5)))
+
+    @property
+    def sections(self) -> int:
+        """Number of sections."""
+        return len(self.knots) - 1
+
+    @property
+    def held(self) -> int:
+        """Coefficients that are held at each end."""
+        return 3 if self.soft else 2
+
+    @property
+    def free(self) -> int:
+        """Coefficients of each joint that are free."""
+        return self.sections + DEGREE - 2 * self.held
+
+    @cached_property
+    def shares(self) -> Float[Array, " T"]:
+        """Places of all nodes as shares of the duration, section by section."""
+        widths = np.diff(self.knots)
+        return freeze((self.knots[:-1, None] + widths[:, None] * self.nodes).reshape(-1))
+
+    @cached_property
+    def first(self) -> Int[Array, " T"]:
+        """The first of the four coefficients that act at each node, among all of them."""
+        return np.repeat(np.arange(self.sections), len(self.nodes))
+
+    @cached_property
+    def bases(self) -> Float[Array, "3 T 4"]:
+        """What the four coefficients give at each node: position, and its first and second derivative by the share."""
+        return freeze(self._local(self.shares, self.first, 2))
+
+    @cached_property
+    def jerks(self) -> Float[Array, "K 4"]:
+        """Third derivative by the share in each section, from its four coefficients."""
+        middle = (self.knots[:-1] + self.knots[1:]) / 2
+        return freeze(self._local(middle, np.arange(self.sections), 3)[3])
+
+    def _local(self, shares: Array, first: Array, order: int) -> Array:
+        """Derivatives up to an order of the four B-splines of each place's own section, by their Taylor series."""
+        since = (shares - self.knots[first])[:, None]
+        a, b, c, d = (part[first] for part in self._taylor)
+        out = [a + since * (b + since * (c / 2 + since * d / 6)), b + since * (c + since * d / 2), c + since * d, d]
+        return np.array(out[: order + 1])
+
+    @cached_property
+    def _taylor(self) -> Float[Array, "4 K 4"]:
+        """Value and derivatives of each section's four B-splines at its beginning."""
+        splines = BSpline(self._padded, np.eye(self.sections + DEGREE), DEGREE)
+        columns = np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)
+        rows = np.arange(self.sections)[:, None]
+        parts = [splines.derivative(k)(self.knots[:-1]) if k else splines(self.knots[:-1]) for k in range(DEGREE)]
+        parts.append(splines.derivative(DEGREE)((self.knots[:-1] + self.knots[1:]) / 2))
+        return freeze([part[rows, columns] for part in parts])
+
+    @cached_property
+    def _padded(self) -> Float[Array, " q"]:
+        return np.concatenate([np.zeros(DEGREE), self.knots, np.ones(DEGREE)])
+
+    def coefficients(self, free: Float[Array, "F n"], start: Array, goal: Array) -> Float[Array, "C n"]:
+        """All coefficients, the held ones included."""
+        return np.concatenate([np.repeat(start[None], self.held, 0), free, np.repeat(goal[None], self.held, 0)])
+
+    def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "3 m 4"], Int[Array, " m"]]:
+        """As `bases` and `first`, at any shares of the duration."""
+        first = np.clip(np.searchsorted(self.knots, shares, side="right") - 1, 0, self.sections - 1)
+        return self._local(shares, first, 2), first
+
+    def positions(self, coefficients: Float[Array, "C n"], shares: Float[Array, " m"]) -> Float[Array, "m n"]:
+        """Positions at any shares of the duration."""
+        bases, first = self.at(shares)
+        return np.asarray(np.einsum("tk,tkn->tn", bases[0], coefficients[first[:, None] + np.arange(DEGREE + 1)]))
+
+    def states(self, coefficients: Float[Array, "C n"], duration: float) -> tuple[Array, Array, Array]:
+        """Position, speed and acceleration at all nodes."""
+        local = coefficients[self.first[:, None] + np.arange(DEGREE + 1)]
+        q, dq, ddq = np.einsum("ptk,tkn->ptn", self.bases, local)
+        return q, dq / duration, ddq / duration**2
+
+    def jerk(self, coefficients: Float[Array, "C n"], duration: float) -> Float[Array, "K n"]:
+        """Jerk of every section, constant in it [rad/s³]."""
+        local = coefficients[np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)]
+        return np.asarray(np.einsum("sk,skn->sn", self.jerks, local)) / duration**3
+
+    def splines(self, coefficients: Float[Array, "C n"], duration: float) -> Splines:
+        """The trajectory by its knots: a batch of one."""
+        points = BSpline(self._padded, coefficients, DEGREE)(self.knots)
+        points[0], points[-1] = coefficients[0], coefficients[-1]
+        return Splines(points[None], (np.diff(self.knots) * duration)[None])
+
+    def fit(self, splines: Splines) -> Float[Array, "F n"]:
+        """Free coefficients of the first of a batch of splines: exact where its knots are among these.
+
+        The coefficients are the spline's polar values at three neighbouring knots each; for a spline that is none of
+        this grid they are chosen by least squares over the nodes.
+        """
+        total = float(splines.total[0])
+        even = np.linspace(0.0, 1.0, 8 * self.sections + 1)[1:-1]
+        places = np.unique(np.concatenate([even, self.knots[1:-1]]))
+        wanted = splines.at(places * total)[0]
+        design = BSpline.design_matrix(places, self._padded, DEGREE).toarray()
+        start, goal = splines.points[0, 0], splines.points[0, -1]
+        rest = wanted - design[:, : self.held].sum(axis=1)[:, None] * start
+        rest -= design[:, -self.held :].sum(axis=1)[:, None] * goal
+        return np.asarray(np.linalg.lstsq(design[:, self.held : -self.held], rest, rcond=None)[0])
+
+    def halved(self) -> Grid:
+        """The same grid with every section in two: what it could do, the new one can."""
+        middle = (self.knots[:-1] + self.knots[1:]) / 2
+        return Grid(np.sort(np.concatenate([self.knots, middle])), self.soft, self.nodes)

@@ -1,0 +1,39 @@
+"""Derivatives of the torque."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from tests.plan.worlds import dense_net, joint_nets, model
+
+
+@pytest.mark.parametrize("net", [None, joint_nets(), dense_net()], ids=["rigid", "joint nets", "dense net"])
+def test_derivatives_are_those_of_the_torque(net: DenseNet | JointNets | None) -> None:
+    """Torque equals the model's own, and its derivatives equal differences of it, by position, speed, acceleration."""
+    arm, rng = rounded(model(net), 0.05), np.random.default_rng(3)
+    states = [rng.normal(size=(12, 3)) * scale for scale in (1.0, 1.0, 5.0)]
+    found = differentiate_torque(arm, *states)
+    assert found.tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
+    parts = (found.by_position, found.by_speed, found.by_acceleration)
+    for order, part in enumerate(parts):
+        for joint in range(3):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = [state.copy() for state in states]
+                moved[order][:, joint] += sign * 1e-6
+                ends.append(differentiate_torque(arm, *moved).tau)
+            assert part[:, :, joint] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-5)
+
+
+def test_rounding_only_widens_the_sign() -> None:
+    """Far from rest a rounded model gives the same torque; at rest it lets friction rise over the width."""
+    arm = replace(model(), losses=replace(model().losses, transition_speed=np.zeros(3)))
+    still = np.zeros((1, 1, 3))
+    for speed, change in ((1.0, 0.0), (0.01, 1.0)):
+        dq = np.full((1, 1, 3), speed)
+        difference = arm.torque(still, dq, still) - rounded(arm, 0.05).torque(still, dq, still)
+        expected = change * arm.losses.coulomb * (1.0 - np.tanh(0.2))
+        assert difference[0, 0] == pytest.approx(expected, abs=1e-9)

@@ -1,0 +1,136 @@
+"""The default planner: its coefficients, its derivatives, and that what it may do more never makes it worse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import plan.planners.local_model as local_model
+from plan.initial.starts import straight
+from plan.planners.descent import begin, descend, refine
+from plan.planners.local_model import LocalModel
+from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential, begin_course, bounds
+from plan.planners.transcription import Grid
+from plan.problem.problem import PlanningProblem
+from plan.problem.result import certify
+from tests.plan.worlds import GOAL, MONITOR, START, ledger, problem
+
+QUICK = Sequential(starts=2, kept=1, levels=(1, 1))
+
+
+def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]:
+    """A task's coefficients, all of them moved a little."""
+    course = begin_course(task)
+    return course.local, course.x + 0.1 * np.random.default_rng(seed).normal(size=len(course.x))
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_coefficients_hold_the_same_spline(soft: bool) -> None:
+    """Coefficients, knots and sections in two describe one curve; its ends are at rest, and soft ends without push."""
+    rng = np.random.default_rng(0)
+    grid = Grid(np.array([0.0, 0.1, 0.35, 0.5, 0.8, 1.0]), soft)
+    free = rng.normal(size=(grid.free, 3))
+    first = grid.splines(grid.coefficients(free, START, GOAL), 0.7)
+    finer = grid.halved()
+    second = finer.splines(finer.coefficients(finer.fit(first), START, GOAL), 0.7)
+    times = np.linspace(0.0, 0.7, 200)
+    for a, b in zip(first.at(times), second.at(times), strict=True):
+        assert a == pytest.approx(b, abs=1e-8)
+    assert first.at(times)[1][[0, -1]] == pytest.approx(np.zeros((2, 3)), abs=1e-9)
+    assert (np.abs(first.at(times)[2][[0, -1]]).max() < 1e-9) == soft
+    states = grid.states(grid.coefficients(free, START, GOAL), 0.7)
+    for a, b in zip(states[:2], first.at(grid.shares * 0.7)[:2], strict=True):
+        assert a == pytest.approx(b, abs=1e-9)
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slope of the cost and rows of all limits equal differences, acceleration and jerk among them."""
+    monkeypatch.setattr(local_model, "WATCHED_SHARE", -1.0)
+    task = problem(MONITOR, duration=1.0, objective=objective)
+    limits = replace(task.limits, acceleration=np.full(3, 60.0), jerk=np.full(3, 500.0))
+    local, x = moved(replace(task, limits=limits))
+    step = 1e-5 * np.random.default_rng(2).normal(size=len(x))
+    slope, rows = local.gradient(x)
+    ends = [local.gradient(x + sign * step)[1].room for sign in (1.0, -1.0)]
+    assert slope @ step == pytest.approx((local.look(x + step).cost - local.look(x - step).cost) / 2, rel=1e-3)
+    assert rows.matrix @ step == pytest.approx((ends[1] - ends[0]) / 2, abs=1e-9)
+    clear = local.clearance_rows(x)
+    assert len(clear.room) > 0
+    assert clear.room.min() == pytest.approx(-local.look(x).clearance, abs=0.03)
+
+
+def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
+    """Sections in two change nothing, and steps from there lower the cost."""
+    course = begin_course(problem(duration=1.0))
+    course = descend(course, ledger(), *bounds(course.local), 30, 0.3, 1e-4)
+    finer = refine(course, course.local.width, course.local.power)
+    assert finer.look.cost == pytest.approx(course.look.cost, rel=2e-3)
+    better = descend(finer, ledger(), *bounds(finer.local), 30, 0.1, 1e-5)
+    assert better.look.cost <= finer.look.cost
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_better_than_the_reference_of_few_vias(objective: str) -> None:
+    """Free knots reach at least what two via points reach, and what they reach is allowed."""
+    task = problem(objective=objective, free="vias" if objective == "energy" else "both")
+    known = Reference().run([task], ledger(), np.random.default_rng(0)).best
+    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+    assert best.feasible
+    assert best.cost < known.cost * 0.999
+
+
+def test_more_via_points_never_end_worse() -> None:
+    """Asked for five via points it finds what it finds for three, or better, and gives five at least."""
+    costs = []
+    for count in (3, 5, 8):
+        task = replace(problem(), vias=straight(START, GOAL, count), durations=np.full(count + 1, 0.65 / (count + 1)))
+        best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+        assert best.problem.via_count >= count
+        costs.append(best.cost)
+    assert costs[1] <= costs[0] * (1.0 + 1e-9)
+    assert costs[2] <= costs[1] * (1.0 + 1e-9)
+
+
+def test_goes_round_what_is_in_the_way() -> None:
+    """A box on the line is passed with the clearance asked for, every instant proven."""
+    task = problem(MONITOR, duration=1.0)
+    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+    assert certify(task, best.splines).broken == []
+
+
+def test_acceleration_and_jerk_are_kept() -> None:
+    """With limits on both, a time plan keeps them, and starts and ends without acceleration."""
+    task = problem(objective="time", free="both")
+    task = replace(task, limits=replace(task.limits, acceleration=np.full(3, 15.0), jerk=np.full(3, 300.0)))
+    best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
+    assert best.feasible
+    total = float(best.splines.total[0])
+    _, _, ddq = best.splines.at(np.linspace(0.0, total, 2001))
+    assert np.abs(ddq).max() <= 15.0
+    assert np.abs(ddq[[0, -1]]).max() < 1e-6
+    assert np.abs(np.diff(ddq, axis=0)).max() / (total / 2000) <= 300.0 * (1 + 1e-6)
+
+
+def test_the_same_seed_gives_the_same_plan() -> None:
+    """No hidden randomness."""
+    task = problem(MONITOR, duration=1.0)
+    costs = [QUICK.run([task], ledger(), np.random.default_rng(4)).best.cost for _ in range(2)]
+    assert costs[0] == costs[1]
+
+
+def test_steps_end_with_the_budget() -> None:
+    """A dozen evaluations are a dozen, a step's own among them."""
+    book = ledger(evaluations=12)
+    QUICK.run([problem(MONITOR, duration=1.0)], book, np.random.default_rng(0))
+    assert book.evaluations <= 13
+
+
+def test_first_step_is_taken_from_the_start() -> None:
+    """A course before its first step is the initial trajectory."""
+    task = problem(duration=1.0)
+    course = begin_course(task)
+    assert begin(course.local, course.x).look.cost == course.look.cost
+    points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
+    assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)
