@@ -13,7 +13,7 @@ from plan.dynamics.power import ChainTorque
 from plan.errors import MethodError
 from plan.initial.starts import straight
 from plan.initial.ways import iterate_ways
-from plan.planners.base import Ledger, Planner
+from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import Course, begin, descend, refine
 from plan.planners.local_model import LocalModel
 from plan.planners.reference import Reference
@@ -76,7 +76,9 @@ class Sequential(Planner):
                 return
         courses.sort(key=lambda course: course.rank)
         for course in courses[: self.kept]:
-            self._finer(course, ledger, given.via_count)
+            self._finer(course, ledger)
+        if len(problems) == 1:
+            _give_vias(ledger, given.via_count)
 
     def _initial(self, problems: Sequence[PlanningProblem], rng: np.random.Generator) -> Iterator[PlanningProblem]:
         first = problems[0]
@@ -92,15 +94,15 @@ class Sequential(Planner):
         for _, problem in zip(range(self.starts), iterate_ways(base, rng), strict=False):
             yield problem
 
-    def _finer(self, course: Course, ledger: Ledger, vias: int) -> None:
-        """Halves the sections until that brings less than the gain, and there are as many via points as asked for."""
+    def _finer(self, course: Course, ledger: Ledger) -> None:
+        """Halves the sections until that brings less than the gain."""
         timed, cost = course.local.timed, enter(course, ledger)
         for level in range(self.levels[timed]):
             course = refine(course, *WIDTHS[min(level + 1, 2)])
             course = descend(course, ledger, *bounds(course.local), self.steps, 0.1, 1e-5)
             known, cost = cost, enter(course, ledger)
             enough = known < np.inf and cost > known * (1.0 - self.gains[timed])
-            if ledger.remaining == 0 or (enough and course.local.grid.sections > vias):
+            if ledger.remaining == 0 or enough:
                 return
 
 
@@ -155,3 +157,19 @@ def enter(course: Course, ledger: Ledger) -> float:
         if found.collision[0] > 0 or found.position[0] > 0:
             break
     return float("inf")
+
+
+def _give_vias(ledger: Ledger, count: int) -> None:
+    """Parts the longest sections of the best motion, which stays as it is, until it has as many via points as asked."""
+    best = ledger.best
+    if best is None or best.problem.via_count >= count:
+        return
+    splines = best.splines
+    knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
+    while len(knots) < count + 2:
+        widest = int(np.argmax(np.diff(knots)))
+        knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
+    points = splines.at(knots)[0]
+    points[0], points[-1] = splines.points[0, 0], splines.points[0, -1]
+    same = best.problem.with_initial(Splines(points[None], np.diff(knots)[None]))
+    ledger.best = Candidate(same, same.initial, best.cost, best.violation)
