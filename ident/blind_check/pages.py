@@ -16,6 +16,7 @@ from ident.blind_check.sections import (
     WrongSection,
 )
 from ident.blind_check.summary import BlindReport
+from ident.blind_check.worlds_section import WorldsSection
 from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.page import Section, write_report
@@ -29,6 +30,7 @@ def blind_sections(report: BlindReport) -> list[Section]:
     return [
         BlindVerdictSection(report),
         StrataSection(report),
+        WorldsSection(report),
         ConfusionSection(report.confusion),
         BaselineSection(report),
         CalibrationSection(report),

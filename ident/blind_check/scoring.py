@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.blind_check.cases import FULL_MIX, Slot
+from ident.blind_check.world_axes import EXCUSED_BY_URDF, urdf_is_wrong, world_axes
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
@@ -66,6 +67,10 @@ class Outcome:
         rivals: Names of the plain methods.
         seconds: Time of the diagnosis.
         error: What went wrong, if it failed.
+        world: The properties of its world by which scores are told.
+        urdf_wrong: Whether the URDF of its world is wrong beyond any tolerance.
+        excused: Whether each name is true of the world, though nothing of the kind was hidden.
+        refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
     """
 
     name: str
@@ -87,16 +92,47 @@ class Outcome:
     rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     seconds: float | None = None
     error: str = ""
+    world: Mapping[str, float | str] = field(default_factory=dict)
+    urdf_wrong: bool = False
+    excused: tuple[bool, ...] = ()
+    refusal_score: float | None = None
+
+    @property
+    def false_names(self) -> list[bool]:
+        """Of each name, whether it is false."""
+        excused = self.excused or (False,) * len(self.right)
+        return [not right and not free for right, free in zip(self.right, excused, strict=True)]
+
+    @property
+    def has_false_name(self) -> bool:
+        return any(self.false_names)
+
+    @property
+    def has_companion(self) -> bool:
+        """Whether a false name stands beside a true one."""
+        return any(self.right) and self.has_false_name
+
+    @property
+    def told_gap(self) -> bool:
+        """Whether the verdict is anything but that all is well."""
+        return self.verdict != "no_gap"
+
+    @property
+    def said(self) -> list[tuple[float, bool]]:
+        """Probability of each name that is true or false, and which."""
+        pairs = zip(self.named, self.right, self.false_names, strict=True)
+        return [(p, right) for (_, _, p), right, false in pairs if right or false]
 
     @property
     def confidently_wrong(self) -> bool:
         """Whether a name that is not true was given with confidence; nobody knows all that is true of a real arm."""
-        wrong = [p for (_, _, p), right in zip(self.named, self.right, strict=True) if not right]
+        wrong = [p for (_, _, p), false in zip(self.named, self.false_names, strict=True) if false]
         told = self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
         return told and self.kind in SIMULATED
 
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
+        record["world"] = dict(self.world)
         record["coverage"] = [{**vars(one), "inside": one.inside} for one in self.coverage]
         return record
 
@@ -125,7 +161,9 @@ def score_case(
     record = result["diagnosis"]
     findings = record["findings"]
     matches = [next((one for one in answer.effects if _is_true(one, f, answer)), None) for f in findings]
-    first = findings[0] if findings else None
+    excused = [match is None and _is_excused(f, answer) for match, f in zip(matches, findings, strict=True)]
+    counted = [f for f, free in zip(findings, excused, strict=True) if not free]
+    first = counted[0] if counted else None
     if kind == "semi_real":  # a real arm has gaps of its own: its names may come first
         first = _nearest(findings, answer)
         kind = "already_there" if _is_there(untouched, answer) else kind
@@ -143,13 +181,34 @@ def score_case(
         joint=bool(first and only and _is_at(only, first, answer)),
         class_size=len(first["class"]) if first else None,
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
-        set_f1=_f1(len(findings), matches, len(truth)) if truth else None,
+        set_f1=_f1(len(counted), matches, len(truth)) if truth else None,
         shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
         coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
         seconds=result.get("seconds"),
+        world=world_axes(answer.world),
+        urdf_wrong=urdf_is_wrong(answer.world),
+        excused=tuple(excused),
+        refusal_score=_refusal_score(record),
     )
+
+
+def _is_excused(finding: Mapping[str, Any], answer: Answer) -> bool:
+    return finding["effect"] in EXCUSED_BY_URDF and urdf_is_wrong(answer.world)
+
+
+def _refusal_score(record: Mapping[str, Any]) -> float | None:
+    """The diagnosis's own figure where it tells one, else what its names leave open of the gap."""
+    if record["verdict"] in ("refused", "not_testable"):
+        return None
+    if record["verdict"] == "no_gap":
+        return 0.0
+    if record.get("outside_score") is not None:
+        return float(record["outside_score"])
+    closed = (record.get("heldout") or {}).get("shrink") or 0.0
+    surest = max((float(one["probability"]) for one in record["findings"]), default=0.0)
+    return 1.0 - surest * float(np.clip(closed, 0.0, 1.0))
 
 
 def _amplitude(slot: Slot, answer: Answer) -> float:

@@ -23,7 +23,8 @@ SHARES = {
     "class_aware_small": "classed, at 0.3 of the noise floor",
     "false_alarm": "false alarms: healthy sessions with a name",
     "false_alarm_decoy": "false alarms: decoys with a name",
-    "gap_alarm": "healthy sessions told to have a gap",
+    "told_gap": "healthy sessions told to have a gap",
+    "companion": "visible effects with a false name beside the true one",
     "refusal": "refused, at the right joint, where the catalogue lacks the cause",
     "wrongly_named": "a wrong name called the whole story there",
     "interval_coverage": "true figures inside their 95 % interval",
@@ -33,6 +34,7 @@ MEANS = {
     "mean_class_size": "effects in a class",
     "set_f1": "F1 of the set of names, pairs and triples",
     "calibration_error": "calibration error of the probabilities",
+    "auroc": "area under the curve of refusals: lacking causes against held ones",
     "seconds_per_case": "seconds a diagnosis",
 }
 BASELINES = {"bic_forward": "forward selection by BIC", "lasso": "lasso", "correlation": "largest correlation"}

@@ -51,6 +51,22 @@ def mean(values: Sequence[float]) -> Score:
     return Score(float(x.mean()), float(np.quantile(draws, 0.025)), float(np.quantile(draws, 0.975)), len(x))
 
 
+def auroc(positive: Sequence[float], negative: Sequence[float]) -> Score:
+    """Probability that a positive case scores above a negative one, ties counting half; interval by Hanley and McNeil.
+
+    Source: Hanley and McNeil 1982.
+    """
+    n, m = len(positive), len(negative)
+    if not n or not m:
+        return Score(None, None, None, 0)
+    difference = np.subtract.outer(np.asarray(positive, dtype=float), np.asarray(negative, dtype=float))
+    area = float(np.mean((difference > 0.0) + 0.5 * (difference == 0.0)))
+    q1, q2 = area / (2.0 - area), 2.0 * area**2 / (1.0 + area)
+    variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
+    reach = Z * float(np.sqrt(max(variance, 0.0) / (n * m)))
+    return Score(area, max(area - reach, 0.0), min(area + reach, 1.0), n + m)
+
+
 @dataclass(frozen=True)
 class Bin:
     """Findings whose probability lies in one bin: how often they were right against what they said."""

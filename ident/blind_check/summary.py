@@ -7,8 +7,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from ident.blind_check.by_world import Stratum, find_worst, stratify
 from ident.blind_check.scoring import Outcome
-from ident.blind_check.statistics import Bin, Score, calibration_curve, calibration_error, mean, share
+from ident.blind_check.statistics import (
+    Bin,
+    Score,
+    auroc,
+    calibration_curve,
+    calibration_error,
+    mean,
+    share,
+)
 
 SCHEMA = "ident.blind/1"
 SETS = ("pair", "triple")
@@ -42,15 +51,17 @@ class BlindReport:
         visible = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude >= 1.0)
         small = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude < 1.0)
         refusable, sets = self.of(*REFUSABLE), self.of(*SETS)
-        said = [pair for one in self.of(*NAMEABLE) for pair in _said(one)]
+        said = [pair for one in self.of(*NAMEABLE) for pair in one.said]
         covered = [cover.inside for one in self.outcomes for cover in one.coverage]
         seconds = [one.seconds for one in self.outcomes if one.seconds is not None]
         return {
             **name_scores(visible),
             "class_aware_small": share([one.class_aware for one in small]),
-            "false_alarm": share([bool(one.named) for one in self.of("healthy")]),
-            "false_alarm_decoy": share([bool(one.named) for one in self.of("decoy")]),
-            "gap_alarm": share([one.verdict != "no_gap" for one in self.of("healthy")]),
+            "companion": share([one.has_companion for one in visible]),
+            "false_alarm": share([one.has_false_name for one in self.of("healthy")]),
+            "false_alarm_decoy": share([one.has_false_name for one in self.of("decoy")]),
+            "told_gap": share([one.told_gap for one in self.of("healthy") if not one.urdf_wrong]),
+            "auroc": auroc(*self.refusal_scores),
             "refusal": share([one.refused for one in refusable]),
             "wrongly_named": share([one.verdict == "named" for one in refusable]),
             "set_f1": mean([one.set_f1 for one in sets if one.set_f1 is not None]),
@@ -75,6 +86,34 @@ class BlindReport:
             for amplitude, rich in cells
         }
 
+    @property
+    def refusal_scores(self) -> tuple[list[float], list[float]]:
+        """How sure the diagnosis is that the catalogue lacks the cause: where it does, and where it does not."""
+        lacking = [one.refusal_score for one in self.of(*REFUSABLE)]
+        holding = [one.refusal_score for one in self.of(*SINGLES, where=lambda one: one.amplitude >= 1.0)]
+        outside, inside = ([score for score in scores if score is not None] for scores in (lacking, holding))
+        return outside, inside
+
+    @cached_property
+    def worlds(self) -> dict[str, list[Stratum]]:
+        """Scores by the properties in which the worlds of the cases differ."""
+        return stratify(self.outcomes)
+
+    @cached_property
+    def worst(self) -> Stratum | None:
+        """The stratum of worlds in which fewest effects are named."""
+        return find_worst(self.worlds)
+
+    @cached_property
+    def reliability(self) -> dict[str, Score]:
+        """Of each effect, how often its name is true where it is given."""
+        found: dict[str, list[bool]] = {}
+        for one in self.of(*NAMEABLE):
+            for (effect, _, _), right, false in zip(one.named, one.right, one.false_names, strict=True):
+                if right or false:
+                    found.setdefault(effect, []).append(right)
+        return {effect: share(found[effect]) for effect in sorted(found)}
+
     @cached_property
     def confusion(self) -> dict[str, dict[str, int]]:
         """For each true single effect, what was named first; a verdict where nothing was."""
@@ -88,7 +127,7 @@ class BlindReport:
     @cached_property
     def calibration(self) -> tuple[Bin, ...]:
         """The curve behind the calibration error."""
-        return calibration_curve(*_unzip([pair for one in self.of(*NAMEABLE) for pair in _said(one)]))
+        return calibration_curve(*_unzip([pair for one in self.of(*NAMEABLE) for pair in one.said]))
 
     @cached_property
     def coverage(self) -> dict[str, Score]:
@@ -139,6 +178,9 @@ class BlindReport:
             "confusion": self.confusion,
             "calibration": [{**vars(one), "right": vars(one.right)} for one in self.calibration],
             "coverage": _full(self.coverage),
+            "worlds": {axis: [one.to_dict() for one in strata] for axis, strata in self.worlds.items()},
+            "worst_stratum": _worst(self.worst),
+            "reliability": _full(self.reliability),
             "baselines": {method: _values(scores) for method, scores in self.baselines.items()},
             "confidently_wrong": [one.name for one in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
@@ -159,10 +201,6 @@ def name_scores(cases: Sequence[Outcome]) -> dict[str, Score]:
     }
 
 
-def _said(one: Outcome) -> list[tuple[float, bool]]:
-    return [(p, right) for (_, _, p), right in zip(one.named, one.right, strict=True)]
-
-
 def _unzip(pairs: Sequence[tuple[float, bool]]) -> tuple[list[float], list[bool]]:
     return [p for p, _ in pairs], [right for _, right in pairs]
 
@@ -177,6 +215,18 @@ def _first(one: Outcome, named: Sequence[tuple[str, str]]) -> tuple[str, str]:
 def _f1_of(named: Sequence[tuple[str, str]], truth: Sequence[tuple[str, str]]) -> float:
     hits = len(set(named) & set(truth))
     return 2.0 * hits / (len(named) + len(truth))
+
+
+def _worst(stratum: Stratum | None) -> dict[str, Any] | None:
+    if stratum is None:
+        return None
+    strict = stratum.scores["strict"]
+    return {
+        "world": stratum.label,
+        "strict": strict.value,
+        "interval": [strict.low, strict.high],
+        "cases": strict.count,
+    }
 
 
 def _values(scores: dict[str, Score]) -> dict[str, float | None]:

@@ -18,7 +18,7 @@ from ident.plant.record import Channels, Progress, draw_pauses, no_progress, rec
 from ident.plant.request import EffectRequest, find_joint, parse_effect
 from ident.plant.visibility import VisibilityMeter
 from ident.plant.world import World
-from ident.plant.world_arm import channels_of, draw_world_arm, friction_path, noise_floor
+from ident.plant.world_arm import channels_of, draw_world_arm, friction_path, noise_floor, usable_band
 from ident.recordings.recording import Payload, Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
@@ -136,8 +136,8 @@ def simulate(
     healthy = _healthy(arm, options, decoy_rng)
     clock_rng, record_rng = run_rng.spawn(2)
     pauses = draw_pauses(len(plans), options.pause, clock_rng)
-    healthy, channels, floors = _surroundings(healthy, options, plans, pauses)
-    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors)
+    healthy, channels, floors, band = _surroundings(healthy, options, plans, pauses)
+    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors, band)
     hardware, effects = healthy, []
     for request, joint in zip(requests, joints, strict=True):
         hardware, effect = _add_effect(request, joint, hardware, meter, int(effect_rng.integers(2**63)), options)
@@ -176,15 +176,16 @@ def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -
 
 def _surroundings(
     healthy: Hardware, options: SimulationOptions, plans: Sequence[Motion], pauses: Sequence[float]
-) -> tuple[Hardware, Channels, Float[Array, " n"]]:
-    """The arm with its friction of each run, what its log holds, and the noise floor of each joint [N m]."""
+) -> tuple[Hardware, Channels, Float[Array, " n"], Float[Array, " n"] | None]:
+    """The arm with its friction of each run, its log's channels, and each joint's noise floor [N m] and band [Hz]."""
     world = options.world
     if world is None:
         channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
-        return healthy, channels, healthy.sensing.noise_floor
+        return healthy, channels, healthy.sensing.noise_floor, None
     path = friction_path(world, healthy.n, plans, pauses, np.random.default_rng([options.seed, 2]))
     healthy = healthy.replace(friction_path=path)
-    return healthy, channels_of(world, options.commands, options.temperature), noise_floor(healthy, world, plans)
+    channels = channels_of(world, options.commands, options.temperature)
+    return healthy, channels, noise_floor(healthy, world, plans), usable_band(healthy, world)
 
 
 def true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
@@ -30,6 +31,9 @@ STILL_RAD_S = 0.02
 TOLERANCE = 0.04
 # A size that shows so much less or more than is wanted is still taken where none comes nearer.
 ACCEPTED = 0.8, 1.25
+# From this frequency on the samples' own spacing is the bound [Hz]; shorter pieces than three times this many samples
+# stay as they are.
+WHOLE_BAND_HZ, LEAST_FILTERED = 20.0, 15
 # Length of motion on which most causes are measured, where the simulation is fine [s].
 ENOUGH_S = 40.0
 
@@ -107,13 +111,35 @@ def remainder(rows: Rows) -> Float[Array, "T n"]:
     return rest.reshape(rows.torque.shape)
 
 
-def amplitude(after: Rows, before: Rows, window: Array | None = None) -> Float[Array, " n"]:
-    """RMS of the difference of two remainders where both move [N m], in a window of the samples if one is given."""
+def amplitude(
+    after: Rows, before: Rows, window: Array | None = None, band: Float[Array, " n"] | None = None
+) -> Float[Array, " n"]:
+    """RMS of the difference of two remainders where both move [N m].
+
+    Args:
+        after, before: With a cause and without.
+        window: Samples that count; all if None.
+        band: Frequency up to which each joint can be seen [Hz]; without bound if None.
+    """
     both = after.moving & before.moving
     if window is not None:
         both = both & window[:, None]
     difference = np.where(both, remainder(after) - remainder(before), 0.0)
+    if band is not None:
+        difference = in_band(difference, after.run, band)
     return np.sqrt((difference**2).sum(axis=0) / np.maximum(both.sum(axis=0), 1))
+
+
+def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -> Float[Array, "T n"]:
+    """Each run's values without what is quicker than the band of each joint [Hz]."""
+    kept = np.array(values)
+    for j in np.flatnonzero(band < WHOLE_BAND_HZ):
+        filter_sos = butter(2, band[j], fs=1.0 / STRIDE_S, output="sos")
+        for number in np.unique(run):
+            own = run == number
+            if own.sum() > 3 * LEAST_FILTERED:
+                kept[own, j] = sosfiltfilt(filter_sos, kept[own, j], padlen=LEAST_FILTERED)
+    return kept
 
 
 class Way(NamedTuple):
@@ -140,6 +166,7 @@ class VisibilityMeter:
         seed: Of the chance that runs with and without a cause share.
         coarse: Whether to measure the whole session coarsely.
         floor: Noise floor of each joint [N m]; that of the torque readings if None.
+        band: Frequency up to which encoder noise lets each joint be seen [Hz]; without bound if None.
     """
 
     def __init__(
@@ -150,7 +177,9 @@ class VisibilityMeter:
         seed: int,
         coarse: bool = False,
         floor: Float[Array, " n"] | None = None,
+        band: Float[Array, " n"] | None = None,
     ) -> None:
+        self.band = band
         self.floor = hardware.sensing.noise_floor if floor is None else floor
         self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
         self.coarse = coarse
@@ -182,7 +211,7 @@ class VisibilityMeter:
             before = self._plain(way, cause.view)
             after = self._changed(hardware, way, cause.view)
             window = _window(hardware.contact, hardware.contact_run, after)
-            self._seen[key] = freeze(amplitude(after, before, window))
+            self._seen[key] = freeze(amplitude(after, before, window, self.band))
         return self._seen[key]
 
     def _plain(self, way: Way, view: View) -> Rows:

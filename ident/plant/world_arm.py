@@ -106,11 +106,8 @@ def noise_floor(hardware: Hardware, world: World, motions: Sequence[Motion]) -> 
     Three parts: the noise of the torque reading; encoder noise, differentiated twice and multiplied by the joint's
     inertia, in the band in which it is smaller than the torque's noise; and friction that changes from run to run.
     """
-    q_noise = encoder_noise(hardware)
-    inertia = np.diag(mass_matrix(hardware, np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)))
-    inertia = inertia + hardware.drive.rotor_inertia
-    band = usable_band(hardware, world, inertia * q_noise)
-    accelerating = 2.0 * (inertia * q_noise) ** 2 / world.rate_hz * (2.0 * np.pi) ** 4 * band**5 / 5.0
+    disturbance, band = _disturbance(hardware), usable_band(hardware, world)
+    accelerating = 2.0 * disturbance**2 / world.rate_hz * (2.0 * np.pi) ** 4 * band**5 / 5.0
     speed = np.sqrt(np.mean([np.mean(motion.dq**2, axis=0) for motion in motions], axis=0))
     change = np.hypot(world.friction_spread, world.friction_drift / np.sqrt(2.0))
     rubbing = change * np.hypot(hardware.friction.coulomb, hardware.friction.viscous * speed)
@@ -123,19 +120,20 @@ def encoder_noise(hardware: Hardware) -> Float[Array, " n"]:
     return np.hypot(hardware.sensing.count_noise * count, count / np.sqrt(12.0))
 
 
-def usable_band(hardware: Hardware, world: World, disturbance: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz].
+def _disturbance(hardware: Hardware) -> Float[Array, " n"]:
+    """Inertia of each joint at a middling pose times its encoder's noise [N m s²]."""
+    pose = np.clip(np.full(hardware.n, 0.6), hardware.arm.lower, hardware.arm.upper)
+    inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
+    return np.asarray(inertia * encoder_noise(hardware))
 
-    Args:
-        hardware: The arm.
-        world: Its log rate and colour of noise.
-        disturbance: Inertia times encoder noise [N m s²].
-    """
+
+def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:
+    """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz]."""
     sensing, interval = hardware.sensing, 1.0 / world.rate_hz
     highest = max(min(GREATEST_BAND_HZ, 0.4 * world.rate_hz), LEAST_BAND_HZ)
     f = np.geomspace(LEAST_BAND_HZ, highest, 200)[:, None]
     corner = sensing.corner_hz
     torque = 2.0 * sensing.white**2 * interval + sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2)
-    encoder = 2.0 * disturbance**2 * interval * (2.0 * np.pi * f) ** 4
+    encoder = 2.0 * _disturbance(hardware) ** 2 * interval * (2.0 * np.pi * f) ** 4
     below = (encoder < torque).sum(axis=0)
     return f[np.clip(below - 1, 0, len(f) - 1), 0]
