@@ -99,8 +99,9 @@ def draw_axis(axis: str, strata: Sequence[Stratum]) -> Any:
         reach = np.maximum([y - low, high - y], 0.0)
         axes.errorbar(x, y, yerr=reach, fmt="o-", color=colour, markersize=3.5, linewidth=0.8, alpha=0.9)
     turned = len(strata) > 4 or any(len(_place(one)) > 10 for one in strata)
-    turn = {"rotation": 25, "ha": "right"} if turned else {}
-    axes.set_xticks(places, [_place(one) for one in strata], **turn)
+    axes.set_xticks(places, [_place(one) for one in strata])
+    if turned:
+        axes.tick_params(axis="x", labelrotation=25)
     axes.set_xlim(-0.5, len(strata) - 0.5)
     axes.set_ylim(-0.03, 1.03)
     axes.set_title(AXIS_NAMES[axis], fontsize=8, loc="left", pad=3)
