@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RecordingError
+from ident.motion.butterworth import design_lowpass
 from ident.motion.signal_band import find_signal_band, keep_band
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.motion.zero_phase import filter_both_ways
@@ -40,7 +40,7 @@ LEAST_DURATION = 1.0
 
 @lru_cache(maxsize=64)
 def _sections(rate: float, cutoff: float) -> Float[Array, "s 6"]:
-    return butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+    return design_lowpass(FILTER_ORDER, cutoff, rate)
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,11 @@ Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import butter, welch
 
 from ident.arrays import Array, Float
+from ident.motion.butterworth import design_lowpass
 from ident.motion.smoothing import NoiseLevels
+from ident.motion.spectrum import mean_spectrum
 from ident.motion.zero_phase import filter_both_ways
 
 # Length of the stretches whose spectra are averaged [s].
@@ -48,7 +49,7 @@ def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels)
         levels: Noise of the joints' positions.
     """
     length = min(len(ddq), max(16, round(STRETCH * rate)))
-    f, power = welch(ddq, rate, nperseg=length, axis=0, detrend=False)
+    f, power = mean_spectrum(ddq, rate, length)
     with np.errstate(divide="ignore", invalid="ignore"):
         corner = levels.bandwidth(1.0 / rate)
         noise = 2 * levels.position / rate * (2 * np.pi * f[:, None]) ** 4 / (1 + (f[:, None] / corner) ** 6) ** 2
@@ -73,7 +74,7 @@ def keep_band(
     kept = states.copy()
     for j in np.flatnonzero(band < min(highest, 0.45 * rate)):
         reach = min(len(states) - 1, round(PADDING_PERIODS * rate / float(band[j])))
-        sections = butter(FILTER_ORDER, float(band[j]), fs=rate, output="sos")
+        sections = design_lowpass(FILTER_ORDER, float(band[j]), rate)
         column = states[:, j]
         time = np.arange(1, reach + 1) / rate
         longer = np.concatenate([_coasted(column[0], -time[::-1]), column, _coasted(column[-1], time)])

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numba import njit
 from scipy.optimize import minimize_scalar
 
@@ -328,6 +327,8 @@ def _transition(dt: float, s: float) -> tuple[Float[Array, "3 3"], Float[Array, 
 
 def _smooth_filterpy(z: Array, dt: Array, regular: bool, s: float, r: float, first: Array) -> tuple[Array, Array]:
     """The same as `_smooth` through filterpy's general Kalman filter and smoother."""
+    from filterpy.kalman import KalmanFilter  # slow to load, and only the reference needs it
+
     kalman = KalmanFilter(dim_x=3, dim_z=1)
     kalman.H, kalman.R = np.array([[1.0, 0.0, 0.0]]), np.array([[r]])
     kalman.x, kalman.P = np.array([[z[0]], [0.0], [0.0]]), first.copy()

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.signal import sosfilt_zi
 
 from ident.arrays import Array, Float
+from ident.motion.butterworth import resting_states
 
 
 def filter_both_ways(
@@ -32,7 +32,7 @@ def filter_both_ways(
     extended[middle] = columns
     extended[:padding] = 2.0 * columns[0] - columns[padding:0:-1]
     extended[middle.stop :] = 2.0 * columns[-1] - columns[-2 : -padding - 2 : -1]
-    _filter(extended, np.ascontiguousarray(sections), sosfilt_zi(sections))
+    _filter(extended, np.ascontiguousarray(sections), resting_states(sections))
     return extended[middle].reshape(np.shape(values))
 
 

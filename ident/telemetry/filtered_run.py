@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from ident.arrays import Array, Float
+from ident.motion.butterworth import design_lowpass
+from ident.motion.zero_phase import filter_both_ways
 from ident.recordings.recording import Recording
 
 # Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.
@@ -17,6 +18,9 @@ EDGE_PERIODS = 1.5
 # Samples kept per period of the cut-off: twice Nyquist's two, so that nothing folds.
 SAMPLES_PER_PERIOD = 4
 LEAST_SAMPLES = 30
+FILTER_ORDER = 4
+# Samples by which both ends are extended: three times the filter's own.
+PADDING = 3 * (FILTER_ORDER + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +63,11 @@ def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> Motion | None:
     step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))
     if len(grid) < 2 * edge + 8 * step or len(grid) < LEAST_SAMPLES:
         return None
-    sos = butter(4, cutoff, fs=1.0 / interval, output="sos")
+    sections = design_lowpass(FILTER_ORDER, cutoff, 1.0 / interval)
 
     def smooth(values: Float[Array, "T n"]) -> Float[Array, "T n"]:
         even = np.column_stack([np.interp(grid, run.time, column) for column in values.T])
-        return sosfiltfilt(sos, even, axis=0)
+        return filter_both_ways(sections, even, PADDING)
 
     q = smooth(run.position)
     dq = np.gradient(q, interval, axis=0)
