@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,11 @@ from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
 from ident.diagnosis.regression.runs import build_session, leftover_torque
+from ident.diagnosis.reservations import Reservation, doubt_replay, find_implausible, joints_of
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
-from ident.diagnosis.selection.search import Named, Search, SearchResults
+from ident.diagnosis.selection.search import Key, Named, Search, SearchResults
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
     decide,
@@ -47,6 +48,8 @@ LEAST_PROBABILITY = 0.05
 PLACES_TOLD = 12
 # Searches at the most, and the fall of friction's variation from run to run that is worth another one.
 MOST_SETTLING, SETTLED_SHARE = 3, 0.8
+# The search begins again for each name that can't be believed, up to this many; further ones are only left out.
+MOST_DOUBTED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +106,7 @@ class Diagnosis:
         findings: Named effects.
         heldout: Before and after, all effects together.
         not_testable: What these recordings can't show, and why.
+        reservations: Names that were not believed, and other reasons to doubt.
         extra: Further figures.
         catalogue: The effects that were asked for.
     """
@@ -117,6 +121,7 @@ class Diagnosis:
     findings: tuple[Finding, ...] = ()
     heldout: dict[str, Any] = field(default_factory=dict)
     not_testable: tuple[dict[str, Any], ...] = ()
+    reservations: tuple[Reservation, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = CATALOGUE
 
@@ -133,6 +138,7 @@ class Diagnosis:
             "findings": [finding.to_dict() for finding in self.findings],
             "heldout": self.heldout,
             "not_testable": list(self.not_testable),
+            "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": next_experiment(
                 [one.to_dict() for one in self.findings], self.not_testable, self.catalogue
             ),
@@ -179,7 +185,7 @@ def diagnose(
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
-    search, found, estimates, fine = _settle(evidence, prior, session, baseline, seed)
+    search, found, estimates, fine, doubted = _settle(evidence, prior, session, baseline, seed)
     evidence = search.evidence
     groups = [item.group for item in found.named]
     gram = evidence.gram()
@@ -209,6 +215,7 @@ def diagnose(
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(_silent(item, arm.joint_names) for item in layout.silent),
+        reservations=doubted + doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors),
         extra={
             "nearest": nearest_record(found, arm.joint_names),
             "maps": maps_record(places),
@@ -224,40 +231,55 @@ def diagnose(
 
 def _settle(
     evidence: Evidence, prior: Prior, session: SessionContext, baseline: Baseline, seed: int
-) -> tuple[Search, SearchResults, list[Estimate], Refined | None]:
+) -> tuple[Search, SearchResults, list[Estimate], Refined | None, tuple[Reservation, ...]]:
     """Names and how much friction varies from run to run: each is told beside the other.
 
     Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
     no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
     """
+    barred: frozenset[Key] = frozenset()
+    doubted: tuple[Reservation, ...] = ()
     evidence = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
     spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
     for _ in range(MOST_SETTLING):
         evidence = evidence.with_run_spread(spread)
-        search = Search(evidence, prior, HeldOut(evidence, prior), seed)
-        found, estimates, fine = _sure(search, session, baseline)
+        search = Search(evidence, prior, HeldOut(evidence, prior), seed, barred)
+        found, estimates, fine, more, barred = _sure(search, session, baseline)
+        doubted += more
         model = project(evidence.gram(), evidence, prior, [item.group for item in found.named])
         smaller = np.minimum(spread, estimate_run_spread(evidence, model))
         if not found.named or np.all(smaller > SETTLED_SHARE * spread):
             break
         spread = smaller
-    return search, found, estimates, fine
+    return search, found, estimates, fine, doubted
 
 
 def _sure(
     search: Search, session: SessionContext, baseline: Baseline
-) -> tuple[SearchResults, list[Estimate], Refined | None]:
-    """The effects that the search named, without those that a rival beats by far; and their finer grids, if any."""
-    found = search.run()
+) -> tuple[SearchResults, list[Estimate], Refined | None, tuple[Reservation, ...], frozenset[Key]]:
+    """The effects that the search named, without those that a rival beats by far or whose figures no arm has.
+
+    With them their finer grids, if any, why names were not believed, and what the search is to do without. What no arm has is no candidate: the search
+    begins again without it, for what it explained may have another name.
+    """
+    found, doubted = search.run(), []
+    joints = baseline.nominal.joint_names
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
+        refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
+        doubted += [Reservation.of(found.named[k], estimates[k], joints, reason) for k, reason in refused.items()]
+        if refused and len(doubted) <= MOST_DOUBTED:
+            search = replace(search, barred=search.barred | {groups[k].key for k in refused})
+            found = search.run()
+            continue
+        kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            return found, estimates, fine
+            return found, estimates, fine, tuple(doubted), search.barred
         found = search.only(found, kept)
-    return found, [], None
+    return found, [], None, tuple(doubted), search.barred
 
 
 def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
@@ -321,13 +343,11 @@ def _findings(
     for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
         old, new = item.before.rms, item.after.rms
         acts = item.shown
-        own = [item.group.joint] if item.group.effect.scope == "joint" else acts
-        names = tuple(joints[j] for j in own)
         findings.append(
             Finding(
                 estimate=estimate,
                 named=item,
-                joints=names,
+                joints=joints_of(item, joints),
                 rms_before={joints[j]: float(old[j]) for j in acts},
                 rms_after={joints[j]: float(new[j]) for j in acts},
                 energy_before=float(reach.energy_before[acts].sum()),

@@ -15,10 +15,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.knowledge import Doubt, Expression, Typical
+from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
 from ident.robot.arm import ArmModel
+
+__all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,18 +128,6 @@ class Variant:
     shape: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A figure with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def to_dict(self) -> dict[str, float]:
-        return {"value": self.value, "low": self.low, "high": self.high}
-
-
 class Effect(ABC):
     """An effect of the catalogue.
 
@@ -157,6 +147,8 @@ class Effect(ABC):
             the one that shows one of them.
         set_ups: For other effects, by id, the change of set-up that tells the two apart, where no motion does.
         twins: Other effects, by id, whose columns span its own exactly.
+        defining: Reported figures without which there is no such effect: where the intervals of all of them hold zero,
+            nothing is named.
         typical: How large it is taken to be where nobody has found it yet.
         doubt: How far an arm's own law may differ from this one.
         partner: The figure that is the number of another joint that takes part, or "".
@@ -186,6 +178,7 @@ class Effect(ABC):
     parted_by: ClassVar[Mapping[str, str]] = {}
     set_ups: ClassVar[Mapping[str, str]] = {}
     twins: ClassVar[tuple[str, ...]] = ()
+    defining: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[Typical] = Typical()
     doubt: ClassVar[Doubt] = Doubt()
     partner: ClassVar[str] = ""
@@ -248,6 +241,14 @@ class Effect(ABC):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return None
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """What reported figures can be on this arm, by name; figures that may be anything are left out."""
+        return {}
+
+    def signed(self, variant: Variant) -> tuple[int, ...]:
+        """Columns of a point of the inner grid whose coefficients can't be negative."""
+        return self.nonnegative
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]

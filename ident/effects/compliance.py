@@ -22,7 +22,7 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.knowledge import Expression, Typical, exactly_as, not_at_all
+from ident.effects.knowledge import Expression, Range, Typical, exactly_as, not_at_all
 from ident.effects.typical_sizes import (
     coefficient_interval,
     high_passed,
@@ -39,6 +39,8 @@ DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
 DAMPING_DOUBT = 4.0
 GAPS = (0.0005, 0.002)  # full width [rad]
 LARGEST_GAP = 0.01  # [rad]
+# Play of a gear that still works, and wind-up at rated torque: strain-wave gears have some mrad [rad].
+LARGEST_PLAY, LARGEST_WIND_UP = 0.02, 0.1
 # Stiffness of the gear in contact, in rated torques a radian, and its damping ratio: tooth contact hardly rebounds.
 CONTACT_STIFFNESS = 150.0
 CONTACT_DAMPING_RATIO = 0.3
@@ -112,6 +114,12 @@ class JointElasticity(Effect):
             "damping_Nms_rad": Interval(damping, damping / DAMPING_DOUBT, damping * DAMPING_DOUBT),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """Soft gears wind up by some degrees at their rated torque; of those that hold zero compliance none is told."""
+        least = rated_torque(session, joint) / LARGEST_WIND_UP
+        most = STIFFEST if figures["stiffness_Nm_rad"].high < STIFFEST else 0.0
+        return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0 / SOFTEST])
 
@@ -129,6 +137,7 @@ class Backlash(Effect):
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
     shown_by = "reversals"
+    defining = ("gap_rad",)
     typical = Typical("gap_rad", 0.1)
     formats: ClassVar[Mapping[str, Expression]] = {
         "urdf": not_at_all("a joint has no play; add the module's torque"),
@@ -167,6 +176,9 @@ class Backlash(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         return {"gap_rad": coefficient_interval(0, coefficients, covariance)}
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        return {"gap_rad": Range(0.0, LARGEST_PLAY, "gears with so much play are broken")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_GAP])

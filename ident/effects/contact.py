@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.knowledge import EVENT, Doubt, Expression, Typical
+from ident.effects.knowledge import EVENT, Doubt, Expression, Range, Typical
 from ident.effects.rigid_body import point_mass
 from ident.effects.typical_sizes import amplitude_interval, exactly
 from ident.robot.arm import ArmModel
@@ -70,6 +70,7 @@ class ExternalContact(Effect):
     event = True
     summary = "something pushes the arm for a while; repeat the motion in free space"
     shown_by = "free"
+    defining = ("force_N",)
     typical = Typical("force_N", 0.2)
     doubt = Doubt(exact=frozenset({"start_s", "end_s", "link"}))
     left_open = EVENT.words
@@ -112,6 +113,9 @@ class ExternalContact(Effect):
             "force_N": amplitude_interval(coefficients, covariance),
             "link": exactly(variant.shape["link"]),
         }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        return {"force_N": Range(0.0, LARGEST_FORCE, "the arm would have stopped")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, LARGEST_FORCE)

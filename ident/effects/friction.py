@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, linear_interval
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Typical, exactly_as, nearly_as
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, exactly_as, nearly_as
+from ident.effects.plausible import LARGEST_TORQUE_SHARE
 from ident.effects.typical_sizes import (
     amplitude_interval,
     coefficient_interval,
@@ -33,6 +34,10 @@ FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
 FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 POSITION_ORDERS = (1.0, 2.0)
+# Static over sliding friction, less one.
+LARGEST_BREAKAWAY = 3.0
+# Share of the transmitted torque that a gear may lose: strain-wave gears are worse than half cold and unloaded only.
+LARGEST_LOSS = 0.5
 LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
 # A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
 LEAST_LOAD_RANGE = 0.004
@@ -52,6 +57,7 @@ class StribeckFriction(Effect):
     summary = "more friction at low speed than Coulomb and viscous friction have; look at slow stretches"
     shown_by = "ladder"
     parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
+    defining = ("amplitude_Nm",)
     typical = Typical("amplitude_Nm", 0.3, {"stribeck_velocity_rad_s": 0.06, "exponent": 1.0})
     open_law = True
 
@@ -96,6 +102,11 @@ class StribeckFriction(Effect):
             "exponent": grid_interval(variant.inner["exponent"], STRIBECK_EXPONENTS),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """Breaking away takes at most a few times the force of sliding (Armstrong-Hélouvry 1991)."""
+        most = LARGEST_BREAKAWAY * coulomb_level(session, joint)
+        return {"amplitude_Nm": Range(0.0, most, "static friction is at most some times Coulomb friction")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([coulomb_level(session, joint)])
 
@@ -117,6 +128,7 @@ class NonlinearViscousFriction(Effect):
     summary = "friction over speed is no line but a curve; look at fast against middling speeds"
     shown_by = "ladder"
     parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
+    defining = ("coefficient",)
     typical = Typical("coefficient", 0.2, {"exponent": 0.5})
     open_law = True
     incomparable = frozenset({"coefficient", "exponent"})  # the simulated arm's viscous law is no power law
@@ -150,6 +162,11 @@ class NonlinearViscousFriction(Effect):
             "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / fastest ** figures["exponent"].value
+        return {"coefficient": Range(0.0, most, "at the joint's top speed it takes more than the motor can spare")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
@@ -182,6 +199,7 @@ class LoadDependentFriction(Effect):
     nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
     summary = "friction grows with the transmitted torque; look at poses of high and low load at one speed"
     shown_by = "poses"
+    defining = ("mu",)
     typical = Typical("mu", 0.3)
     open_law = True
 
@@ -222,6 +240,9 @@ class LoadDependentFriction(Effect):
         weights = np.array([0.75, 0.75, 1.0, variant.shape["speed_rad_s"]])[: len(coefficients)]
         return {"mu": linear_interval(weights, coefficients, covariance)}
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        return {"mu": Range(0.0, LARGEST_LOSS, "no gear of a robot loses more than half of what it transmits")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
 
@@ -246,6 +267,7 @@ class PositionDependentFriction(Effect):
     id = "position_dependent_friction"
     summary = "friction varies with the joint's angle; look at both directions over the whole range"
     shown_by = "poses"
+    defining = ("amplitude_Nm",)
     typical = Typical("amplitude_Nm", 0.2)
     doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
     opposite = frozenset({"phase_rad"})  # the simulated arm has cos(kq + phase)
@@ -276,6 +298,11 @@ class PositionDependentFriction(Effect):
             "phase_rad": phase_interval(coefficients, covariance),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """Passive: where it takes friction away, no less than none may be left."""
+        most = coulomb_level(session, joint)
+        return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, 0.5 * coulomb_level(session, joint))
 
@@ -290,6 +317,7 @@ class AsymmetricFriction(Effect):
     id = "asymmetric_friction"
     summary = "friction differs between the two directions; look at equal speeds forwards and backwards"
     shown_by = "ladder"
+    defining = ("coulomb_difference_Nm", "viscous_difference_Nms_rad")
     typical = Typical("coulomb_difference_Nm", 0.2)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -315,6 +343,19 @@ class AsymmetricFriction(Effect):
         return {
             "coulomb_difference_Nm": coefficient_interval(0, coefficients, covariance),
             "viscous_difference_Nms_rad": coefficient_interval(1, coefficients, covariance),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """Passive in both directions, from slow motion up to the joint's top speed."""
+        coulomb, viscous = friction_level(session, joint)
+        reason = "friction of one direction would drive the joint"
+        slow, fast = 0.1 * top_speed(session, joint), top_speed(session, joint)
+        difference, slope = (figures[name].value for name in self.defining)
+        least = min(coulomb + viscous * v - 0.5 * abs(difference + slope * v) for v in (slow, fast))
+        if least >= 0.0:
+            return {}
+        return {"coulomb_difference_Nm": Range(-2.0 * coulomb, 2.0 * coulomb, reason)} | {
+            "viscous_difference_Nms_rad": Range(-2.0 * viscous, 2.0 * viscous, reason)
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

@@ -88,3 +88,29 @@ class Doubt:
         if name in self.exact:
             return 0.0
         return self.places.get(name, self.shares.get(name, self.share) * abs(value))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def to_dict(self) -> dict[str, float]:
+        return {"value": self.value, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values that a figure can have on an arm.
+
+    Attributes:
+        low, high: Ends, in the figure's unit.
+        reason: Why no arm has others.
+    """
+
+    low: float
+    high: float
+    reason: str

@@ -12,14 +12,17 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
-from ident.effects.knowledge import Doubt, Typical
-from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves
+from ident.effects.knowledge import Doubt, Range, Typical
+from ident.effects.plausible import LARGEST_TORQUE_SHARE
+from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves, rated_torque
 from ident.model.presliding import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
 FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 # Time constants beyond this many sessions are straight lines, all the same.
 LONGEST_TIME_CONSTANT = 4.0
+# Largest rise of Coulomb friction with warmth, as a share of the cold level.
+LARGEST_COULOMB_RISE = 2.0
 LEAST_SESSION = 60.0  # [s]
 LEAST_TEMPERATURE_RANGE = 1.0  # [K]
 # Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
@@ -48,6 +51,7 @@ class ThermalFriction(Effect):
     summary = "friction changes with warmth; look at the same motion cold and hot"
     by_run = True
     shown_by = "repeat"
+    defining = ("viscous_change", "coulomb_change")
     typical = Typical("viscous_change", 0.4, {"time_constant_s": 120.0})
     doubt = Doubt(shares={"time_constant_s": 0.35})  # a gear has more than one
     left_open = "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)"
@@ -119,6 +123,14 @@ class ThermalFriction(Effect):
             found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], TIME_CONSTANTS)
         return found
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """Passive hot as well as cold: no change takes more than all of the friction."""
+        reason = "warm friction would drive the joint, or be several times the cold"
+        return {
+            "viscous_change": Range(-1.0, 0.0, "friction of a warm lubricant falls, to none at most"),
+            "coulomb_change": Range(-1.0, LARGEST_COULOMB_RISE, reason),
+        }
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         return np.array([viscous, 0.5 * coulomb])
@@ -139,6 +151,7 @@ class PreslidingHysteresis(Effect):
     nonnegative: ClassVar[tuple[int, ...]] = tuple(range(len(DISPLACEMENTS)))
     summary = "friction builds up over some travel after each reversal; look right after reversals"
     shown_by = "reversals"
+    defining = ("amplitude_Nm",)
     typical = Typical("amplitude_Nm", 0.15)
     open_law = True
 
@@ -183,6 +196,13 @@ class PreslidingHysteresis(Effect):
             "displacement_rad": Interval(
                 where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
             ),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint)
+        return {
+            "amplitude_Nm": Range(0.0, most, "it takes more than the motor can spare"),
+            "displacement_rad": Range(0.0, max(DISPLACEMENTS), "dry contacts slip after less"),
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

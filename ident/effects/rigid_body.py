@@ -10,7 +10,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
 from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
-from ident.effects.knowledge import Expression, Typical, exactly_as
+from ident.effects.knowledge import Expression, Range, Typical, exactly_as
+from ident.effects.plausible import LARGEST_SMALL_ANGLE, arm_reach
 from ident.effects.typical_sizes import coefficient_interval, near_one_pose
 from ident.robot.arm import ArmModel
 
@@ -20,6 +21,8 @@ LARGEST_PAYLOAD = 10.0  # [kg]
 LARGEST_LEVER = 0.3  # [m]
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 LARGEST_TILT = 0.1  # [rad]
+# Distance of a tool's centre from the flange, as a share of the arm's reach.
+LARGEST_TOOL_SHARE = 0.5
 # A column whose torque is less than this share of its link's largest acts on nothing.
 LEAST_COLUMN = 1e-6
 STRUCTURE_STATES = 30
@@ -40,6 +43,7 @@ class Payload(Effect):
     summary = "the last link carries more than the model knows; look at gravity's torque over many poses"
     set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LOAD_OR_LINK}
     twins = ("link_inertial_error",)
+    defining = ("mass_kg",)
     typical = Typical("mass_kg", 0.1)
     formats: ClassVar[Mapping[str, Expression]] = {
         "urdf": exactly_as("link `payload`, fixed to the last link"),
@@ -70,6 +74,16 @@ class Payload(Effect):
         }
         return {"mass_kg": coefficient_interval(0, coefficients, covariance), **centres}
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """An arm carries no more than it weighs, and no tool's centre is farther out than half the arm's reach."""
+        arm = session.runs[0].arm
+        own, far = float(arm.inertial_parameters[::10].sum()), LARGEST_TOOL_SHARE * arm_reach(arm)
+        centre = Range(-far, far, "a tool's centre lies within half of the arm's reach")
+        return {
+            "mass_kg": Range(0.0, own, "an arm carries no more than it weighs"),
+            **{f"com_{axis}_m": centre for axis in "xyz"},
+        }
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_PAYLOAD * np.array([1.0, LARGEST_LEVER, LARGEST_LEVER, LARGEST_LEVER])
 
@@ -86,6 +100,7 @@ class LinkInertialError(Effect):
     rows = "all"
     summary = "a link's mass or its centre is not that of the URDF; look at fast motion in many poses"
     twins = ("payload",)
+    defining = ("mass_change_kg", *(f"moment_change_{axis}_kgm" for axis in "xyz"))
     typical = Typical("mass_change_kg", 0.25)
     formats: ClassVar[Mapping[str, Expression]] = {
         "urdf": exactly_as("<inertial> of the link"),
@@ -111,6 +126,17 @@ class LinkInertialError(Effect):
             found[f"moment_change_{axis}_kgm"] = linear_interval(change[k], coefficients, covariance)
         return found
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """A link weighs something, no more than the whole arm, and its centre lies within the arm's reach."""
+        arm = session.runs[0].arm
+        own, whole = float(arm.inertial_parameters[10 * joint]), float(arm.inertial_parameters[::10].sum())
+        moment = (own + abs(figures["mass_change_kg"].value)) * arm_reach(arm)
+        centre = Range(-moment, moment, "the link's centre would lie beyond the arm's reach")
+        found = {f"moment_change_{axis}_kgm": centre for axis in "xyz"}
+        if figures["mass_change_kg"].low > -own:
+            return found
+        return {"mass_change_kg": Range(-own, whole, "the link's mass would be negative"), **found}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
         link = arm.inertial_parameters[10 * joint : 10 * joint + 10]
@@ -131,6 +157,7 @@ class GravityMisalignment(Effect):
     rows = "all"
     summary = "the base is not level; look at gravity's torque on a joint that the model takes for vertical"
     set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LEVEL_OR_LINKS, "encoder_offset": LEVEL_OR_ZERO}
+    defining = ("tilt_x_rad", "tilt_y_rad")
     typical = Typical("tilt_x_rad", 0.15)
     opposite = frozenset({"tilt_x_rad", "tilt_y_rad"})  # the simulated arm tells how gravity turns, not the base
     formats: ClassVar[Mapping[str, Expression]] = {
@@ -156,6 +183,10 @@ class GravityMisalignment(Effect):
             "tilt_x_rad": coefficient_interval(0, coefficients, covariance),
             "tilt_y_rad": coefficient_interval(1, coefficients, covariance),
         }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        tilt = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "mounted otherwise: turn the arm in the URDF")
+        return {"tilt_x_rad": tilt, "tilt_y_rad": tilt}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, LARGEST_TILT)

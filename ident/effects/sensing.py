@@ -10,7 +10,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.informative_motions import BRAKES_CLOSED, GAIN_OR_PAYLOAD, KNOWN_MASS
-from ident.effects.knowledge import Expression, Typical, exactly_as, nearly_as, not_at_all
+from ident.effects.knowledge import Expression, Range, Typical, exactly_as, nearly_as, not_at_all
+from ident.effects.plausible import LARGEST_SMALL_ANGLE
 from ident.effects.typical_sizes import (
     coefficient_interval,
     exactly,
@@ -25,6 +26,10 @@ OUTSIDE_URDF = "describes the arm, not its log; correct the log with the module'
 # A reading that loses all but this share of what lies above its knee is flat there.
 FLAT = 0.05
 LARGEST_GAIN_ERROR = 0.2
+# Readings of half to twice the torque; what is farther off is no torque.
+GAIN_RANGE = (-0.5, 1.0)
+# Of the rated torque.
+LARGEST_OFFSET = 0.3
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
 LEAST_TORQUE_VARIATION = 0.004
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
@@ -53,6 +58,7 @@ class TorqueGainError(Effect):
         "all_masses": KNOWN_MASS,
         "payload": GAIN_OR_PAYLOAD,
     }
+    defining = ("gain",)
     typical = Typical("gain", 0.25)
     of_the_log = True
     formats: ClassVar[Mapping[str, Expression]] = {
@@ -75,6 +81,10 @@ class TorqueGainError(Effect):
     ) -> dict[str, Interval]:
         return {"gain": coefficient_interval(0, coefficients, covariance)}
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        low, high = GAIN_RANGE
+        return {"gain": Range(low, high, "a reading so far off is no torque: see effort_not_torque")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_GAIN_ERROR])
 
@@ -87,6 +97,7 @@ class TorqueOffset(Effect):
     parted_by: ClassVar[Mapping[str, str]] = {"asymmetric_friction": "ladder", "thermal_friction": "repeat"}
     set_ups: ClassVar[Mapping[str, str]] = {"asymmetric_friction": BRAKES_CLOSED}
     twins = ("asymmetric_friction",)
+    defining = ("offset_Nm", "drift_Nm_s")
     typical = Typical("offset_Nm", 0.05, absent=(1,))  # an offset that stays drifts no more
     of_the_log = True
     left_open = "the instant to which a drift refers is not reported: only the constant is used"
@@ -123,6 +134,15 @@ class TorqueOffset(Effect):
             else exactly(0.0),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        most = LARGEST_OFFSET * rated_torque(session, joint)
+        lasts = float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
+        reason = "a sensor so far off is broken"
+        return {
+            "offset_Nm": Range(-most, most, reason),
+            "drift_Nm_s": Range(-most / max(lasts, 1.0), most / max(lasts, 1.0), reason),
+        }
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         scale = np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
         return np.asarray(scale)
@@ -141,6 +161,7 @@ class TorqueDelay(Effect):
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "torque lags behind position on all joints alike; look at fast changes of torque"
     shown_by = "chirp"
+    defining = ("delay_s",)
     typical = Typical("delay_s", 0.15)
     of_the_log = True
     formats: ClassVar[Mapping[str, Expression]] = {
@@ -168,6 +189,9 @@ class TorqueDelay(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         return {"delay_s": coefficient_interval(0, coefficients, covariance)}
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        return {"delay_s": Range(0.0, LARGEST_DELAY, "logs are late by some samples: mend the clocks first")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_DELAY])
@@ -234,6 +258,10 @@ class TorqueSaturation(Effect):
         limit = knee + growing
         return {"limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + KNEE_SHARE) * limit + growing)}
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        peak = _peak(session, joint)
+        return {"limit_Nm": Range(0.0, (1.0 + KNEE_SHARE) * peak, "no reading came near it")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0])
 
@@ -272,6 +300,7 @@ class EncoderOffset(Effect):
     inertia_like = True
     rows = "all"
     summary = "a joint's zero is shifted: gravity's torque is that of another angle; look at many poses"
+    defining = ("offset_rad",)
     typical = Typical("offset_rad", 0.12)
     opposite = frozenset({"offset_rad"})  # the simulated arm tells what its encoder reads too much
     formats: ClassVar[Mapping[str, Expression]] = {
@@ -293,6 +322,10 @@ class EncoderOffset(Effect):
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         return {"offset_rad": coefficient_interval(0, coefficients, covariance)}
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        shift = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "the joint's zero is another one: mend it in the URDF")
+        return {"offset_rad": shift}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_ENCODER_OFFSET])

@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Typical, exactly_as, not_at_all
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, exactly_as, not_at_all
+from ident.effects.plausible import LARGEST_TORQUE_SHARE, joint_range
 from ident.effects.typical_sizes import (
     amplitude_interval,
     coefficient_interval,
@@ -19,6 +20,7 @@ from ident.effects.typical_sizes import (
     hardly_moves,
     phase_interval,
     rated_torque,
+    top_speed,
     travel,
 )
 
@@ -28,6 +30,8 @@ LARGEST_CORRELATION = 0.98
 COUPLING_WIDTH = 0.01
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 LEAST_CYCLES = 3.0
+# Of the rated torque; the catalogue has 0.5 to 3 %.
+LARGEST_RIPPLE_SHARE = 0.1
 LARGEST_PHASE_NOISE = 0.7  # [rad]
 STRAIGHT, BENT, PERIODIC = range(3)
 # Figures of a spring with two rests a turn.
@@ -47,6 +51,7 @@ class JointCoupling(Effect):
     summary = "torque appears while another joint moves; look where this joint stands and the other moves"
     shown_by = "jointwise"
     parted_by: ClassVar[Mapping[str, str]] = {"link_inertial_error": "jointwise"}
+    defining = ("viscous_Nms_rad", "coulomb_Nm", "inertia_kgm2")
     typical = Typical("coulomb_Nm", 0.3)
     doubt = Doubt(exact=frozenset({"other_joint"}))
     partner = "other_joint"
@@ -103,6 +108,18 @@ class JointCoupling(Effect):
             "other_joint": exactly(float(_other(variant) + 1)),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        other = round(figures["other_joint"].value) - 1
+        most, speed = LARGEST_TORQUE_SHARE * rated_torque(session, joint), max(top_speed(session, other), 1e-6)
+        pull = max(float(np.abs(run.motion.ddq[:, other]).max()) for run in session.runs)
+        reason = "the other joint's motion takes more than the motor can spare"
+        drags = figures["inertia_kgm2"].value == 0.0  # friction of a sum or difference: passive
+        return {
+            "coulomb_Nm": Range(0.0 if drags else -most, most, reason),
+            "viscous_Nms_rad": Range(-most / speed, most / speed, reason),
+            "inertia_kgm2": Range(-most / max(pull, 1e-6), most / max(pull, 1e-6), reason),
+        }
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         if variant.shape["mix"] != 0.0:
@@ -140,6 +157,7 @@ class TorqueRipple(Effect):
     id = "torque_ripple"
     summary = "torque ripples with the motor's angle; look at slow constant speed"
     shown_by = "slow"
+    defining = ("amplitude_Nm",)
     typical = Typical("amplitude_Nm", 0.15)
     doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
     open_law = True
@@ -188,6 +206,10 @@ class TorqueRipple(Effect):
             "phase_rad": phase_interval(coefficients, covariance),
         }
 
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
+        return {"amplitude_Nm": Range(0.0, most, "no gear in working order ripples by more of its rated torque")}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, 0.06 * rated_torque(session, joint))
 
@@ -231,6 +253,7 @@ class SpringTorque(Effect):
     summary = "torque depends on the joint's angle like a spring's; look at one angle under different gravity"
     shown_by = "poses"
     parted_by: ClassVar[Mapping[str, str]] = {"gravity_misalignment": "poses", "link_inertial_error": "poses"}
+    defining = ("stiffness_Nm_rad",)
     typical = Typical("stiffness_Nm_rad", 0.1)
     doubt = Doubt(places={"rest_rad": 0.15})
     open_law = True
@@ -248,6 +271,10 @@ class SpringTorque(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2
         return tuple(Variant(shape={"centre_rad": centre, "law": float(law)}) for law in (STRAIGHT, BENT, PERIODIC))
+
+    def signed(self, variant: Variant) -> tuple[int, ...]:
+        """The slope of a straight spring; one that is bent is judged at its rest, a wave pulls both ways."""
+        return (0,) if variant.shape["law"] == STRAIGHT else ()
 
     def essential(self, variant: Variant) -> tuple[int, ...]:
         """A line without a slope is an offset."""
@@ -288,6 +315,16 @@ class SpringTorque(Effect):
         return {
             "stiffness_Nm_rad": amplitude_interval(coefficients, covariance),
             "rest_rad": Interval(value + turns, low + turns, high + turns),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """A spring pulls towards its rest, which lies where the joint can go or, with preload, half a turn beyond."""
+        seen = travel(session, joint)
+        low, high = joint_range(session, joint, seen)
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / max(seen[1] - seen[0], LEAST_SPRING_RANGE)
+        return {
+            "stiffness_Nm_rad": Range(0.0, most, "a spring that pushes away from its rest, or is beyond the motor"),
+            "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

@@ -12,7 +12,7 @@ from ident.console import styled
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.gap_map import SIGNIFICANT
-from ident.show.report.diagnosis_verdict import describe_unnamed, is_small
+from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
 from ident.show.timeline import Curve, Mark
 
@@ -44,6 +44,8 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
         console.print(describe(finding), soft_wrap=True, highlight=False)
+    for line in describe_reservations(record):
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
     if unnamed := describe_unnamed(record):
         console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
     for name, gap in diagnosis.gap.items():

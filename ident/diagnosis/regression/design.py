@@ -41,6 +41,11 @@ class Group:
         """Effect, joint and other joint: what is named, whatever the inner figures."""
         return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
 
+    @property
+    def signed(self) -> tuple[int, ...]:
+        """Those of its columns whose coefficients can't be negative."""
+        return self.effect.signed(self.variant)
+
     def acts_on(self, n: int) -> list[int]:
         """Those of an arm's n joints whose torque it changes."""
         return [self.joint] if self.effect.rows == "own" else list(range(n))

@@ -79,12 +79,12 @@ class Projection:
     def gain_without(self, group: Group, columns: Sequence[int]) -> float:
         """What a group gains without some of its columns."""
         kept = np.setdiff1d(np.arange(len(group.columns)), columns)
-        signs = tuple(int(np.flatnonzero(kept == k)[0]) for k in group.effect.nonnegative if k in kept)
+        signs = tuple(int(np.flatnonzero(kept == k)[0]) for k in group.signed if k in kept)
         return self._fall(group.columns[kept], signs)[0]
 
     def gain(self, group: Group) -> tuple[float, Float[Array, " k"]]:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
-        return self._fall(group.columns, group.effect.nonnegative)
+        return self._fall(group.columns, group.signed)
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""

@@ -149,7 +149,7 @@ def solve_effects(
         beta, cells = np.zeros(len(scale)), np.diag(np.where(kept, 0.0, bound[whole] / scale**2))
         beta[kept] = models[hidden].estimate[part] / scale[kept]
         cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
-        signed = np.isin(np.arange(len(beta)), group.effect.nonnegative)
+        signed = np.isin(np.arange(len(beta)), group.signed)
         solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
     return solved, inflation(evidence, models[0])
 
@@ -164,7 +164,7 @@ def _of_tolerance(prior: Prior, held_fast: Projection) -> Float[Array, "z z"]:
 def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
     """For each group which of its coefficients are not held at zero by their sign, all groups solved together."""
     columns = np.concatenate([group.columns for group in groups])
-    signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.effect.nonnegative) for g in groups])
+    signed = np.concatenate([np.isin(np.arange(len(g.columns)), g.signed) for g in groups])
     beta = baseline.solve(columns, signed)
     free = np.split(~signed | (beta > 0.0), np.cumsum([len(group.columns) for group in groups])[:-1])
     return [kept if kept.any() else np.ones_like(kept) for kept in free]

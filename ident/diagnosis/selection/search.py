@@ -149,12 +149,21 @@ class SearchResults:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Searches one session's evidence."""
+    """Searches one session's evidence.
+
+    Attributes:
+        evidence: Sums of the session.
+        prior: The URDF's tolerance.
+        held_out: Scores on runs left out.
+        seed: Of the sign flips.
+        barred: Candidates that can't be it, whatever they explain.
+    """
 
     evidence: Evidence
     prior: Prior
     held_out: HeldOut
     seed: int = 0
+    barred: frozenset[Key] = frozenset()
 
     def run(self) -> SearchResults:
         """Forward steps until nothing passes."""
@@ -237,7 +246,7 @@ class Search:
 
     def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
         """For each effect and joint its best inner figures and their log evidence."""
-        taken = {group.key for group in without}
+        taken = {group.key for group in without} | self.barred
         best: dict[Key, tuple[float, Group]] = {}
         for group in self.evidence.layout.groups:
             if group.key in taken:

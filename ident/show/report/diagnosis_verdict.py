@@ -30,6 +30,7 @@ class DiagnosisVerdictSection(Section):
             "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
             "motion": glue(describe_motion(record)),
+            "doubts": [glue(line) for line in describe_reservations(record)],
             "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
             f"{fixed(session.get('duration_s', 0.0), 0)} s",
             "gaps": gap_rows(record),
@@ -75,19 +76,33 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     return f"{closes}. Torque error [N m]: {', '.join(parts)}." if parts else f"{closes}."
 
 
+def describe_reservations(record: Mapping[str, Any]) -> list[str]:
+    """Reasons to doubt: what fits and is not believed, and a replay that ends far off."""
+    lines = []
+    for one in record.get("reservations", []):
+        if one["effect"]:
+            where = join_words(one["joints"])
+            lines.append(f"Not believed: {effect_name(one['effect'])} in {where} would fit, but {one['reason']}.")
+        else:
+            lines.append(f"Doubt: {one['reason']}.")
+    return lines
+
+
 def describe_unnamed(record: Mapping[str, Any]) -> str:
     """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that came near."""
     parts = []
     hidden = {
         joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
         for joint, gap in record.get("gap", {}).items()
-        if gap.get("tuned_away_Nm")
+        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]
     }
     if hidden:
         most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
         parts.append(
-            "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
-            f"on {most}. Wrong links in the URDF, a load or a wrong gain look like this."
+            f"The tuned inertias lie farther from the given ones than their tolerance allows, above noise at {most}: "
+            "wrong links in the URDF, a load or a wrong gain look like this. Give the payload in session.toml; if "
+            "the flange carries nothing, fit the arm's own inertias (`ident fit --inertia consistent`) and give them "
+            "with --model."
         )
     nearest = record.get("nearest")
     if nearest:

@@ -106,6 +106,27 @@ def test_its_law_goes_into_the_module(
     np.testing.assert_allclose(extra[:, 2], told["value"] * np.sin(3 * q[:, 2]), atol=1e-9)
 
 
+def test_what_lies_outside_its_range_is_not_named(short_arm: ArmModel, tmp_path: Path) -> None:
+    """Law: a class that says that no magnet has more than 1 N m is believed; the reason stands with the figures."""
+    path = tmp_path / "weak.py"
+    bounded = """
+    def physical(self, session, joint, figures):
+        return {"amplitude_Nm": Range(0.0, 1.0, "no magnet of this size is stronger")}
+"""
+    text = MAGNET.replace("    @staticmethod", f"{bounded}\n    @staticmethod").replace(
+        "Typical\n", "Range, Typical\n", 1
+    )
+    path.write_text(text)
+    magnet = find_effect("magnet", load_catalogue(path))
+    diagnosis = analyse(short_arm, magnet_on_3, [magnet]).diagnosis
+    assert diagnosis.findings == ()
+    assert diagnosis.verdict == "none_of_catalogue"
+    first = diagnosis.to_dict()["reservations"][0]
+    assert (first["effect"], first["joints"]) == ("magnet", ["joint_3"])
+    assert "no magnet of this size is stronger" in first["reason"]
+    assert first["parameters"]["amplitude_Nm"]["value"] == pytest.approx(2.0, rel=0.1)
+
+
 def test_without_its_file_the_patch_says_so(diagnosis: Path, short_arm: ArmModel, tmp_path: Path) -> None:
     """Law: what is known to its file only is left out, and the reason names the remedy."""
     record = write_patch(Diagnosed.load(diagnosis), short_arm, tmp_path / "patch")

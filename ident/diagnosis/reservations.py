@@ -1,0 +1,111 @@
+"""Reasons to doubt: names that were not told because no arm has such figures, and replays that end far off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.gap.replay import Replay
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.search import Named
+from ident.diagnosis.verdict import LOUD
+from ident.effects.base import Interval, SessionContext
+from ident.effects.plausible import impossible, undefined
+
+# A replay that ends farther from the recording than this share of the way that the joint goes foretells nothing.
+FAR_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Reservation:
+    """A reason to doubt.
+
+    Attributes:
+        effect: The effect that got no name for it; "" where it is about the replay.
+        joints: Where.
+        reason: In words.
+        parameters: The figures that the effect would have had.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    reason: str
+    parameters: dict[str, Interval]
+
+    @classmethod
+    def of(cls, item: Named, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
+        """About a name that was not believed."""
+        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "effect": self.effect or None,
+            "joints": list(self.joints),
+            "reason": self.reason,
+            "parameters": {name: value.to_dict() for name, value in self.parameters.items()},
+        }
+
+
+def joints_of(item: Named, joints: Sequence[str]) -> tuple[str, ...]:
+    """Names of the joint of an effect, or of those where one of the whole arm shows."""
+    own = [item.group.joint] if item.group.effect.scope == "joint" else item.shown
+    return tuple(joints[j] for j in own)
+
+
+def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: SessionContext) -> dict[int, str]:
+    """Which of some names can't be believed, and why.
+
+    All whose figures no arm has; else, of those that may be zero, the one of least evidence: two that say nearly the
+    same leave each other open, and one alone may be sure.
+
+    Args:
+        candidates: Names with their figures, by number.
+        session: The runs.
+    """
+    outside, open_ones = {}, {}
+    for k, (_, estimate) in candidates.items():
+        effect = estimate.told.effect
+        asked = effect.asked(session)
+        if reason := impossible(effect, asked, estimate.told.joint, estimate.parameters):
+            outside[k] = reason
+        elif reason := undefined(effect, estimate.parameters):
+            open_ones[k] = reason
+    if outside or not open_ones:
+        return outside
+    weakest = min(open_ones, key=lambda k: candidates[k][0].gates.evidence)
+    return {weakest: open_ones[weakest]}
+
+
+def doubt_replay(
+    forward: Replay,
+    series: Sequence[RunResidual],
+    joints: Sequence[str],
+    rms: Float[Array, " n"],
+    floors: Float[Array, " n"],
+) -> tuple[Reservation, ...]:
+    """One reservation about the joints whose replay ends far off and whose torque is not explained down to its noise.
+
+    Args:
+        forward: The replay.
+        series: Residuals of all runs, for the joints' speeds.
+        joints: Names of the joints.
+        rms: What the named effects leave on runs that the fit never saw [N m].
+        floors: What nothing can go below [N m].
+    """
+    squares = sum(np.sum(np.where(item.counts, item.speed, 0.0) ** 2, axis=0) for item in series)
+    counts = sum(item.counts.sum(axis=0) for item in series)
+    way = forward.window * np.sqrt(squares / np.maximum(counts, 1))
+    far = (forward.windows > 0) & (forward.after > FAR_SHARE * way) & (rms > LOUD * floors)
+    if not far.any():
+        return ()
+    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} of {way[j]:.2g} rad" for j in np.flatnonzero(far))
+    reason = (
+        f"replayed under the recorded torques for {1e3 * forward.window:.0f} ms, the motion ends off ({ends}): "
+        "whatever is named, the model does not foretell this arm; check inertias, units and signs"
+    )
+    return (Reservation("", tuple(joints[j] for j in np.flatnonzero(far)), reason, {}),)

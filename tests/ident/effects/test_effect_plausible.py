@@ -1,0 +1,108 @@
+"""Figures that no arm has are no finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.effects.base import Effect, Interval, SessionContext
+from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.effects.compliance import STIFFEST
+from ident.effects.contact import ExternalContact, Push
+from ident.effects.plausible import arm_reach, impossible, undefined
+from ident.robot.arm import ArmModel
+
+
+def sharp(**values: float) -> dict[str, Interval]:
+    """Figures that are known to a per cent."""
+    return {name: Interval(v, v - 0.01 * abs(v) - 1e-9, v + 0.01 * abs(v) + 1e-9) for name, v in values.items()}
+
+
+def at(effect: Effect, session: SessionContext) -> tuple[Effect, int]:
+    """The effect, with a push where it needs one, and the first joint at which it can be tested."""
+    if isinstance(effect, ExternalContact):
+        effect = replace(effect, pushes=(Push(session.runs[0].motion.name, 0.5, 1.5),))
+    joints = range(session.n if effect.scope == "joint" else 1)
+    return effect, next(joint for joint in joints if effect.untestable(session, joint) is None)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.id)
+def test_typical_sizes_are_physical(effect: Effect, session: SessionContext) -> None:
+    """Law: whatever is of typical size and well known may be named, at every point of the grid."""
+    effect, joint = at(effect, session)
+    for variant in effect.variants(session, joint):
+        scale = effect.prior_scale(session, joint, variant)
+        assert scale is not None
+        beta = 0.5 * effect.typical.share * scale
+        if effect.id == "joint_elasticity":  # the grid goes on to gears that are too soft for this arm
+            beta = np.array([1.0 / max(variant.shape["stiffness_Nm_rad"], 20.0 * session.rated_torque[joint])])
+        figures = effect.parameters(session, joint, variant, beta, np.diag((1e-3 * beta) ** 2))
+        assert undefined(effect, figures) is None
+        assert impossible(effect, session, joint, figures) is None
+
+
+@pytest.mark.parametrize("effect", [effect for effect in CATALOGUE if effect.defining], ids=lambda effect: effect.id)
+def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext) -> None:
+    """Law: coefficients of a tenth of their uncertainty define nothing."""
+    effect, joint = at(effect, session)
+    variant = effect.variants(session, joint)[0]
+    scale = effect.prior_scale(session, joint, variant)
+    assert scale is not None
+    beta = 1e-3 * scale
+    figures = effect.parameters(session, joint, variant, beta, np.diag((10.0 * beta) ** 2))
+    reason = undefined(effect, figures)
+    assert reason is not None
+    assert "holds zero" in reason
+
+
+@pytest.mark.parametrize(
+    ("name", "figures", "words"),
+    [
+        ("payload", {"mass_kg": 0.05, "com_x_m": 12.0, "com_y_m": 0.0, "com_z_m": 0.1}, "com_x_m 12"),
+        ("payload", {"mass_kg": 400.0, "com_x_m": 0.0, "com_y_m": 0.0, "com_z_m": 0.1}, "than it weighs"),
+        ("spring_torque", {"stiffness_Nm_rad": 0.3, "rest_rad": 26.6}, "rest_rad 26.6"),
+        ("spring_torque", {"stiffness_Nm_rad": -0.5, "rest_rad": 0.2}, "away from its rest"),
+        ("torque_delay", {"delay_s": 0.3}, "delay_s 0.3"),
+        ("torque_delay", {"delay_s": -0.004}, "delay_s -0.004"),
+        ("load_dependent_friction", {"mu": 0.8}, "mu 0.8"),
+        ("position_dependent_friction", {"amplitude_Nm": 50.0, "order": 1.0, "phase_rad": 0.0}, "would drive"),
+        (
+            "asymmetric_friction",
+            {"coulomb_difference_Nm": 50.0, "viscous_difference_Nms_rad": 0.0},
+            "one direction would drive",
+        ),
+        ("thermal_friction", {"viscous_change": -1.4, "coulomb_change": 0.1}, "viscous_change -1.4"),
+        ("presliding_hysteresis", {"amplitude_Nm": 2.0, "displacement_rad": 0.9}, "slip after less"),
+        ("joint_elasticity", {"stiffness_Nm_rad": 120.0, "damping_Nms_rad": 1.0}, "fold up"),
+        ("joint_elasticity", {"stiffness_Nm_rad": STIFFEST, "damping_Nms_rad": 1.0}, "as good as rigid"),
+        ("gravity_misalignment", {"tilt_x_rad": 1.6, "tilt_y_rad": 0.0}, "turn the arm"),
+        ("encoder_offset", {"offset_rad": -1.6}, "another one"),
+        ("torque_gain_error", {"gain": -2.0}, "no torque"),
+        (
+            "link_inertial_error",
+            {
+                "mass_change_kg": -40.0,
+                "moment_change_x_kgm": 0.0,
+                "moment_change_y_kgm": 0.0,
+                "moment_change_z_kgm": 0.0,
+            },
+            "negative",
+        ),
+    ],
+)
+def test_what_no_arm_has_is_no_finding(
+    name: str, figures: dict[str, float], words: str, session: SessionContext
+) -> None:
+    """Law: figures that real recordings once led to, and others like them, are told with the bound they break."""
+    reason = impossible(find_effect(name), session, 1, sharp(**figures))
+    assert reason is not None
+    assert words in reason
+
+
+def test_reach_is_that_of_the_arm_stretched_out() -> None:
+    """The flange of the TM5-900 goes out to 0.9 m; a longer chain has no shorter reach."""
+    whole = ArmModel.load("tm5-900")
+    assert 0.85 < arm_reach(whole) < 1.4
+    assert arm_reach(ArmModel.load("tm5-900", joints=["joint_1", "joint_2"])) > 0.0
