@@ -66,12 +66,18 @@ class Finding:
     shrink: float
     share: float
 
+    @property
+    def action(self) -> str:
+        """What a person at the cell can do about it."""
+        return self.estimate.told.effect.action(", ".join(self.joints), self.estimate.parameters)
+
     def to_dict(self) -> dict[str, Any]:
         return {
             "effect": self.estimate.group.effect.id,
             "joints": list(self.joints),
             "probability": self.estimate.probability,
             "class": list(self.estimate.rivals),
+            "action": self.action,
             "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
             "heldout": {
                 "rms_before_Nm": self.rms_before,

@@ -246,6 +246,16 @@ class Effect(ABC):
         """What reported figures can be on this arm, by name; figures that may be anything are left out."""
         return {}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        """What a person at the cell can do about it: one sentence without a full stop.
+
+        Args:
+            where: The joint's name, or those of the joints where an effect of the whole arm shows.
+            figures: The reported figures.
+        """
+        told = ", ".join(f"{name} {figure.value:.3g}" for name, figure in figures.items())
+        return f"add {self.id.replace('_', ' ')} of {where} to the model ({told}): `ident patch` writes it"
+
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """Columns of a point of the inner grid whose coefficients can't be negative."""
         return self.nonnegative

@@ -120,6 +120,10 @@ class JointElasticity(Effect):
         most = STIFFEST if figures["stiffness_Nm_rad"].high < STIFFEST else 0.0
         return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        stiffness = figures["stiffness_Nm_rad"].words("N m/rad")
+        return f"model {where} as an elastic joint of {stiffness}, or plan its motions smoother"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0 / SOFTEST])
 
@@ -179,6 +183,10 @@ class Backlash(Effect):
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         return {"gap_rad": Range(0.0, LARGEST_PLAY, "gears with so much play are broken")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        gap = figures["gap_rad"].words("mrad", 1e3)
+        return f"have the gear of {where} looked at: it has {gap} of play; until then approach targets from one side"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_GAP])

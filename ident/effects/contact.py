@@ -117,6 +117,11 @@ class ExternalContact(Effect):
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         return {"force_N": Range(0.0, LARGEST_FORCE, "the arm would have stopped")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        start, end = figures["start_s"].value, figures["end_s"].value
+        force, link = figures["force_N"].words("N"), round(figures["link"].value)
+        return f"find what pushed link {link} with {force} from {start:.1f} to {end:.1f} s, and record in free space"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(3, LARGEST_FORCE)
 

@@ -107,6 +107,11 @@ class StribeckFriction(Effect):
         most = LARGEST_BREAKAWAY * coulomb_level(session, joint)
         return {"amplitude_Nm": Range(0.0, most, "static friction is at most some times Coulomb friction")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        amplitude = figures["amplitude_Nm"].words("N m")
+        speed = figures["stribeck_velocity_rad_s"].value
+        return f"let {where} need {amplitude} more below {speed:.2g} rad/s, or have it cross slow speeds quickly"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([coulomb_level(session, joint)])
 
@@ -166,6 +171,10 @@ class NonlinearViscousFriction(Effect):
         fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
         most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / fastest ** figures["exponent"].value
         return {"coefficient": Range(0.0, most, "at the joint's top speed it takes more than the motor can spare")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        law = f"{figures['coefficient'].value:.3g} |v|^{figures['exponent'].value:.2g}"
+        return f"give {where} a curved friction law, {law}, beside its line; grease that has aged bends it too"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
@@ -243,6 +252,10 @@ class LoadDependentFriction(Effect):
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         return {"mu": Range(0.0, LARGEST_LOSS, "no gear of a robot loses more than half of what it transmits")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        share = figures["mu"].words("%", 100.0)
+        return f"let the friction of {where} grow by {share} of the load it carries; look at the gear if that has risen"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
 
@@ -303,6 +316,10 @@ class PositionDependentFriction(Effect):
         most = coulomb_level(session, joint)
         return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        amplitude = figures["amplitude_Nm"].words("N m")
+        return f"let the friction of {where} vary over its angle by ± {amplitude}; look for a rubbing seal or hose"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, 0.5 * coulomb_level(session, joint))
 
@@ -357,6 +374,12 @@ class AsymmetricFriction(Effect):
         return {"coulomb_difference_Nm": Range(-2.0 * coulomb, 2.0 * coulomb, reason)} | {
             "viscous_difference_Nms_rad": Range(-2.0 * viscous, 2.0 * viscous, reason)
         }
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        difference = figures["coulomb_difference_Nm"]
+        way = "forwards" if difference.value > 0.0 else "backwards"
+        size = difference.words("N m", size=True)
+        return f"let {where} have two levels of friction, {size} more {way} than the other way; look for a pulling hose"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)

@@ -101,6 +101,19 @@ class Interval:
     def to_dict(self) -> dict[str, float]:
         return {"value": self.value, "low": self.low, "high": self.high}
 
+    def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
+        """The figure with its interval as a person reads it.
+
+        Args:
+            unit: Its unit.
+            scale: What that unit is the inverse of, in the figure's own: 1000 for milliradians.
+            size: Whether only its size is of interest, not its sign.
+        """
+        value, low, high = (scale * one for one in (self.value, self.low, self.high))
+        if size and value < 0.0:
+            value, low, high = -value, -high, -low
+        return f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]"
+
 
 @dataclass(frozen=True)
 class Range:

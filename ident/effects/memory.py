@@ -131,6 +131,16 @@ class ThermalFriction(Effect):
             "coulomb_change": Range(-1.0, LARGEST_COULOMB_RISE, reason),
         }
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        change = figures["viscous_change"].words("%", 100.0)
+        if "time_constant_s" in figures:
+            how_long = f"for {max(2.0 * figures['time_constant_s'].value / 60.0, 1.0):.0f} minutes"
+        else:
+            how_long = "until its temperature is steady"
+        return (
+            f"warm {where} up {how_long} before precise work, or compensate: its viscous friction changes by {change}"
+        )
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         return np.array([viscous, 0.5 * coulomb])
@@ -204,6 +214,11 @@ class PreslidingHysteresis(Effect):
             "amplitude_Nm": Range(0.0, most, "it takes more than the motor can spare"),
             "displacement_rad": Range(0.0, max(DISPLACEMENTS), "dry contacts slip after less"),
         }
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        amplitude = figures["amplitude_Nm"].words("N m")
+        travel = figures["displacement_rad"].words("mrad", 1e3)
+        return f"approach targets of {where} from one side, or model how {amplitude} build up over {travel} of reversal"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(len(variant.shape), coulomb_level(session, joint))

@@ -84,6 +84,10 @@ class Payload(Effect):
             **{f"com_{axis}_m": centre for axis in "xyz"},
         }
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        mass = figures["mass_kg"].words("kg")
+        return f"weigh the tool: {mass} are not in the model; give them as [payload] of session.toml"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_PAYLOAD * np.array([1.0, LARGEST_LEVER, LARGEST_LEVER, LARGEST_LEVER])
 
@@ -137,6 +141,10 @@ class LinkInertialError(Effect):
             return found
         return {"mass_change_kg": Range(-own, whole, "the link's mass would be negative"), **found}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        change = figures["mass_change_kg"].words("kg")
+        return f"correct the link behind {where} in the URDF: its mass is off by {change}; `ident patch` writes it"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
         link = arm.inertial_parameters[10 * joint : 10 * joint + 10]
@@ -187,6 +195,10 @@ class GravityMisalignment(Effect):
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         tilt = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "mounted otherwise: turn the arm in the URDF")
         return {"tilt_x_rad": tilt, "tilt_y_rad": tilt}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        x, y = (figures[f"tilt_{axis}_rad"].words("mrad", 1e3) for axis in "xy")
+        return f"level the base: it is turned by {x} about x and {y} about y; or turn the arm in the URDF"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, LARGEST_TILT)

@@ -85,6 +85,11 @@ class TorqueGainError(Effect):
         low, high = GAIN_RANGE
         return {"gain": Range(low, high, "a reading so far off is no torque: see effort_not_torque")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        gain = figures["gain"]
+        way = "much" if gain.value > 0.0 else "little"
+        return f"correct the drive gain of {where}: it reads {gain.words('%', 100.0, size=True)} too {way}"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_GAIN_ERROR])
 
@@ -143,6 +148,10 @@ class TorqueOffset(Effect):
             "drift_Nm_s": Range(-most / max(lasts, 1.0), most / max(lasts, 1.0), reason),
         }
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        offset = figures["offset_Nm"].words("N m")
+        return f"zero the torque reading of {where}: at rest it is off by {offset}"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         scale = np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
         return np.asarray(scale)
@@ -192,6 +201,10 @@ class TorqueDelay(Effect):
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         return {"delay_s": Range(0.0, LARGEST_DELAY, "logs are late by some samples: mend the clocks first")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        delay = figures["delay_s"].words("ms", 1e3)
+        return f"shift the torque log earlier by {delay}, or mend the clocks: it is late at {where}"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_DELAY])
@@ -262,6 +275,10 @@ class TorqueSaturation(Effect):
         peak = _peak(session, joint)
         return {"limit_Nm": Range(0.0, (1.0 + KNEE_SHARE) * peak, "no reading came near it")}
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        limit = figures["limit_Nm"].words("N m")
+        return f"keep {where} below {limit}, where its readings flatten, or raise the range that its drive logs"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([1.0])
 
@@ -326,6 +343,10 @@ class EncoderOffset(Effect):
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         shift = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "the joint's zero is another one: mend it in the URDF")
         return {"offset_rad": shift}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        offset = figures["offset_rad"].words("mrad", 1e3)
+        return f"set the zero of {where} anew: add {offset} to its reading"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([LARGEST_ENCODER_OFFSET])

@@ -120,6 +120,11 @@ class JointCoupling(Effect):
             "inertia_kgm2": Range(-most / max(pull, 1e-6), most / max(pull, 1e-6), reason),
         }
 
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        other = round(figures["other_joint"].value)
+        level = figures["coulomb_Nm"].words("N m", size=True)
+        return f"compensate {where} while joint number {other} moves: it takes {level} of friction along"
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
         if variant.shape["mix"] != 0.0:
@@ -209,6 +214,10 @@ class TorqueRipple(Effect):
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
         return {"amplitude_Nm": Range(0.0, most, "no gear in working order ripples by more of its rated torque")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        amplitude = figures["amplitude_Nm"].words("N m")
+        return f"compensate ± {amplitude} of tooth ripple at {where}; have its gear looked at if that has risen"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, 0.06 * rated_torque(session, joint))
@@ -326,6 +335,11 @@ class SpringTorque(Effect):
             "stiffness_Nm_rad": Range(0.0, most, "a spring that pushes away from its rest, or is beyond the motor"),
             "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
         }
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        stiffness = figures["stiffness_Nm_rad"].words("N m/rad")
+        rest = figures["rest_rad"].value
+        return f"look for a hose or cable that pulls {where} towards {rest:.2g} rad with {stiffness}, or model it"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))

@@ -44,6 +44,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
         console.print(describe(finding), soft_wrap=True, highlight=False)
+        console.print(f"    do: {finding.action}", soft_wrap=True, highlight=False, markup=False)
     for line in describe_reservations(record):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
     if unnamed := describe_unnamed(record):

@@ -43,6 +43,7 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
         "joints": join_words(finding["joints"]),
         "probability": percent(finding.get("probability")),
         "twins": join_words(twins),
+        "action": finding.get("action", ""),
         "shrink": percent(heldout["shrink"]),
         "share": percent(heldout.get("share")) if "share" in heldout else "",
         "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),

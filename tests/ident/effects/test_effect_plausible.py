@@ -40,6 +40,10 @@ def test_typical_sizes_are_physical(effect: Effect, session: SessionContext) -> 
             beta = np.array([1.0 / max(variant.shape["stiffness_Nm_rad"], 20.0 * session.rated_torque[joint])])
         figures = effect.parameters(session, joint, variant, beta, np.diag((1e-3 * beta) ** 2))
         assert undefined(effect, figures) is None
+        action = effect.action("joint_2", figures)
+        assert action[0].islower()
+        assert not action.endswith(".")
+        assert "[" in action or effect.id in ("nonlinear_viscous_friction",)
         assert impossible(effect, session, joint, figures) is None
 
 
@@ -106,3 +110,13 @@ def test_reach_is_that_of_the_arm_stretched_out() -> None:
     whole = ArmModel.load("tm5-900")
     assert 0.85 < arm_reach(whole) < 1.4
     assert arm_reach(ArmModel.load("tm5-900", joints=["joint_1", "joint_2"])) > 0.0
+
+
+def test_what_to_do_bears_the_figures() -> None:
+    """Law: the sentence names the size with its interval in the units of the cell, whatever its sign."""
+    payload = {"mass_kg": Interval(2.64, 2.31, 2.97)}
+    assert "2.64 kg [2.31, 2.97]" in find_effect("payload").action("joint_6", payload)
+    gain = {"gain": Interval(-0.11, -0.14, -0.08)}
+    assert "reads 11 % [8, 14] too little" in find_effect("torque_gain_error").action("joint_5", gain)
+    warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
+    assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
