@@ -26,7 +26,8 @@ from ident.diagnosis.reservations import Reservation, doubt_replay, find_implaus
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
-from ident.diagnosis.selection.search import Key, Named, Search, SearchResults
+from ident.diagnosis.selection.search import Named, Search, SearchResults
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
     decide,
@@ -43,13 +44,6 @@ from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.diagnosis/1"
-# A name less probable than this is not told: something else was going on.
-LEAST_PROBABILITY = 0.05
-PLACES_TOLD = 12
-# Searches at the most, and the fall of friction's variation from run to run that is worth another one.
-MOST_SETTLING, SETTLED_SHARE = 3, 0.8
-# The search begins again for each name that can't be believed, up to this many; further ones are only left out.
-MOST_DOUBTED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +109,7 @@ class Diagnosis:
         reservations: Names that were not believed, and other reasons to doubt.
         extra: Further figures.
         catalogue: The effects that were asked for.
+        settings: The numbers by which it was decided.
     """
 
     robot: str
@@ -130,6 +125,7 @@ class Diagnosis:
     reservations: tuple[Reservation, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = CATALOGUE
+    settings: DiagnosisSettings = USUAL
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -173,6 +169,7 @@ def diagnose(
     telemetry: Sequence[TelemetryIssue] = (),
     seed: int = 0,
     inertia_share: float = INERTIA_SHARE,
+    settings: DiagnosisSettings = USUAL,
 ) -> Analysis:
     """Diagnoses a session.
 
@@ -184,6 +181,7 @@ def diagnose(
         telemetry: What the telemetry check found, passed on.
         seed: Of the sign flips.
         inertia_share: How well the arm's inertias are known, as the share of each link's scale.
+        settings: The numbers by which it decides.
     """
     baseline = fit_baseline(motions, arm, inertia_share)
     session = build_session(baseline, motions, common_clock)
@@ -191,7 +189,8 @@ def diagnose(
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
-    search, found, estimates, fine, doubted = _settle(evidence, prior, session, baseline, seed)
+    sure = _settle(Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings), session, baseline)
+    search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence = search.evidence
     groups = [item.group for item in found.named]
     gram = evidence.gram()
@@ -206,8 +205,9 @@ def diagnose(
     floors = find_floors(evidence, ceilings, found.ladder[-1])
     judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors)
-    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after))
+    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after), settings)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
+    far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     places = map_gap(series, arm.joint_names, evidence.whitening, rng)
     diagnosis = Diagnosis(
@@ -217,11 +217,11 @@ def diagnose(
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
-        where=told(places, PLACES_TOLD),
+        where=told(places, settings.places_told),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(_silent(item, arm.joint_names) for item in layout.silent),
-        reservations=doubted + doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors),
+        reservations=sure.doubted + far,
         extra={
             "nearest": nearest_record(found, arm.joint_names),
             "maps": maps_record(places),
@@ -231,61 +231,74 @@ def diagnose(
             "baseline_urdf": tuned_record(baseline, evidence, fixed),
         },
         catalogue=tuple(catalogue),
+        settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
-def _settle(
-    evidence: Evidence, prior: Prior, session: SessionContext, baseline: Baseline, seed: int
-) -> tuple[Search, SearchResults, list[Estimate], Refined | None, tuple[Reservation, ...]]:
+@dataclass(frozen=True, eq=False)
+class _Sure:
+    """Names that stand, and what was found on the way.
+
+    Attributes:
+        search: The search that gave them, with what it is to do without.
+        found: What it found.
+        estimates: Figures of each name.
+        fine: Their finer grids, if there are names.
+        doubted: Why further names were not believed.
+    """
+
+    search: Search
+    found: SearchResults
+    estimates: list[Estimate]
+    fine: Refined | None
+    doubted: tuple[Reservation, ...]
+
+
+def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sure:
     """Names and how much friction varies from run to run: each is told beside the other.
 
     Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
     no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
     """
-    barred: frozenset[Key] = frozenset()
-    doubted: tuple[Reservation, ...] = ()
-    evidence = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
+    prior, settings, doubted = search.prior, search.settings, ()
+    evidence = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
     spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
-    for _ in range(MOST_SETTLING):
+    for _ in range(settings.most_settling):
         evidence = evidence.with_run_spread(spread)
-        search = Search(evidence, prior, HeldOut(evidence, prior), seed, barred)
-        found, estimates, fine, more, barred = _sure(search, session, baseline)
-        doubted += more
-        model = project(evidence.gram(), evidence, prior, [item.group for item in found.named])
+        search = replace(search, evidence=evidence, held_out=HeldOut(evidence, prior))
+        sure = _sure(search, session, baseline, doubted)
+        search, doubted = sure.search, sure.doubted
+        model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
         smaller = np.minimum(spread, estimate_run_spread(evidence, model))
-        if not found.named or np.all(smaller > SETTLED_SHARE * spread):
+        if not sure.found.named or np.all(smaller > settings.settled_share * spread):
             break
         spread = smaller
-    return search, found, estimates, fine, doubted
+    return sure
 
 
-def _sure(
-    search: Search, session: SessionContext, baseline: Baseline
-) -> tuple[SearchResults, list[Estimate], Refined | None, tuple[Reservation, ...], frozenset[Key]]:
+def _sure(search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()) -> _Sure:
     """The effects that the search named, without those that a rival beats by far or whose figures no arm has.
 
-    With them their finer grids, if any, why names were not believed, and what the search is to do without. What no arm has is no candidate: the search
-    begins again without it, for what it explained may have another name.
+    What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
     """
-    found, doubted = search.run(), []
-    joints = baseline.nominal.joint_names
+    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
         estimates = estimate_effects(search, fine, session, found.named)
-        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= LEAST_PROBABILITY]
+        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
-        doubted += [Reservation.of(found.named[k], estimates[k], joints, reason) for k, reason in refused.items()]
-        if refused and len(doubted) <= MOST_DOUBTED:
+        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
+        if refused and len(doubted) <= held.most_doubted:
             search = replace(search, barred=search.barred | {groups[k].key for k in refused})
             found = search.run()
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
-            return found, estimates, fine, tuple(doubted), search.barred
+            return _Sure(search, found, estimates, fine, doubted)
         found = search.only(found, kept)
-    return found, [], None, tuple(doubted), search.barred
+    return _Sure(search, found, [], None, doubted)
 
 
 def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:

@@ -13,12 +13,10 @@ from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Named
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import LOUD
 from ident.effects.base import Interval, SessionContext
 from ident.effects.plausible import impossible, undefined
-
-# A replay that ends farther from the recording than this share of the way that the joint goes foretells nothing.
-FAR_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +85,7 @@ def doubt_replay(
     joints: Sequence[str],
     rms: Float[Array, " n"],
     floors: Float[Array, " n"],
+    settings: DiagnosisSettings = USUAL,
 ) -> tuple[Reservation, ...]:
     """One reservation about the joints whose replay ends far off and whose torque is not explained down to its noise.
 
@@ -96,16 +95,18 @@ def doubt_replay(
         joints: Names of the joints.
         rms: What the named effects leave on runs that the fit never saw [N m].
         floors: What nothing can go below [N m].
+        settings: How far is far.
     """
     squares = sum(np.sum(np.where(item.counts, item.speed, 0.0) ** 2, axis=0) for item in series)
     counts = sum(item.counts.sum(axis=0) for item in series)
     way = forward.window * np.sqrt(squares / np.maximum(counts, 1))
-    far = (forward.windows > 0) & (forward.after > FAR_SHARE * way) & (rms > LOUD * floors)
-    if not far.any():
+    far = (forward.windows > 0) & (forward.after > settings.far_share * way) & (rms > LOUD * floors)
+    ends_far = [j for j, one in enumerate(far) if one]
+    if not ends_far:
         return ()
-    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} of {way[j]:.2g} rad" for j in np.flatnonzero(far))
+    ends = ", ".join(f"{joints[j]} by {forward.after[j]:.2g} of {way[j]:.2g} rad" for j in ends_far)
     reason = (
         f"replayed under the recorded torques for {1e3 * forward.window:.0f} ms, the motion ends off ({ends}): "
         "whatever is named, the model does not foretell this arm; check inertias, units and signs"
     )
-    return (Reservation("", tuple(joints[j] for j in np.flatnonzero(far)), reason, {}),)
+    return (Reservation("", tuple(joints[j] for j in ends_far), reason, {}),)

@@ -12,19 +12,8 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import FIXED_FACTOR, Key, Named, Search
+from ident.diagnosis.selection.search import Key, Named, Search
 from ident.effects.base import Interval, SessionContext
-
-# Half the 95 % point of χ² with one degree of freedom: fall of the log likelihood at an interval's ends.
-INTERVAL_FALL = 1.92
-# Names that are less than this many times less probable than the holder can't be told from it.
-CLASS_ODDS = 10.0
-# Names of which the evidence is weaker than the holder's by more than this are not asked for [nats].
-RIVAL_NATS = 60.0
-# Exponent that turns log evidence into calibrated probabilities: recordings hold more misfit than the noise model.
-TEMPER = 0.2
-# No name is surer than this: how often sure names were right on the development set.
-MOST_SURE = 0.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +127,7 @@ def solve_effects(
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
     models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors]
     covariances = [robust_covariance(evidence, model) for model in models]
-    covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1])
+    covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1], fine.search.settings.fixed_factor)
     bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
     at = first = evidence.layout.tuned
     solved = []
@@ -154,11 +143,11 @@ def solve_effects(
     return solved, inflation(evidence, models[0])
 
 
-def _of_tolerance(prior: Prior, held_fast: Projection) -> Float[Array, "z z"]:
+def _of_tolerance(prior: Prior, held_fast: Projection, factor: float) -> Float[Array, "z z"]:
     """Covariance of coefficients that were solved with the URDF held fast, from the URDF's tolerance."""
     rank = len(prior.base)
     reach = held_fast.spread[:, :rank]
-    return FIXED_FACTOR**4 * reach @ prior.base @ reach.T
+    return factor**4 * reach @ prior.base @ reach.T
 
 
 def _off_their_bounds(baseline: Projection, groups: Sequence[Group]) -> list[Bool[Array, " k"]]:
@@ -195,11 +184,11 @@ def profile_inner(search: Search, projection: Projection, group: Group, spare: f
             found[name] = Interval(float(value), float(value), float(value))
             continue
         profile = np.array([logs[values == point].max() for point in points])
-        found[name] = _interval_of_profile(np.log(points), profile)
+        found[name] = _interval_of_profile(np.log(points), profile, search.settings.interval_fall)
     return found
 
 
-def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"]) -> Interval:
+def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"], drop: float) -> Interval:
     """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
     top = int(np.argmax(profile))
     best = x[top]
@@ -208,11 +197,11 @@ def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"]) -> 
         a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], profile[top - 1 : top + 2], 2)
         if a < 0:
             best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
-            reach = float(np.sqrt(INTERVAL_FALL / -a))
-            inside = profile > peak - INTERVAL_FALL
+            reach = float(np.sqrt(drop / -a))
+            inside = profile > peak - drop
             low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
             return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
-    inside = profile > peak - INTERVAL_FALL
+    inside = profile > peak - drop
     step = float(np.min(np.diff(x)))
     low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
     return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
@@ -222,8 +211,8 @@ def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
 ) -> tuple[float, tuple[str, ...]]:
     """Probability of a name against all others for its slot, and the names that stand too near to tell."""
-    best = search.best_by_key(projection, others)
-    least = best[group.key][0] - RIVAL_NATS * spare
+    held, best = search.settings, search.best_by_key(projection, others)
+    least = best[group.key][0] - held.rival_nats * spare
     near_it = [rival for score, rival in best.values() if score > least]
     # What a single block of misfit speaks for is no rival, nor what does harm on runs that it was not fitted on.
     allowed = search.significant_keys(projection, near_it) | {group.key}
@@ -236,14 +225,14 @@ def weigh_rivals(
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
     best_of_effect[group.effect.id] = own
     ids = list(best_of_effect)
-    logs = TEMPER * np.array([*best_of_effect.values(), 0.0])
+    logs = held.temper * np.array([*best_of_effect.values(), 0.0])
     weights = np.exp(logs - logs.max())
-    probability = MOST_SURE * float(weights[ids.index(group.effect.id)] / weights.sum())
+    probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
     near = sorted(
         (
             name
             for name, score in best_of_effect.items()
-            if name != group.effect.id and TEMPER * (own - score) < np.log(CLASS_ODDS)
+            if name != group.effect.id and held.temper * (own - score) < np.log(held.class_odds)
         ),
         key=lambda name: -best_of_effect[name],
     )

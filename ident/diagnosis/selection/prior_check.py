@@ -22,13 +22,7 @@ from scipy.stats import norm
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection
-
-# Directions of which the recordings tell less than this share of the prior's variance say nothing.
-LEAST_TOLD = 0.02
-# Arms vary more than any normal law: only what is beyond doubt is told.
-MOST_LIKELY = 1e-6
-# Directions that lie farther out than this many standard deviations make up what was tuned away.
-FAR = 4.0
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,19 +33,27 @@ class Tolerance:
         deviation: Largest distance of a direction in standard deviations of an arm within tolerance.
         p_value: Of so large a distance, all directions looked at.
         torque: What the far directions amount to at each joint, root mean square [N m].
+        most_likely: Chance below which it is more than tolerance.
     """
 
     deviation: float
     p_value: float
     torque: Float[Array, " n"]
+    most_likely: float = USUAL.most_likely
 
     @property
     def exceeded(self) -> bool:
         """Whether something else than the URDF's tolerance has been tuned away."""
-        return self.p_value < MOST_LIKELY
+        return self.p_value < self.most_likely
 
 
-def measure_tolerance(evidence: Evidence, prior: Prior, projection: Projection, spare: float = 1.0) -> Tolerance:
+def measure_tolerance(
+    evidence: Evidence,
+    prior: Prior,
+    projection: Projection,
+    spare: float = 1.0,
+    settings: DiagnosisSettings = USUAL,
+) -> Tolerance:
     """How far a solved model's inertias lie from the URDF's, against what its tolerance and the data allow.
 
     Args:
@@ -59,16 +61,17 @@ def measure_tolerance(evidence: Evidence, prior: Prior, projection: Projection, 
         prior: The URDF's tolerance.
         projection: The model, solved with it.
         spare: How many times the modelled variance the misfit has.
+        settings: What counts as told, far and unlikely.
     """
     rank = evidence.layout.rank
     root = np.linalg.cholesky(prior.base)
     share, vectors = np.linalg.eigh(np.eye(rank) - root.T @ projection.spread[:rank, :rank] @ root)
-    told = share > LEAST_TOLD
+    told = share > settings.least_told
     along = vectors.T @ (root.T @ projection.estimate[:rank])
-    seen = np.maximum(share, LEAST_TOLD)
+    seen = np.maximum(share, settings.least_told)
     distance = np.where(told, np.abs(along) / np.sqrt(seen * (seen + spare * (1.0 - seen))), 0.0)
-    change = solve_triangular(root.T, vectors @ np.where(distance > FAR, along, 0.0), lower=False)
+    change = solve_triangular(root.T, vectors @ np.where(distance > settings.far_deviations, along, 0.0), lower=False)
     squares = [change @ sums.sum(axis=0)[:rank, :rank] @ change for sums in evidence.plain]
     torque = np.sqrt(np.maximum(squares, 0.0) / np.maximum(evidence.weights.sum(axis=0), 1.0))
     farthest = float(distance.max(initial=0.0))
-    return Tolerance(farthest, min(1.0, 2.0 * int(told.sum()) * float(norm.sf(farthest))), torque)
+    return Tolerance(farthest, min(1.0, 2.0 * int(told.sum()) * float(norm.sf(farthest))), torque, settings.most_likely)

@@ -19,8 +19,6 @@ from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import SessionContext, Variant
 
-ROUNDS = 3
-
 
 @dataclass(frozen=True, eq=False)
 class Refined:
@@ -43,7 +41,7 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     layout = layout_of(session, baseline.base.rank, grids)
     evidence = gather(session, baseline, layout, search.evidence.whitening).with_run_spread(search.evidence.spread)
     prior = Prior.of(evidence, baseline.prior)
-    fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed)
+    fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
     return Refined(fine, _best(fine, [group.key for group in groups]))
 
 
@@ -57,7 +55,7 @@ def _best(fine: Search, keys: Sequence[tuple[str, int, int | None]]) -> tuple[Gr
     gram = fine.evidence.gram()
     mates = {key: [group for group in fine.evidence.layout.groups if group.key == key] for key in keys}
     best = {key: mates[key][len(mates[key]) // 2] for key in keys}
-    for _ in range(ROUNDS):
+    for _ in range(fine.settings.refine_rounds):
         before = dict(best)
         for key in keys:
             others = [best[other] for other in keys if other != key]

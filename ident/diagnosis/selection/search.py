@@ -29,27 +29,7 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, group_p_value
-
-FAMILY_ERROR = 0.05
-LEAST_RMS_FALL = 0.02
-LEAST_GAP_FALL = 0.10
-# An effect beside others must close these shares of what could be closed before anything was named, at all joints and
-# at its own: less is what is left of a cause whose law is not quite the catalogue's.
-LEAST_SHARE, LEAST_OWN_SHARE = 0.003, 0.015
-MOST_EFFECTS = 5
-# An effect of which tuned inertias leave less than this share is absorbed; it needs this much evidence [nats].
-ABSORBED_BELOW, ABSORBED_NATS = 0.25, 12.0
-FIXED_FACTOR = 20.0
-# What happens once can't be held out: it needs this much evidence [nats], and to be half of its joint's gap.
-EVENT_NATS, EVENT_GAP_FALL = 20.0, 0.5
-BURST_NATS = 20.0
-# What the columns that make an effect what it is must add to its others [nats].
-ESSENTIAL_NATS = 10.0
-# Too small or too unlike the truth for a name, and yet beyond chance: family-wise p-value, evidence [nats]. Hours of
-# recordings make anything significant: what lowers the error by less than the last figure is not told at all.
-UNLIKELY, UNLIKELY_NATS, LEAST_TOLD_FALL = 0.01, 5.0, 0.015
-# Candidates that are tried on held-out runs at each step: names beyond these have no chance.
-SHORTLIST = 8
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 
 Key = tuple[str, int, int | None]
 
@@ -69,6 +49,7 @@ class Gates:
         absorbed: Whether it is one.
         event: Whether it happened once.
         bursts: Whether it comes in bursts.
+        settings: What it is held to.
     """
 
     p_value: float
@@ -81,24 +62,29 @@ class Gates:
     absorbed: bool
     event: bool = False
     bursts: bool = False
+    settings: DiagnosisSettings = USUAL
 
     @property
     def passed(self) -> bool:
+        held = self.settings
         if self.event:
-            return self.evidence >= EVENT_NATS and self.gap_fall >= EVENT_GAP_FALL and self.share >= LEAST_SHARE
-        counts = self.share >= LEAST_SHARE and self.own_share >= LEAST_OWN_SHARE
+            strong = self.evidence >= held.event_nats and self.gap_fall >= held.event_gap_fall
+            return strong and self.share >= held.least_share
+        counts = self.share >= held.least_share and self.own_share >= held.least_own_share
         if self.absorbed:
-            return self.evidence >= ABSORBED_NATS and counts
+            return self.evidence >= held.absorbed_nats and counts
         gain, error = self.log_score
-        large = self.rms_fall >= LEAST_RMS_FALL or (self.bursts and self.evidence >= BURST_NATS)
-        return self.p_value <= FAMILY_ERROR and gain > error and large and self.gap_fall >= LEAST_GAP_FALL and counts
+        large = self.rms_fall >= held.least_rms_fall or (self.bursts and self.evidence >= held.burst_nats)
+        large = large and self.gap_fall >= held.least_gap_fall and counts
+        return self.p_value <= held.family_error and gain > error and large
 
     @property
     def beyond_chance(self) -> bool:
         """Whether chance alone would hardly have made it so good, passed or not."""
-        nats = EVENT_NATS if self.event else UNLIKELY_NATS
-        told = self.log_score[0] > 0.0 and self.rms_fall >= LEAST_TOLD_FALL
-        return self.passed or (self.p_value <= UNLIKELY and self.evidence >= nats and told)
+        held = self.settings
+        nats = held.event_nats if self.event else held.unlikely_nats
+        told = self.log_score[0] > 0.0 and self.rms_fall >= held.least_told_fall
+        return self.passed or (self.p_value <= held.unlikely and self.evidence >= nats and told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +143,7 @@ class Search:
         held_out: Scores on runs left out.
         seed: Of the sign flips.
         barred: Candidates that can't be it, whatever they explain.
+        settings: What candidates are held to.
     """
 
     evidence: Evidence
@@ -164,6 +151,7 @@ class Search:
     held_out: HeldOut
     seed: int = 0
     barred: frozenset[Key] = frozenset()
+    settings: DiagnosisSettings = USUAL
 
     def run(self) -> SearchResults:
         """Forward steps until nothing passes."""
@@ -171,7 +159,7 @@ class Search:
         named: list[Named] = []
         ladder = [self.held_out.score()]
         refused = None
-        while len(named) < MOST_EFFECTS:
+        while len(named) < self.settings.most_effects:
             chosen = [item.group for item in named]
             step = self._forward(gram, chosen)
             if step is None:
@@ -211,15 +199,17 @@ class Search:
     def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
         """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
         p_values = self._p_values(projection, groups)
-        hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and _least_seen(projection, g))}
-        return hidden | {key for key, value in p_values.items() if value <= FAMILY_ERROR}
+        hidden = {
+            g.key for g in groups if g.effect.event or (g.effect.inertia_like and self._least_seen(projection, g))
+        }
+        return hidden | {key for key, value in p_values.items() if value <= self.settings.family_error}
 
     def helps(self, projection: Projection, others: Sequence[Group], group: Group) -> bool:
         """Whether a group beside others does better than they on held-out runs.
 
         Events can't be held out, and of what tuning absorbs held-out runs tell nothing.
         """
-        if group.effect.event or (group.effect.inertia_like and _least_seen(projection, group)):
+        if group.effect.event or (group.effect.inertia_like and self._least_seen(projection, group)):
             return True
         return self.held_out.score([*others, group]).gain_over(self.held_out.score(others))[0] > 0.0
 
@@ -233,7 +223,7 @@ class Search:
         essential = group.effect.essential(group.variant)
         if essential:
             own = gain - projection.gain_without(group, essential)
-            if 0.5 * own - len(essential) * column < ESSENTIAL_NATS:
+            if 0.5 * own - len(essential) * column < self.settings.essential_nats:
                 gain = own
         return 0.5 * gain - len(group.columns) * column - self._choices[group.effect.id]
 
@@ -256,6 +246,10 @@ class Search:
                 best[group.key] = (score, group)
         return best
 
+    def _least_seen(self, projection: Projection, group: Group) -> bool:
+        """Whether the tuned baseline leaves next to nothing of a group."""
+        return bool(projection.visibility(group.columns).max() < self.settings.absorbed_below)
+
     def _samples(self, group: Group) -> float:
         counts = self.evidence.samples
         return float(max(counts[group.joint] if group.effect.rows == "own" else counts.sum(), 10.0))
@@ -263,13 +257,13 @@ class Search:
     @cached_property
     def fixed(self) -> HeldOut:
         """Held-out scores with the URDF held fast."""
-        return HeldOut(self.evidence, self.prior.tightened(FIXED_FACTOR))
+        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor))
 
     def _forward(self, gram: Array, chosen: Sequence[Group]) -> Named | None:
         """The candidate of greatest evidence that passes; if none does, the greatest one."""
         projection = project(gram, self.evidence, self.prior, chosen)
         best = sorted(self.best_by_key(projection, chosen).values(), key=lambda pair: -pair[0])
-        short = [(score, group) for score, group in best[:SHORTLIST] if score > 0.0]
+        short = [(score, group) for score, group in best[: self.settings.shortlist] if score > 0.0]
         if not short:
             return None
         tried = self._judge(gram, projection, chosen, short)
@@ -285,7 +279,11 @@ class Search:
         found = []
         for score, group in short:
             seen, fast = (float(p.visibility(group.columns).max()) for p in (tuned, held_fast))
-            absorbed = group.effect.inertia_like and seen < ABSORBED_BELOW and fast > 2.0 * seen
+            absorbed = (
+                group.effect.inertia_like
+                and seen < self.settings.absorbed_below
+                and fast > self.settings.absorbed_ratio * seen
+            )
             scorer = self.fixed if absorbed else self.held_out
             if absorbed not in without:
                 without[absorbed] = scorer.score(), scorer.score(chosen)
@@ -305,12 +303,12 @@ class Search:
         slow = [g for g in self.evidence.layout.groups if g.effect.by_run and g.key in wanted]
         least: dict[Key, float] = {}
         rng = np.random.default_rng(self.seed)
-        for group, value in zip(quick, family_p_values(scores, quick, rng), strict=True):
+        for group, value in zip(quick, family_p_values(scores, quick, rng, self.settings), strict=True):
             if group.key in wanted:
                 least[group.key] = min(least.get(group.key, 1.0), float(value))
         for key in {group.key for group in slow}:
             mates = [group for group in slow if group.key == key]
-            value = group_p_value(by_run, projection.rest, mates, rng)
+            value = group_p_value(by_run, projection.rest, mates, rng, self.settings)
             least[key] = min(1.0, value * self.evidence.layout.n)
         return least
 
@@ -334,9 +332,19 @@ class Search:
         share = float(np.sum(closed / floor[joints] ** 2) / np.sum(_reducible(scores[0].rms, floor) / floor**2))
         if group.effect.event:
             p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
-        sizes = float(fall[most]), float(gap[most]), share, float(closed[most] / first[most])
-        kind = absorbed, group.effect.event, group.effect.bursts
-        return Gates(p_value, scores[2].gain_over(scores[1]), *sizes, score, *kind)
+        return Gates(
+            p_value=p_value,
+            log_score=scores[2].gain_over(scores[1]),
+            rms_fall=float(fall[most]),
+            gap_fall=float(gap[most]),
+            share=share,
+            own_share=float(closed[most] / first[most]),
+            evidence=score,
+            absorbed=absorbed,
+            event=group.effect.event,
+            bursts=group.effect.bursts,
+            settings=self.settings,
+        )
 
     def _polish(self, gram: Array, groups: Sequence[Group]) -> list[Group]:
         """Each effect in turn is left out: its inner figures are found anew, and a better name may take its place.
@@ -344,7 +352,7 @@ class Search:
         A swap must have more evidence and do better on held-out runs by more than one standard error.
         """
         current = list(groups)
-        for _ in range(3):
+        for _ in range(self.settings.polish_rounds):
             before = list(current)
             for i in range(len(current)):
                 others = current[:i] + current[i + 1 :]
@@ -365,9 +373,9 @@ class Search:
         """
         if holder.effect.event or rival.effect.event:
             return False
-        if holder.effect.inertia_like and _least_seen(projection, holder):
+        if holder.effect.inertia_like and self._least_seen(projection, holder):
             return False
-        if self._p_values(projection, [rival])[rival.key] > FAMILY_ERROR:
+        if self._p_values(projection, [rival])[rival.key] > self.settings.family_error:
             return False
         old, new = self.held_out.score([*others, holder]), self.held_out.score([*others, rival])
         gain, error = new.gain_over(old)
@@ -377,8 +385,3 @@ class Search:
 def _reducible(rms: Array, floor: Array) -> Array:
     """Mean square above the noise, of which a model may close some; a little where there is none [N² m²]."""
     return np.asarray(np.maximum(rms**2 - floor**2, 1e-3 * rms**2))
-
-
-def _least_seen(projection: Projection, group: Group) -> bool:
-    """Whether the tuned baseline leaves next to nothing of a group."""
-    return bool(projection.visibility(group.columns).max() < ABSORBED_BELOW)

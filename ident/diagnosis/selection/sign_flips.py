@@ -6,7 +6,7 @@ candidates is compared, so the chance of any false alarm in the family is the no
 
 Some effects show in few stretches (slow motion, reversals): one block then holds nearly all of the score, and its sign
 alone can't tell anything. Scores are therefore clipped in size, not in sign: no block speaks louder than the
-`VOICES`-th loudest. Clipping by size leaves the flips' null distribution exact.
+one of a certain rank (`voices`). Clipping by size leaves the flips' null distribution exact.
 
 Source: Romano and Wolf 2005 (step-down); Cameron, Gelbach and Miller 2008 (score flipping by cluster).
 """
@@ -22,9 +22,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
-
-FLIPS = 999
-VOICES = 24
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 
 
 def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
@@ -41,7 +39,10 @@ def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B 
 
 
 def family_p_values(
-    scores: Float[Array, "B P"], groups: Sequence[Group], rng: np.random.Generator
+    scores: Float[Array, "B P"],
+    groups: Sequence[Group],
+    rng: np.random.Generator,
+    settings: DiagnosisSettings = USUAL,
 ) -> Float[Array, " G"]:
     """p-value of each group, corrected for having looked at all of them.
 
@@ -49,11 +50,12 @@ def family_p_values(
         scores: Of `block_scores`.
         groups: The family.
         rng: Draws the signs.
+        settings: How many draws, and how loud a block may speak.
     """
-    blocks = len(scores)
-    signs = rng.choice([-1.0, 1.0], size=(FLIPS, blocks))
+    blocks, flips = len(scores), settings.flips
+    signs = rng.choice([-1.0, 1.0], size=(flips, blocks))
     observed = np.zeros(len(groups))
-    greatest = np.zeros(FLIPS)
+    greatest = np.zeros(flips)
     for g, group in enumerate(groups):
         part = scores[:, group.columns]
         variance = part.T @ part
@@ -64,30 +66,34 @@ def family_p_values(
         part = part[:, seen] / size[seen]
         values, vectors = np.linalg.eigh(part.T @ part)
         kept = values > 1e-6 * values[-1]
-        white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]))
+        white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]), settings.voices)
         degrees = int(kept.sum())
         observed[g] = _surprise(white.sum(axis=0), degrees)
         greatest = np.maximum(greatest, _surprise(signs @ white, degrees))
-    return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + FLIPS)
+    return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + flips)
 
 
-def _clipped(scores: Float[Array, "B k"]) -> Float[Array, "B k"]:
+def _clipped(scores: Float[Array, "B k"], voices: int) -> Float[Array, "B k"]:
     """Scores of limited size, on the scale on which their sum over flips has unit variance in every direction."""
     size = np.linalg.norm(scores, axis=1)
-    loudest = np.sort(size)[-min(VOICES, len(size))]
+    loudest = np.sort(size)[-min(voices, len(size))]
     scores = scores * np.minimum(1.0, loudest / np.maximum(size, 1e-300))[:, None]
     values, vectors = np.linalg.eigh(scores.T @ scores)
     return scores @ vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
 
 
 def group_p_value(
-    scores: Float[Array, "B P"], information: Float[Array, "P P"], grid: Sequence[Group], rng: np.random.Generator
+    scores: Float[Array, "B P"],
+    information: Float[Array, "P P"],
+    grid: Sequence[Group],
+    rng: np.random.Generator,
+    settings: DiagnosisSettings = USUAL,
 ) -> float:
     """p-value of one effect over its grid where blocks are few (whole runs): too few to take a variance from.
 
     The statistic is the fall of the misfit itself, Uᵀ I⁻¹ U with the model's information I.
     """
-    signs = np.concatenate([np.ones((1, len(scores))), rng.choice([-1.0, 1.0], size=(FLIPS, len(scores)))])
+    signs = np.concatenate([np.ones((1, len(scores))), rng.choice([-1.0, 1.0], size=(settings.flips, len(scores)))])
     best = np.zeros(len(signs))
     for group in grid:
         sums = signs @ scores[:, group.columns]
