@@ -99,10 +99,10 @@ def describe_unnamed(record: Mapping[str, Any]) -> str:
     if hidden:
         most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
         parts.append(
-            f"The tuned inertias lie farther from the given ones than their tolerance allows, above noise at {most}: "
-            "wrong links in the URDF, a load or a wrong gain look like this. Give the payload in session.toml; if "
-            "the flange carries nothing, fit the arm's own inertias (`ident fit --inertia consistent`) and give them "
-            "with --model."
+            "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
+            f"on {most}. Wrong links in the URDF, a load or a wrong gain look like this: give the payload in "
+            "session.toml; if the flange carries nothing, fit the arm's own inertias (`ident fit`) and give them with "
+            "--model."
         )
     nearest = record.get("nearest")
     if nearest:
