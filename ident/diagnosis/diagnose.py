@@ -261,7 +261,8 @@ def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sur
     Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
     no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
     """
-    prior, settings, doubted = search.prior, search.settings, ()
+    prior, settings = search.prior, search.settings
+    doubted: tuple[Reservation, ...] = ()
     evidence = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
     spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
     for _ in range(settings.most_settling):
