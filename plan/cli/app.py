@@ -61,8 +61,8 @@ def solve(
     model: ModelFolder = None,
     objective: Objective = "energy",
     method: Annotated[
-        str, typer.Option(help="reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress or toppra.")
-    ] = "reference",
+        str, typer.Option(help="sqp, reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress or toppra.")
+    ] = "sqp",
     metric: Metric = "absolute",
     variables: Variables = None,
     vias: Vias = None,
@@ -70,8 +70,8 @@ def solve(
     shapes: Shapes = None,
     seed: Seed = 0,
     evaluations: Annotated[int | None, typer.Option(help="Most trajectories evaluated.", min=1)] = None,
-    seconds: Annotated[float | None, typer.Option(help="Longest search [s].", min=0.0)] = None,
-    gap: Annotated[bool, typer.Option(help="Run the reference too and tell the gap to it.")] = True,
+    seconds: Annotated[float | None, typer.Option(help="Longest search, in processor time [s].", min=0.0)] = None,
+    gap: Annotated[bool, typer.Option(help="Run the default method too and tell the gap to it.")] = True,
     resume: Annotated[Path | None, typer.Option(help="Checkpoint file: written on the way, taken up if there.")] = None,
     json_file: JsonFile = None,
     picture: Annotated[Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG).")] = None,

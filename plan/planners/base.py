@@ -170,7 +170,7 @@ class Ledger:
             self.best_of[candidate.problem.label] = candidate
         if candidate.better_than(self.best):
             self.best = candidate
-            self.history.append((self.evaluations, self.seconds, candidate.cost if candidate.feasible else np.inf))
+            self.history.append((self.evaluations, self.cpu_seconds, candidate.cost if candidate.feasible else np.inf))
 
     def _record(self, problem: PlanningProblem, x: Array, found: Evaluation) -> None:
         self.evaluations += len(x)

@@ -184,10 +184,11 @@ def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Flo
     return curvature - np.outer(bent, bent) / curved + np.outer(change, change) / seen
 
 
-def refine(course: Course, width: float, power: float) -> Course:
-    """The same trajectory on a grid with every section in two, with its own rounding of sign and power."""
+def refine(course: Course, width: float, power: float, nodes: tuple[Array, Array]) -> Course:
+    """The same trajectory on a grid with every section in two, with its own rounding of sign and power, and nodes."""
     local, (coefficients, duration) = course.local, course.local.split(course.x)
-    grid = local.grid.halved()
-    finer = replace(local, grid=grid, width=width, power=power, torque_aim=np.repeat(local.torque_aim, 2, axis=0))
+    grid = replace(local.grid.halved(), nodes=nodes[0])
+    aims = np.repeat(local.torque_aim, 2, axis=0)
+    finer = replace(local, grid=grid, weights=nodes[1], width=width, power=power, torque_aim=aims)
     x = finer.join(grid.fit(local.grid.splines(coefficients, duration)), duration)
     return begin(finer, x)

@@ -14,11 +14,11 @@ from plan.errors import MethodError
 from plan.initial.starts import straight
 from plan.initial.ways import iterate_ways
 from plan.planners.base import Candidate, Ledger, Planner
-from plan.planners.descent import Course, begin, descend, refine
+from plan.planners.descent import KEPT, Course, begin, descend, refine
 from plan.planners.local_model import LocalModel
 from plan.planners.reference import Reference
 from plan.planners.transcription import Grid
-from plan.problem.problem import PlanningProblem
+from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
 # Via points and fewest sections of the first grid, whatever the task asks for: more of them hold what fewer can.
@@ -27,6 +27,10 @@ FIRST_VIAS, COARSE = 2, 5
 SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
 # Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and on finer ones.
 WIDTHS = ((0.05, 2.0), (0.01, 0.5), (0.003, 0.1))
+# Sections from which on each is looked at in fewer places; and places of a section at which peaks are looked for.
+MANY, DENSE = 12, freeze(np.linspace(0.0, 1.0, 33))
+# A start whose cost lies this many times above the best after a third of its steps is given up.
+FAR = 1.25
 # Share of its limit that a search aims at below what the ledger asks for.
 AIM = 0.9999
 
@@ -47,9 +51,9 @@ class Sequential(Planner):
         levels: Most refinements, for energy and for time.
     """
 
-    starts: int = 14
-    first: int = 40
-    steps: int = 40
+    starts: int = 10
+    first: int = 36
+    steps: int = 30
     kept: int = 2
     gains: tuple[float, float] = (0.005, 0.001)
     levels: tuple[int, int] = (3, 4)
@@ -68,17 +72,25 @@ class Sequential(Planner):
             return
         courses: list[Course] = []
         for problem in self._initial(problems, rng):
-            course = begin_course(problem)
-            course = descend(course, ledger, *bounds(course.local), self.first, 0.3, 1e-4)
+            course = self._try(begin_course(problem), ledger, courses)
             courses.append(course)
-            enter(course, ledger)
             if ledger.remaining == 0:
                 return
         courses.sort(key=lambda course: course.rank)
-        for course in courses[: self.kept]:
-            self._finer(course, ledger)
+        self._finer(courses[: self.kept], ledger)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
+
+    def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
+        """Steps on the coarse grid; given up early where it lies far above the best of the others."""
+        course = descend(course, ledger, *bounds(course.local), self.first // 3, 0.3, 1e-4)
+        enter(course, ledger)
+        best = min((other.rank for other in others), default=(True, np.inf))
+        if best < (False, course.look.cost / FAR):
+            return course
+        course = descend(course, ledger, *bounds(course.local), self.first - self.first // 3, 0.1, 1e-4)
+        enter(course, ledger)
+        return course
 
     def _initial(self, problems: Sequence[PlanningProblem], rng: np.random.Generator) -> Iterator[PlanningProblem]:
         first = problems[0]
@@ -94,15 +106,24 @@ class Sequential(Planner):
         for _, problem in zip(range(self.starts), iterate_ways(base, rng), strict=False):
             yield problem
 
-    def _finer(self, course: Course, ledger: Ledger) -> None:
-        """Halves the sections until that brings less than the gain."""
-        timed, cost = course.local.timed, enter(course, ledger)
+    def _finer(self, courses: Sequence[Course], ledger: Ledger) -> None:
+        """Halves the sections until that brings less than the gain; after the first time, for the best course alone."""
+        timed, costs = courses[0].local.timed, [enter(course, ledger) for course in courses]
         for level in range(self.levels[timed]):
-            course = refine(course, *WIDTHS[min(level + 1, 2)])
-            course = descend(course, ledger, *bounds(course.local), self.steps, 0.1, 1e-5)
-            known, cost = cost, enter(course, ledger)
-            enough = known < np.inf and cost > known * (1.0 - self.gains[timed])
-            if ledger.remaining == 0 or enough:
+            finer = []
+            for course, known in zip(courses, costs, strict=True):
+                refined = refine(course, *WIDTHS[min(level + 1, 2)], _nodes(timed, 2 * course.local.grid.sections))
+                refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
+                cost = enter(refined, ledger)
+                if refined.kept and passes_between(refined):
+                    refined = descend(tightened(refined), ledger, *bounds(refined.local), self.steps // 4, 0.02, 1e-5)
+                    cost = min(cost, enter(refined, ledger))
+                if ledger.remaining == 0:
+                    return
+                finer.append((cost, refined.rank, known, refined))
+            cost, _, known, best = min(finer, key=lambda found: found[:2])
+            courses, costs = [best], [cost]
+            if known < np.inf and cost > known * (1.0 - self.gains[timed]):
                 return
 
 
@@ -115,7 +136,7 @@ def begin_course(problem: PlanningProblem) -> Course:
     while len(knots) < COARSE + 1:
         widest = int(np.argmax(np.diff(knots)))
         knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
-    nodes, weights = _nodes(problem)
+    nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)
     grid = Grid(freeze(knots), problem.limits.jerk is not None, nodes)
     aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
@@ -123,12 +144,34 @@ def begin_course(problem: PlanningProblem) -> Course:
     return begin(local, local.join(grid.fit(start), float(problem.durations.sum())))
 
 
-def _nodes(problem: PlanningProblem) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-    """Where a section is looked at, and quadrature weights."""
-    if problem.objective == "time":
-        return freeze(np.linspace(0.0, 1.0, 7)), freeze(np.zeros(7))
-    x, w = np.polynomial.legendre.leggauss(6)
+def _nodes(timed: bool, sections: int) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Where a section is looked at, fewer places where there are many sections; and quadrature weights."""
+    if timed:
+        count = 7 if sections < MANY else 5 if sections < 2 * MANY else 4
+        return freeze(np.linspace(0.0, 1.0, count)), freeze(np.zeros(count))
+    x, w = np.polynomial.legendre.leggauss(6 if sections < MANY else 4)
     return freeze([0.0, *((x + 1) / 2), 1.0]), freeze([0.0, *(w / 2), 0.0])
+
+
+def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
+    """Largest torque of each section and largest speed, as shares of what is aimed at, between the nodes, too."""
+    local = course.local
+    splines, limits = local.splines(course.x), local.problem.limits
+    shape = (local.grid.sections, len(DENSE), local.n)
+    torque = np.abs(local.problem.model.torque(*splines.states(DENSE))[0]).reshape(shape).max(axis=1)
+    return torque / (SHARE * AIM * limits.torque), splines.top_speed[0] / (SHARE * AIM * limits.speed)
+
+
+def passes_between(course: Course) -> bool:
+    """Whether a limit that holds at the nodes is passed between them."""
+    return bool(max(part.max() for part in peaks(course)) > 1.0 + KEPT)
+
+
+def tightened(course: Course) -> Course:
+    """The same course with its limits aimed lower where it passes them between the nodes, section by section."""
+    torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
+    local = course.local
+    return begin(replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed), course.x)
 
 
 def bounds(local: LocalModel) -> tuple[Array, Array]:

@@ -126,9 +126,10 @@ class PlanResult:
         splines: The motion, a batch of one; None without.
         certificate: What the motion was found to be.
         evaluations, seconds, cpu_seconds: What was spent; processor time is that of the process alone.
-        reference_gap: Cost above the reference's, as a share; None if that was not computed.
+        bound: What no motion's cost can undercut, whatever its path; None where none is known.
+        reference_gap: Cost above the default method's, as a share; None if that was not computed.
         starts: One record an initial trajectory: label, via points, cost reached, reason where it failed.
-        history: Evaluations, seconds and best cost, each time it fell.
+        history: Evaluations, processor seconds and best cost, each time it fell.
         notes: Remarks of the planner.
         robot, joints: Name of the arm and of the joints that move.
         held: Positions of the joints that stand still [rad or m].
@@ -145,6 +146,7 @@ class PlanResult:
     evaluations: int = 0
     seconds: float = 0.0
     cpu_seconds: float = 0.0
+    bound: float | None = None
     reference_gap: float | None = None
     starts: tuple[dict[str, Any], ...] = ()
     history: tuple[tuple[int, float, float], ...] = ()
@@ -182,6 +184,7 @@ class PlanResult:
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
             "seed": self.seed,
+            "bound": self.bound,
             "reference_gap": self.reference_gap,
             "starts": list(self.starts),
             "history": [list(row) for row in self.history if np.isfinite(row[2])],

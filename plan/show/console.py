@@ -67,8 +67,8 @@ def print_result(console: Console, result: PlanResult) -> None:
     for name, share in (("torque", certificate.torque_share), ("speed", certificate.speed_share)):
         console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
     _print_clearance(console, certificate)
-    if result.reference_gap is not None and result.method != "reference":
-        console.print(f"gap to the reference: {100 * result.reference_gap:+.2f} %")
+    if result.reference_gap is not None and result.method != "sqp":
+        console.print(f"gap to the default method: {100 * result.reference_gap:+.2f} %")
     stamps = list(accumulate(splines.durations[0]))[:-1]
     if len(stamps) <= 10:
         for stamp, via in zip(stamps, splines.points[0, 1:-1], strict=True):

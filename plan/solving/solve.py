@@ -16,17 +16,18 @@ from plan.planners import Budget, Candidate, Ledger, default_budget, make_planne
 from plan.planners.base import Planner, Progress
 from plan.planners.compression import start_compressed
 from plan.planners.evolution import Evolution
-from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import Certificate, PlanResult, Status, certify
 from plan.problem.task_file import Trial
+from plan.solving.bound import lower_bound
 from plan.solving.set_up import find_obstruction, with_energy
 from plan.spline import Splines
 
-DEFAULT_METHOD = "reference"
+DEFAULT_METHOD = "sqp"
 # Evaluations for each start of the energy search from whose result time is shortened.
 ENERGY_FIRST = 600
-# Longest run of the reference that is only there to tell the gap [s].
+# Longest run of the default method that is only there to tell the gap, in processor time [s].
 GAP_SECONDS = 60.0
 # Longest search for initial trajectories where no budget says less, and its share of a budget [s].
 STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
@@ -131,7 +132,7 @@ def solve(
         trial: Taught via points to start from.
         progress: Called while searching.
         journal: File by which an interrupted search is resumed.
-        gap: Whether the reference is run too, for `reference_gap`.
+        gap: Whether the default method is run too, for `reference_gap`.
         planner: A planner with other options than the method's default.
         starts: Initial trajectories, if they are known already.
 
@@ -169,6 +170,7 @@ def solve(
         evaluations=ledger.evaluations,
         seconds=spent,
         cpu_seconds=busy,
+        bound=lower_bound(problem),
         starts=_start_records(starts, ledger),
         history=tuple(ledger.history),
         notes=tuple(ledger.notes),
@@ -265,13 +267,13 @@ def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]
 
 
 def _gap(result: PlanResult, method: str, starts: Starts, rng: np.random.Generator) -> float | None:
-    """Cost above the reference's, as a share."""
-    if method == "reference":
+    """Cost above the default method's, as a share; below zero where this one found better."""
+    if method == DEFAULT_METHOD:
         return 0.0
     if not isinstance(starts.problems[0].model, ChainTorque):
         return None
     ledger = Ledger(Budget(200_000, GAP_SECONDS))
-    Reference().run(starts.problems, ledger, rng)
+    Sequential().run(starts.problems, ledger, rng)
     if ledger.best is None or not ledger.best.feasible:
         return None
     known = _cost(ledger.best, ledger.best.splines)

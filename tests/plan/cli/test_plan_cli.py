@@ -35,7 +35,7 @@ def test_solves_and_writes_everything(tmp_path: Path) -> None:
     arguments = ["solve", str(DATA / "table3.toml"), "--json", str(files[0]), "--picture", str(files[1])]
     outcome = CliRunner().invoke(app, [*arguments, "--rrd", str(files[2])])
     assert outcome.exit_code == 0, outcome.output
-    assert "solved by reference" in outcome.output
+    assert "solved by sqp" in outcome.output
     assert "proven between samples too" in outcome.output
     record = json.loads(files[0].read_text())
     assert record["status"] == "solved"
@@ -127,7 +127,7 @@ def test_bad_options() -> None:
     ):
         with pytest.raises(InputError, match=words):
             opened(path, **changes)
-    with pytest.raises(InputError, match="use one of: reference"):
+    with pytest.raises(InputError, match="use one of: sqp"):
         solve_task(opened(path), "magic", 0, None, None, False, None, None)
 
 
@@ -221,7 +221,7 @@ CRATE = '[[obstacle]]\nname = "crate"\nxyz_m = [1, 0, 0]\nsize_m = '
         ("[50, 0, -120]", "[50, 100, 150]", (), "move that position or the obstacle"),
         ("[80, 30, -90]", "[80, 100, 150]", (), "move that position or the obstacle"),
         ("via_points = 2", f"via_points = 2\n{CRATE}[0, 0.1, 0.1]", (), "give lengths"),
-        ("via_points = 2", "via_points = 2", ("--method", "magic"), "use one of: reference"),
+        ("via_points = 2", "via_points = 2", ("--method", "magic"), "use one of: sqp"),
         ("via_points = 2", "via_points = 2", ("--method", "toppra"), "use --objective time"),
     ],
 )
@@ -250,7 +250,7 @@ def test_compare_of_unknown_methods() -> None:
     """A comparison names the methods there are, before it spends any time."""
     outcome = CliRunner().invoke(app, ["compare", str(DATA / "table3.toml"), "--methods", "cma,magic"])
     assert isinstance(outcome.exception, InputError)
-    assert "use some of: reference" in str(outcome.exception)
+    assert "use some of: sqp" in str(outcome.exception)
 
 
 def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,7 +65,8 @@ def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
     """Sections in two change nothing, and steps from there lower the cost."""
     course = begin_course(problem(duration=1.0))
     course = descend(course, ledger(), *bounds(course.local), 30, 0.3, 1e-4)
-    finer = refine(course, course.local.width, course.local.power)
+    local = course.local
+    finer = refine(course, local.width, local.power, (local.grid.nodes, local.weights))
     assert finer.look.cost == pytest.approx(course.look.cost, rel=2e-3)
     better = descend(finer, ledger(), *bounds(finer.local), 30, 0.1, 1e-5)
     assert better.look.cost <= finer.look.cost

@@ -1,0 +1,129 @@
+"""What no motion between start and goal can undercut: a lower bound of the cost, so that a plan tells its gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from ident.arrays import Array, Float
+from plan.dynamics.compiled_nets import JointNets
+from plan.dynamics.power import ChainTorque
+from plan.dynamics.torque_gradient import differentiate_torque, joint_net_slopes
+from plan.problem.problem import PlanningProblem
+
+# Positions from which the extremes of inertia and gravity are taken, and what is granted for those in between.
+POSITIONS, GRANTED = 2000, 1.05
+# Speeds, accelerations and loads at which a net's power is looked at.
+SPEEDS, OTHERS = 161, 9
+
+
+def lower_bound(problem: PlanningProblem) -> float | None:
+    """A lower bound of the task's cost over all motions, whatever their path and time law; None where none is known.
+
+    Limits of position and obstacles are left out, which can only lower it.
+    """
+    model = problem.model
+    if not isinstance(model, ChainTorque):
+        return None
+    return _time_bound(problem, model) if problem.objective == "time" else _energy_bound(problem, model)
+
+
+def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
+    """Longest of what each joint's way takes at its limits of speed and acceleration, and at what torque allows.
+
+    Let w = √(dqᵀ M dq). Coriolis torques do no work, so |dw/dt| ≤ ‖M^(−1/2) u‖ with u what torque, gravity and friction
+    can push, and |dq_j| ≤ w √(M⁻¹)_jj. With the largest values over the joints' range, which are taken from random
+    positions and granted a twentieth, each joint's speed lies below a trapezium whose area is its way.
+    """
+    limits = problem.limits
+    rng = np.random.default_rng(0)  # fixed: the bound is a property of the task
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    q = rng.uniform(low, high, (POSITIONS, problem.n))
+    still = np.zeros_like(q)
+    bare = replace(model, net=None, losses=replace(model.losses, coulomb=0 * limits.torque, offset=0 * limits.torque))
+    found = differentiate_torque(bare, q, still, still)
+    inverse = np.linalg.inv(found.by_acceleration)
+    losses = model.losses
+    drag = np.abs(losses.coulomb) + np.abs(losses.offset) + losses.viscous * limits.speed
+    push = limits.torque + np.abs(found.tau).max(axis=0) + np.abs(losses.offset)
+    if isinstance(model.net, JointNets):
+        residual = np.array([_net_range(model.net, j, problem)[0] for j in range(problem.n)])
+        push, drag = push + residual, drag + residual
+    elif model.net is not None:
+        push = np.full(problem.n, np.inf)
+    reach = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0)) * GRANTED
+    rates = [np.sqrt(np.einsum("tij,i,j->t", np.abs(inverse), u, u).max()) * GRANTED for u in (push, push + drag)]
+    way, times = np.abs(problem.goal - problem.start), [0.0]
+    for j in np.flatnonzero(way > 0.0):
+        rise, fall = (reach[j] * rate for rate in rates)
+        if limits.acceleration is not None:
+            rise, fall = min(rise, limits.acceleration[j]), min(fall, limits.acceleration[j])
+        ramp = 0.5 * (1.0 / rise + 1.0 / fall)
+        speed = min(float(limits.speed[j]), np.sqrt(way[j] / ramp) if ramp > 0 else np.inf)
+        times.append(float(way[j] / speed + speed * ramp))
+    return max(times)
+
+
+def _energy_bound(problem: PlanningProblem, model: ChainTorque) -> float | None:
+    """The weight lifted, and the least that friction and net take for each joint's way in the time given.
+
+    Rigid body and rotors give back what they took between rest and rest, so the signed energy is the lift and ∫ P(dq)
+    dt with P the least loss at each speed; by convexity no course takes less than the steady speed on P's convex hull.
+    Braking credited makes the signed energy the least of all metrics in joules.
+    """
+    if problem.metric == "copper" or not (model.net is None or isinstance(model.net, JointNets)):
+        return None
+    total = float(problem.durations.sum())
+    share, weight = np.polynomial.legendre.leggauss(40)
+    way = problem.goal - problem.start
+    q = problem.start + (share[:, None] + 1.0) / 2.0 * way
+    still = np.zeros_like(q)
+    bare = replace(model, net=None, losses=replace(model.losses, coulomb=0 * way, offset=0 * way))
+    lift = float(weight @ (bare.torque(q[None], still[None], still[None])[0] @ way)) / 2.0
+    least = 0.0
+    for j, speed in enumerate(way / total):
+        least += total * _steady(*_loss_power(problem, model, j, float(speed)), float(speed))
+    bound = lift + least
+    return bound if problem.metric == "signed" else max(bound, 0.0)
+
+
+def _loss_power(
+    problem: PlanningProblem, model: ChainTorque, j: int, speed: float
+) -> tuple[Float[Array, " v"], Float[Array, " v"]]:
+    """Speeds of a joint, a given one among them, and the least power that friction, offset and net take at each."""
+    losses, top = model.losses, float(problem.limits.speed[j])
+    speeds = np.unique(np.append(np.linspace(-top, top, SPEEDS), speed))
+    # |v| - 0.28 w lies below v tanh(v / w) for every v, and is convex, which that is not.
+    slip = np.maximum(np.abs(speeds) - 0.2785 * losses.transition_speed[j], 0.0)
+    power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
+    if isinstance(model.net, JointNets):
+        power = power + _net_range(model.net, j, problem, speeds)[1]
+    return speeds, power
+
+
+def _net_range(
+    net: JointNets, j: int, problem: PlanningProblem, speeds: Array | None = None
+) -> tuple[float, Float[Array, " v"]]:
+    """Largest torque of a joint's net, and the least power it takes at each speed, over accelerations and loads."""
+    limits = problem.limits
+    top = float(limits.speed[j])
+    grid = np.linspace(-top, top, SPEEDS) if speeds is None else speeds
+    most = limits.acceleration[j] if limits.acceleration is not None else 10.0 * top  # from rest to top in a tenth
+    loads = np.linspace(-1.0, 1.0, OTHERS) * limits.torque[j]
+    v, a, load = (
+        part.reshape(-1) for part in np.meshgrid(grid, np.linspace(-most, most, OTHERS), loads, indexing="ij")
+    )
+    single = JointNets(tuple(w[:, j : j + 1] for w in net.weights), tuple(b[:, j : j + 1] for b in net.biases))
+    torque = joint_net_slopes(single, v[:, None], a[:, None], load[:, None])[0][:, 0]
+    return float(np.abs(torque).max()), (torque * v).reshape(len(grid), -1).min(axis=1)
+
+
+def _steady(speeds: Float[Array, " v"], power: Float[Array, " v"], speed: float) -> float:
+    """Value at a speed of the lower convex hull of power over speed."""
+    corners = np.column_stack([speeds, power])
+    lid = np.array([[speeds[0], power.max() + 1.0], [speeds[-1], power.max() + 1.0]])
+    hull = ConvexHull(np.concatenate([corners, lid]))
+    kept = np.sort(hull.vertices[hull.vertices < len(speeds)])
+    return float(np.interp(speed, speeds[kept], power[kept]))

@@ -1,0 +1,214 @@
+"""How near the optimum the default plans are, how fast they come, and whether TOPP-RA can still shorten them.
+
+    python tests/bench/bench_plan_optimum.py [TASKS] [--joints 3,6,7] [--obstacles 0,1,12] [--objectives energy,time]
+                                             [--long STARTS] [--model FOLDER]
+
+Each drawn task is solved by the default method, by the same method from many more starts of another seed together with
+CMA-ES from the best of them ("long", the best known), and by trees and TOPP-RA on their path (OMPL's RRTConnect where
+that is installed, our own trees where not). Every time plan is retimed by TOPP-RA under the full model, stretched until
+a dense check finds every limit kept. Processor seconds throughout; all figures of a row come from one run.
+
+Three joints: the TM5-900 with its wrist held. Six: the whole TM5-900. Seven: the Panda of example-robot-data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.model.hybrid import HybridModel
+from ident.robot.arm import ArmModel
+from plan.dynamics.chain import Chain
+from plan.dynamics.power import ChainTorque, Losses
+from plan.dynamics.torque_model import torque_of_model
+from plan.geometry.boxes import Box
+from plan.geometry.scene import Scene
+from plan.initial.rrt import TreeOptions, connect, prune
+from plan.initial.starts import from_vias, straight
+from plan.planners import Budget, Ledger
+from plan.planners.evolution import Evolution
+from plan.planners.sequential import Sequential
+from plan.planners.toppra import Toppra
+from plan.problem.problem import Limits, PlanningProblem
+from plan.problem.result import certify
+from plan.solving.solve import solve
+
+
+@dataclass(frozen=True)
+class Row:
+    """One task's figures: costs, processor seconds, and what retiming gained."""
+
+    name: str
+    ours: float
+    best: float
+    peer: float
+    bound: float
+    first: float
+    near: float
+    spent: float
+    peer_spent: float
+    gain: float
+
+
+def arm_of(joints: int) -> ArmModel:
+    if joints == 7:
+        arm = ArmModel.load("panda")
+        return arm.locked(arm.joint_names[7:], [0.0] * (arm.n - 7))
+    arm = ArmModel.load("tm5-900")
+    return arm if joints == 6 else arm.locked(arm.joint_names[3:], [0.0, 0.0, 0.0])
+
+
+def torque_of(arm: ArmModel, folder: str | None) -> ChainTorque:
+    """A fitted model where one is given for the TM5-900; else friction of a usual size for each joint's rating."""
+    if folder is not None and arm.n < 7:
+        model = HybridModel.load(folder)
+        return torque_of_model(model, arm.n, [0.0] * (len(model.joint_names) - arm.n))
+    rated = arm.effort_limit
+    losses = Losses(0.004 * rated, 0.04 * rated, 0.05 * rated, 0 * rated, np.full(arm.n, 0.01))
+    return ChainTorque(Chain.from_arm(arm), losses)
+
+
+def draw(arm: ArmModel, model: ChainTorque, objective: str, boxes: int, rng: np.random.Generator) -> PlanningProblem:
+    """Free ends far enough apart; with obstacles, the straight line is blocked or all but."""
+    low, high = np.maximum(arm.lower, -2.2) * 0.8, np.minimum(arm.upper, 2.2) * 0.8
+    speed = np.minimum(arm.velocity_limit, np.pi)
+    while True:
+        scene = Scene.build(arm, [box(k, boxes, rng) for k in range(boxes)])
+        for _ in range(200):
+            ends = rng.uniform(low, high, (2, arm.n))
+            ends[1] = np.clip(ends[1], ends[0] - 1.5, ends[0] + 1.5)
+            line = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
+            far, blocked = np.abs(ends[1] - ends[0]).max() > 0.8, scene.separation(line).min() < 0.005
+            if scene.separation(ends).min() > 0.02 and far and (blocked or not boxes):
+                need = float(np.max(np.abs(ends[1] - ends[0]) / speed))
+                limits = Limits(arm.lower, arm.upper, speed, arm.effort_limit, 0.005)
+                vias, durations = straight(ends[0], ends[1], 2), np.full(3, 2.5 * need / 3)
+                free = "vias" if objective == "energy" else "both"
+                return PlanningProblem(
+                    scene, model, limits, ends[0], ends[1], vias, durations, objective=objective, free=free
+                )
+
+
+def box(number: int, of: int, rng: np.random.Generator) -> Box:
+    """A box beside the base; the more there are, the smaller."""
+    angle, away = rng.uniform(-np.pi, np.pi), rng.uniform(0.35, 0.9)
+    place = [away * np.cos(angle), away * np.sin(angle), rng.uniform(0.1, 1.0)]
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    size = 0.12 if of < 12 else 0.06 if of < 50 else 0.03
+    return Box(f"box {number}", 0, q * np.linalg.det(q), place, rng.uniform(0.5, 1.0, 3) * size)
+
+
+def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None) -> float:
+    """The best of many starts, polished by CMA-ES on coarse grids, and of the default's own plan polished."""
+    ledger = Ledger(Budget(10**7, 300.0))
+    Sequential(starts=starts, kept=6).run([task], ledger, np.random.default_rng(99))
+    around = [p for p in (known, ledger.best.problem if ledger.best else None) if p is not None and p.dimension < 60]
+    if around:
+        Evolution(step=0.01, most=6000).run([replace(p, radius=0.3) for p in around], ledger, np.random.default_rng(98))
+    return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
+
+
+def peer(task: PlanningProblem) -> tuple[float, float]:
+    """Cost and processor time of a tree's path, timed by TOPP-RA under the full model, or stretched to the time given."""
+    started = time.process_time()
+    path = tree_path(task)
+    if path is None:
+        return np.inf, time.process_time() - started
+    timed = from_vias(replace(task, objective="time", free="times"), path[1:-1], "trees", 2)
+    ledger = Ledger(Budget(10**6, 60.0))
+    Toppra().run([timed], ledger, np.random.default_rng(0))
+    best = ledger.best
+    spent = time.process_time() - started
+    if best is None or not best.feasible:
+        return np.inf, spent
+    if task.objective == "time":
+        return best.cost, spent
+    motion = best.splines
+    stretched = replace(motion, durations=motion.durations * float(task.durations.sum() / motion.total[0]))
+    carrier = task.with_initial(stretched, free="vias")
+    found = carrier.evaluate(carrier.initial[None])
+    return (float(found.cost[0]) if found.feasible[0] else np.inf), spent
+
+
+def tree_path(task: PlanningProblem) -> np.ndarray | None:
+    options = TreeOptions(margin=task.margin, nodes=20000)
+    low, high = np.maximum(task.limits.lower, -np.pi), np.minimum(task.limits.upper, np.pi)
+    found = connect(task.scene, task.start, task.goal, low, high, options, np.random.default_rng(0))
+    return prune(task.scene, found.points, options) if found.found else None
+
+
+def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped-def]
+    """Duration of the same path timed by TOPP-RA, all limits of the full model checked."""
+    ledger = Ledger(Budget(10**6, 60.0))
+    Toppra().run([task.with_initial(splines, free="times")], ledger, np.random.default_rng(0))
+    return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
+
+
+def measure(task: PlanningProblem, name: str, starts: int) -> Row | None:
+    result = solve(task, "sqp", 0, Budget(10**6, 30.0), gap=False)
+    if not result.solved or result.splines is None:
+        print(f"{name}: no plan ({result.reason})", flush=True)
+        return None
+    assert certify(task, result.splines).broken == []
+    allowed = [row for row in result.history if np.isfinite(row[2])]
+    near = next(row[1] for row in allowed if row[2] <= 1.01 * allowed[-1][2])
+    best = min(result.cost, long_search(task, starts, task.with_initial(result.splines)))
+    gain = 0.0
+    if task.objective == "time":
+        gain = max(0.0, 1.0 - retimed(task, result.splines) / result.cost)
+    cost, spent = peer(task)
+    bound = np.nan if result.bound is None else result.bound
+    return Row(name, result.cost, best, cost, bound, allowed[0][1], near, result.cpu_seconds, spent, gain)
+
+
+def show(rows: list[Row]) -> None:
+    heads = ["task", "ours", "best known", "above", "trees + TOPP-RA", "saved", "bound", "first [s]", "near [s]"]
+    heads += ["CPU [s]", "theirs [s]", "retimed"]
+    print("| " + " | ".join(heads) + " |")
+    print("|" + "---|" * len(heads))
+    for r in rows:
+        print(
+            f"| {r.name} | {r.ours:.4g} | {r.best:.4g} | {r.ours / r.best - 1:+.2%} | {r.peer:.4g} | "
+            f"{1 - r.ours / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | {r.spent:.2f} | "
+            f"{r.peer_spent:.2f} | {r.gain:.2%} |"
+        )
+    above = np.array([r.ours / r.best - 1 for r in rows])
+    print(f"{len(rows)} tasks: above the best known {np.median(above):.2%} median, {above.max():.2%} worst")
+    for objective in ("energy", "time"):
+        saved = [1 - r.ours / r.peer for r in rows if objective in r.name and np.isfinite(r.peer)]
+        if saved:
+            print(f"{objective}: less than trees and TOPP-RA by {np.median(saved):.1%} median, {min(saved):.1%} least")
+    gains = [r.gain for r in rows if "time" in r.name]
+    if gains:
+        print(f"retiming gains {np.median(gains):.2%} median, {max(gains):.2%} worst")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("tasks", nargs="?", type=int, default=2)
+    parser.add_argument("--joints", default="3,6,7")
+    parser.add_argument("--obstacles", default="0,1,12,100")
+    parser.add_argument("--objectives", default="energy,time")
+    parser.add_argument("--long", type=int, default=40)
+    parser.add_argument("--model", default=None)
+    options = parser.parse_args()
+    rows = []
+    for joints in map(int, options.joints.split(",")):
+        arm = arm_of(joints)
+        model = torque_of(arm, options.model)
+        for objective in options.objectives.split(","):
+            for boxes in map(int, options.obstacles.split(",")):
+                for i in range(options.tasks):
+                    task = draw(arm, model, objective, boxes, np.random.default_rng([joints, boxes, i]))
+                    row = measure(task, f"{joints} joints, {objective}, {boxes} boxes, {i}", options.long)
+                    if row is not None:
+                        rows.append(row)
+                        print(row, flush=True)
+    show(rows)
+
+
+if __name__ == "__main__":
+    main()
