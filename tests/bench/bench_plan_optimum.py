@@ -112,7 +112,7 @@ def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | Non
 
 
 def peer(task: PlanningProblem) -> tuple[float, float]:
-    """Cost and processor time of a tree's path, timed by TOPP-RA under the full model, or stretched to the time given."""
+    """Cost and processor time of a tree's path timed by TOPP-RA, or stretched to the time that the task gives."""
     started = time.process_time()
     path = tree_path(task)
     if path is None:
