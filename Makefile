@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types bench clean install
+.PHONY: run test lint types bench api clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -23,6 +23,10 @@ types: install
 # The planner's benchmarks (bench_plan_*.py) are scripts of their own: each says how it is run.
 bench: install
 	$(BIN)/pytest tests/bench --override-ini addopts=-q -s --ignore-glob='*/bench_plan_*'
+
+# The reference of all public names, from their docstrings.
+api: install
+	$(BIN)/pdoc --docformat google --output-directory out/api ident plan
 
 install: $(STAMP)
 

@@ -1,1 +1,67 @@
-"""Identification of robot arms and diagnosis of the gap between an arm and its model."""
+"""Identification of robot arms and diagnosis of the gap between an arm and its model.
+
+    from ident import diagnose
+    print(diagnose("my_session", "my_arm.urdf").summary())
+
+Each name is loaded when it is first asked for, so that importing the package costs nothing.
+"""
+
+from typing import TYPE_CHECKING
+
+from ident.lazy import lazily
+
+if TYPE_CHECKING:
+    from ident.api.checking import blind as blind
+    from ident.api.diagnosing import diagnose as diagnose
+    from ident.api.fitting import evaluate as evaluate
+    from ident.api.fitting import fit_hybrid as fit_hybrid
+    from ident.api.inspecting import inspect as inspect
+    from ident.api.patching import patch as patch
+    from ident.api.simulating import simulate as simulate
+    from ident.diagnosis.diagnose import Diagnosis as Diagnosis
+    from ident.effects.base import Effect as Effect
+    from ident.errors import InputError as InputError
+    from ident.model.hybrid import FitOptions as FitOptions
+    from ident.model.hybrid import HybridModel as HybridModel
+    from ident.opening import open_sessions as open_sessions
+    from ident.recordings.recording import Recording as Recording
+    from ident.recordings.recording import Session as Session
+    from ident.robot.arm import ArmModel as ArmModel
+
+_HOMES = {
+    "ArmModel": "ident.robot.arm",
+    "Diagnosis": "ident.diagnosis.diagnose",
+    "Effect": "ident.effects.base",
+    "FitOptions": "ident.model.hybrid",
+    "HybridModel": "ident.model.hybrid",
+    "InputError": "ident.errors",
+    "Recording": "ident.recordings.recording",
+    "Session": "ident.recordings.recording",
+    "blind": "ident.api.checking",
+    "diagnose": "ident.api.diagnosing",
+    "evaluate": "ident.api.fitting",
+    "fit_hybrid": "ident.api.fitting",
+    "inspect": "ident.api.inspecting",
+    "open_sessions": "ident.opening",
+    "patch": "ident.api.patching",
+    "simulate": "ident.api.simulating",
+}
+__all__ = [
+    "ArmModel",
+    "Diagnosis",
+    "Effect",
+    "FitOptions",
+    "HybridModel",
+    "InputError",
+    "Recording",
+    "Session",
+    "blind",
+    "diagnose",
+    "evaluate",
+    "fit_hybrid",
+    "inspect",
+    "open_sessions",
+    "patch",
+    "simulate",
+]
+__getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -1,4 +1,7 @@
-"""From paths and a robot's name to an arm and motions: read, match joints, check the telemetry, smooth."""
+"""From recordings and a robot to an arm and motions: read, match joints, check the telemetry, smooth.
+
+Recordings are paths, sessions, or tables in memory; the robot is a URDF path, a name, or an arm that is there already.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,21 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from ident.errors import RecordingError
+from ident.errors import RecordingError, RobotError
 from ident.files import sha256_of
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, prepare
 from ident.motion.out_of_core import emptied
-from ident.recordings.load import PART_SAMPLES, load_parts, load_sessions, robot_named_in
+from ident.provenance import SessionStamp, StampLedger, stamp_sessions
+from ident.recordings.frames import Source, gather_sources
+from ident.recordings.load import PART_SAMPLES, TOPIC, load_parts, load_session, robot_named_in
 from ident.recordings.recording import Session, TelemetryIssue
+from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
+
+Sources = Source | Sequence[Source]
+Robot = str | Path | ArmModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +52,11 @@ class Opened:
         """All that the telemetry checks found."""
         return tuple(issue for report in self.reports for issue in report.issues)
 
+    @property
+    def stamps(self) -> tuple[SessionStamp, ...]:
+        """Where the recordings come from."""
+        return stamp_sessions(report.session for report in self.reports)
+
     def data_records(self) -> list[dict[str, Any]]:
         """Name and SHA-256 of each file that was read, for a model's provenance."""
         return [
@@ -52,58 +66,91 @@ class Opened:
         ]
 
 
-def choose_robot(robot: str | None, sessions: Sequence[Session]) -> str:
-    """The robot that the user names, or the one that the sessions' files name.
+def load_sources(sources: Sources, topic: str = TOPIC, session_file: str | Path | None = None) -> tuple[Session, ...]:
+    """Whatever a user gives as recordings, as sessions."""
+    return tuple(
+        one if isinstance(one, Session) else load_session(one, topic, session_file)
+        for one in _gather(sources, session_file)
+    )
+
+
+def _gather(sources: Sources, session_file: str | Path | None) -> list[str | Path | Session]:
+    return gather_sources(sources, None if session_file is None else load_session_file(Path(session_file)))
+
+
+def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
+    """The robot that the user names or gives, or the one that the sessions' files name.
 
     Raises:
         RecordingError: Neither names one.
+        RobotError: It can't be used.
     """
+    if isinstance(robot, ArmModel):
+        return robot
+    if robot is not None and not isinstance(robot, str | Path):
+        raise RobotError("robot", f"a {type(robot).__name__} is no robot", "give a URDF path, a name or an ArmModel")
     named = robot or next((session.robot for session in sessions if session.robot), None)
     if named is None:
         where = str(sessions[0].path or sessions[0].name)
         raise RecordingError(where, "no robot is named", "give --robot, or robot = … in session.toml")
-    return named
+    return ArmModel.load(named)
 
 
 def inspect_paths(
-    paths: Sequence[str | Path],
-    robot: str | None,
-    topic: str = "/joint_states",
+    paths: Sources,
+    robot: Robot | None,
+    topic: str = TOPIC,
     session_file: str | Path | None = None,
 ) -> tuple[ArmModel, tuple[TelemetryReport, ...]]:
     """Reads sessions and checks their telemetry, without refusing any."""
-    sessions = load_sessions(paths, topic, session_file)
-    arm = ArmModel.load(choose_robot(robot, sessions))
+    sessions = load_sources(paths, topic, session_file)
+    arm = load_robot(robot, sessions)
     return arm, inspect_sessions(sessions, arm)
 
 
 def inspect_in_parts(
-    paths: Sequence[str | Path],
-    robot: str | None,
-    topic: str = "/joint_states",
+    paths: Sources,
+    robot: Robot | None,
+    topic: str = TOPIC,
     session_file: str | Path | None = None,
+    ledger: StampLedger | None = None,
 ) -> tuple[ArmModel, Iterable[TelemetryReport]]:
     """The same; sessions too long to be held come in parts of consecutive runs, each read when its turn comes.
 
     A part is checked by itself, the amount of motion in all of them at the end: see `ident.telemetry.streaming`.
+
+    Args:
+        paths, robot, topic, session_file: As for `open_sessions`.
+        ledger: Takes note of what passes.
     """
-    # Asked of all settings at once: the session that names the robot may be far from its turn.
-    robot = robot or next((name for path in paths if (name := robot_named_in(path, session_file))), None)
-    coming = chain.from_iterable(load_parts(path, topic, session_file, PART_SAMPLES) for path in paths)
+    ledger, sources = ledger or StampLedger(), _gather(paths, session_file)
+    if robot is None:
+        # Asked of all settings at once: the session that names the robot may be far from its turn.
+        robot = next((name for one in sources if (name := _robot_of(one, session_file))), None)
+    coming = ledger.passing(
+        chain.from_iterable(
+            (one,) if isinstance(one, Session) else load_parts(one, topic, session_file, PART_SAMPLES)
+            for one in sources
+        )
+    )
     parts: list[Session] = []
     for part in coming:
         parts.append(part)
         if sum(each.samples for each in parts) >= PART_SAMPLES:
-            arm = ArmModel.load(choose_robot(robot, parts))
+            arm = load_robot(robot, parts)
             return arm, inspect_parts(chain(emptied(parts), coming), arm)
-    arm = ArmModel.load(choose_robot(robot, parts))
+    arm = load_robot(robot, parts)
     return arm, inspect_sessions(parts, arm)
 
 
+def _robot_of(source: str | Path | Session, session_file: str | Path | None) -> str | None:
+    return source.robot if isinstance(source, Session) else robot_named_in(source, session_file)
+
+
 def open_sessions(
-    paths: Sequence[str | Path],
-    robot: str | None,
-    topic: str = "/joint_states",
+    paths: Sources,
+    robot: Robot | None = None,
+    topic: str = TOPIC,
     session_file: str | Path | None = None,
     cutoff: float | None = None,
     learning: bool = True,
@@ -111,8 +158,8 @@ def open_sessions(
     """Reads, checks, mends and smooths sessions.
 
     Args:
-        paths: Session folders or files.
-        robot: URDF path or name; None takes the one named in session.toml.
+        paths: Session folders or files, sessions, or tables in memory (the runs of one session).
+        robot: URDF path, name or arm; None takes the one named in session.toml.
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
@@ -121,15 +168,14 @@ def open_sessions(
     Raises:
         InputError: Recordings or robot can't be used.
     """
-    sessions = load_sessions(paths, topic, session_file)
-    arm = ArmModel.load(choose_robot(robot, sessions))
-    return _open(sessions, arm, cutoff, learning)
+    sessions = load_sources(paths, topic, session_file)
+    return _open(sessions, load_robot(robot, sessions), cutoff, learning)
 
 
 def open_for_model(
-    paths: Sequence[str | Path],
+    paths: Sources,
     model: HybridModel,
-    topic: str = "/joint_states",
+    topic: str = TOPIC,
     session_file: str | Path | None = None,
     cutoff: float | None = None,
 ) -> Opened:
@@ -138,11 +184,13 @@ def open_for_model(
     Raises:
         InputError: As `open_sessions`; or a joint that the model speaks of is not recorded.
     """
-    opened = _open(load_sessions(paths, topic, session_file), model.robot, cutoff, learning=False)
+    opened = _open(load_sources(paths, topic, session_file), model.robot, cutoff, learning=False)
     missing = [name for name in model.joint_names if name not in opened.arm.joint_names]
     if missing:
         raise RecordingError(
-            paths[0], f"{', '.join(missing)} not recorded, but in the model", "fit a model for these joints"
+            opened.reports[0].session.path or opened.reports[0].session.name,
+            f"{', '.join(missing)} not recorded, but in the model",
+            "fit a model for these joints",
         )
     return opened
 

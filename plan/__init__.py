@@ -1,1 +1,30 @@
-"""Energy- and time-optimal, collision-free motions on an identified arm."""
+"""Energy- and time-optimal, collision-free motions on an identified arm.
+
+    from plan import solve
+    print(solve("scene.toml", "model").summary())
+
+Each name is loaded when it is first asked for, so that importing the package costs nothing.
+"""
+
+from typing import TYPE_CHECKING
+
+from ident.lazy import lazily
+
+if TYPE_CHECKING:
+    from plan.api.exciting import excite as excite
+    from plan.api.planning import compare as compare
+    from plan.api.planning import solve as solve
+    from plan.planners.base import Planner as Planner
+    from plan.problem.result import PlanResult as PlanResult
+    from plan.problem.task_file import load_task as load_task
+
+_HOMES = {
+    "PlanResult": "plan.problem.result",
+    "Planner": "plan.planners.base",
+    "compare": "plan.api.planning",
+    "excite": "plan.api.exciting",
+    "load_task": "plan.problem.task_file",
+    "solve": "plan.api.planning",
+}
+__all__ = ["PlanResult", "Planner", "compare", "excite", "load_task", "solve"]
+__getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -12,9 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import ident
-
-ROOT = Path(ident.__file__).parent
+ROOT = Path(__file__).parents[1]
 
 
 @cache

@@ -23,6 +23,7 @@ from ident.files import atomic_write
 from ident.plant.answer import open_envelope
 from ident.plant.simulate import SimulationOptions
 from ident.plant.world_presets import find_worlds
+from ident.provenance import Provenance
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # The two kinds of process: cases are made, or diagnosed, again when the code that they import has changed.
@@ -87,6 +88,7 @@ def run_blind(
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
         outcomes=tuple(_open(task, made[task.slot.name], results) for task in tasks),
+        provenance=Provenance("ident blind", settings={**_settings(options), "seed": seed}),
         run={**_settings(options), "plant": tasks[0].stamp, "diagnosis": stamp_of(EXAMINING)},
     )
     with atomic_write(options.out / REPORT_NAME) as part:

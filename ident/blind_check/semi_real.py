@@ -26,7 +26,7 @@ from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.request import EffectRequest
 from ident.plant.sensing import Sensing, read_torque
-from ident.plant.visibility import STILL_RAD_S, Rows, remainder
+from ident.plant.visibility import STILL_RAD_S, VisibleRows, remainder
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.recordings.session_toml import NAME
@@ -121,7 +121,7 @@ class RealArm:
         moving = np.concatenate([np.abs(m.dq[m.coarse]) > STILL_RAD_S for m in self.motions])
         return np.sqrt((rest**2).sum(axis=0) / np.maximum(moving.sum(axis=0), 1))
 
-    def _rows(self, torques: Sequence[Float[Array, "T n"]], view: View) -> Rows:
+    def _rows(self, torques: Sequence[Float[Array, "T n"]], view: View) -> VisibleRows:
         columns, filtered = [], []
         for motion, torque in zip(self.motions, torques, strict=True):
             q, dq, ddq = motion.q, motion.dq, motion.ddq
@@ -133,7 +133,7 @@ class RealArm:
             filtered.append(motion.filtered(torque))
         moving = np.concatenate([np.abs(m.dq[m.coarse]) > STILL_RAD_S for m in self.motions])
         torque, none = np.concatenate(filtered), np.zeros(len(moving))
-        return Rows(np.concatenate(columns), torque, np.zeros_like(torque), moving, run=none, time=none)
+        return VisibleRows(np.concatenate(columns), torque, np.zeros_like(torque), moving, run=none, time=none)
 
     @cached_property
     def floor(self) -> Float[Array, " n"]:

@@ -18,6 +18,7 @@ from ident.blind_check.statistics import (
     mean,
     share,
 )
+from ident.results import Result
 
 SCHEMA = "ident.blind/1"
 SETS = ("pair", "triple")
@@ -28,7 +29,7 @@ SINGLES = ("single", "semi_real")
 
 
 @dataclass(frozen=True, eq=False)
-class BlindReport:
+class BlindReport(Result):
     """The outcome of a check.
 
     Attributes:
@@ -38,6 +39,8 @@ class BlindReport:
         outcomes: All cases.
         run: How it was run: command options, versions.
     """
+
+    SHOWN_BY = "ident.blind_check.in_words"
 
     robot: str
     seed: int
@@ -171,6 +174,7 @@ class BlindReport:
             "seed": self.seed,
             "failed": sum(one.verdict == "failed" for one in self.outcomes),
             "seals": self.seals,
+            "provenance": self.provenance.to_dict(),
             "scores": _values(self.scores),
             "intervals": _intervals(self.scores),
             "counts": {name: score.count for name, score in self.scores.items()},

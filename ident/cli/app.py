@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from ident.errors import InputError
 from ident.files import deliver
 from ident.ownership import SESSION_KIND, absolute, check_outputs
 from ident.process import run_command
+from ident.provenance import Provenance
 from ident.show.console import ladder_table, print_issues, progress_bar
 
 
@@ -56,12 +58,12 @@ def inspect(
     json_file: JsonFile = None,
 ) -> None:
     """Checks the telemetry before anything is fitted."""
-    from ident.opening import inspect_paths
+    from ident.api.inspecting import inspect as check
 
     places = mended_places(sessions, mend)
     check_outputs([*sessions, session_file, robot], {"--json": json_file}, places)
-    _, reports = inspect_paths(sessions, robot, topic, session_file)
-    record = {"schema": "ident.telemetry/1", "sessions": [report.to_dict() for report in reports]}
+    found = check(sessions, robot, topic=topic, session_file=session_file)
+    reports = found.reports
 
     def write_mended() -> None:
         for report, (place, _) in zip(reports, places.values(), strict=False):
@@ -75,7 +77,7 @@ def inspect(
             print_issues(console, report.issues)
             console.print("fit for use" if report.is_fit else styled(("not fit for use", "red")))
 
-    deliver(show, write_mended, lambda: write_json(json_file, record))
+    deliver(show, write_mended, lambda: write_json(json_file, found.to_dict()))
 
 
 def mended_places(sessions: list[Path], mend: Path | None) -> dict[str, tuple[Path, str]]:
@@ -100,7 +102,7 @@ def fit(
     sessions: Sessions,
     out: Annotated[Path, typer.Option(help="Folder of the fitted model.")],
     robot: Robot = None,
-    links: Annotated[int, typer.Option(help="6 for the full arm, 3 for the lumped three-joint model.")] = 6,
+    links: Annotated[int, typer.Option(help="6 for the full arm with all its joints, 3 for the lumped one.")] = 6,
     inertia: Annotated[str, typer.Option(help="nominal, base or consistent.")] = "consistent",
     net: Annotated[str, typer.Option(help="default, paper or none.")] = "default",
     offset: Annotated[bool, typer.Option(help="Fit a constant torque a joint too.")] = False,
@@ -112,8 +114,9 @@ def fit(
     json_file: JsonFile = None,
 ) -> None:
     """Fits analytic + loss + residual net."""
+    from ident.api.fitting import fit_hybrid
     from ident.model.checkpoint import remove_checkpoint
-    from ident.model.hybrid import MODEL_KIND, FitOptions, fit_hybrid
+    from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
     options = FitOptions(links, inertia, net, offset, robust, seed)  # type: ignore[arg-type]
@@ -122,15 +125,13 @@ def fit(
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_bar(console, "residual net") as progress:
-        results = fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
-    record = {**results.model.record(), "schema": "ident.fit/1"}
+        results = fit_hybrid(opened, options=options, progress=progress, checkpoint=checkpoint)
 
     def show() -> None:
-        console.print(results.loss.summary(), soft_wrap=True)
-        console.print(f"condition number of the motions: {results.inertia.condition_number:.0f}")
+        console.print(results.summary(), soft_wrap=True)
         console.print(f"model written to {out}")
 
-    deliver(show, lambda: write_json(json_file, record), lambda: results.model.save(out))
+    deliver(show, lambda: write_json(json_file, results.to_dict()), lambda: results.model.save(out))
     remove_checkpoint(checkpoint)
 
 
@@ -145,20 +146,25 @@ def evaluate(
     json_file: JsonFile = None,
 ) -> None:
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
-    from ident.model.evaluation import evaluate as score
+    from ident.api.fitting import evaluate as score
     from ident.model.hybrid import HybridModel
     from ident.opening import open_for_model
-    from ident.show.report import write_evaluation_report
 
     check_outputs([*sessions, *model, session_file], {"--html": html, "--json": json_file})
     models = [(path.name, HybridModel.load(path)) for path in model]
     opened = [open_for_model(sessions, loaded, topic, session_file, cutoff) for _, loaded in models]
     pairs = zip(models, opened, strict=True)
-    results = [score(loaded, data.groups, name) for (name, loaded), data in pairs]
-    record = {"schema": "ident.evaluations/1", "models": [result.to_dict() for result in results]}
+    results = [score(data, loaded, name=name) for (name, loaded), data in pairs]
+    record = {
+        "schema": "ident.evaluations/1",
+        "models": [result.to_dict() for result in results],
+        "provenance": results[0].provenance.to_dict(),
+    }
 
     def write_page() -> None:
         if html is not None:
+            from ident.show.report import write_evaluation_report
+
             write_evaluation_report(html, [loaded for _, loaded in models], results, opened[0].issues)
 
     def show() -> None:
@@ -188,20 +194,23 @@ def diagnose(
     json_file: JsonFile = None,
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
-    from ident.diagnosis.from_reports import diagnose_reports
-    from ident.effects.catalogue import load_catalogue
-    from ident.model.evaluation import evaluate as score
-    from ident.model.hybrid import HybridModel
-    from ident.opening import inspect_in_parts, open_for_model
+    from ident.api.diagnosing import examine
+    from ident.api.fitting import evaluate as score
     from ident.show.terminal import gap_curves, gap_marks, print_diagnosis
 
     read = [*sessions, robot, model, catalogue, session_file]
     check_outputs(read, {"--html": html, "--rrd": rrd, "--json": json_file})
-    loaded = HybridModel.load(model) if model else None
-    arm, reports = inspect_in_parts(sessions, robot, topic, session_file)
-    if loaded is not None and model is not None:
-        loaded.require_robot(arm, model)
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, load_catalogue(catalogue), cutoff, seed, loaded)
+    examined = examine(
+        sessions,
+        robot,
+        model=model,
+        catalogue=catalogue,
+        cutoff=cutoff,
+        seed=seed,
+        topic=topic,
+        session_file=session_file,
+    )
+    diagnosis, analysis, loaded = examined.diagnosis, examined.analysis, examined.model
     record = diagnosis.to_dict()
 
     def write_page() -> None:
@@ -211,8 +220,8 @@ def diagnose(
 
         evaluation = None
         if loaded is not None and analysis is not None:
-            opened = open_for_model(sessions, loaded, topic, session_file)
-            evaluation = ReportInput((loaded,), (score(loaded, opened.groups, loaded.robot.name),), ())
+            scored = score(sessions, loaded, topic=topic, session_file=session_file, cutoff=cutoff)
+            evaluation = ReportInput((loaded,), (scored,), ())
         write_diagnosis_report(html, record, evaluation)
 
     def write_rrd() -> None:
@@ -220,7 +229,7 @@ def diagnose(
             from ident.show.timeline import write_timeline
 
             marks, curves = gap_marks(analysis), gap_curves(analysis)
-            write_timeline(rrd, analysis.baseline.nominal, motions, loaded, diagnosis.telemetry, marks, curves)
+            write_timeline(rrd, analysis.baseline.nominal, examined.motions, loaded, diagnosis.telemetry, marks, curves)
 
     def show() -> None:
         print_diagnosis(console, diagnosis)
@@ -241,17 +250,16 @@ def patch(
     json_file: JsonFile = None,
 ) -> None:
     """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
-    from ident.effects.catalogue import load_catalogue
-    from ident.patches.change import Diagnosed
-    from ident.patches.command import PATCH_KIND, open_heldout, write_patch
+    from ident.api.patching import patch as write_patch
+    from ident.patches.command import PATCH_KIND
     from ident.patches.printing import print_patch
-    from ident.robot.arm import ArmModel
 
     read = [diagnosis, robot, catalogue, *(on or ()), session_file]
     check_outputs(read, {"--json": json_file}, {"--out": (out, PATCH_KIND)})
-    diagnosed = Diagnosed.load(diagnosis, load_catalogue(catalogue))
-    motions = open_heldout(on, robot, diagnosed, topic, session_file) if on else ()
-    record = write_patch(diagnosed, ArmModel.load(robot), out, motions)
+    written = write_patch(
+        diagnosis, robot, out, on=on or None, catalogue=catalogue, topic=topic, session_file=session_file
+    )
+    record = written.to_dict()
     deliver(lambda: print_patch(console, record, out), lambda: write_json(json_file, record))
 
 
@@ -277,7 +285,8 @@ def view(
         opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
     else:
         opened = open_sessions(sessions, robot, topic, session_file, cutoff, learning=False)
-    record = {"schema": "ident.view/1", "runs": [motion.name for motion in opened.motions]}
+    origin = Provenance("ident view", settings={"model": model}, sessions=opened.stamps).to_dict()
+    record = {"schema": "ident.view/1", "runs": [motion.name for motion in opened.motions], "provenance": origin}
 
     def show() -> None:
         if rrd is None:
@@ -289,6 +298,16 @@ def view(
             write_timeline(rrd, opened.arm, opened.motions, loaded, opened.issues)
 
     deliver(show, write_rrd, lambda: write_json(json_file, record))
+
+
+@app.command()
+def schema(
+    name: Annotated[str, typer.Argument(help="Kind of result file: diagnosis, fit, blind, …", show_default=False)],
+) -> None:
+    """The JSON Schema of a result file, on standard output."""
+    from ident.schemas.publish import make_schema
+
+    print(json.dumps(make_schema(name), indent=1))
 
 
 # Their commands stand last in the list of commands.

@@ -7,12 +7,12 @@ from typing import Any
 
 from rich.console import Console
 
-from ident.diagnosis.from_reports import diagnose_reports
-from ident.effects.catalogue import CATALOGUE
+from ident.api.diagnosing import diagnose
 from ident.model.evaluation import Evaluation, evaluate
 from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
-from ident.opening import Opened, inspect_paths, open_sessions
+from ident.opening import Opened, open_sessions
 from ident.ownership import check_outputs
+from ident.provenance import Provenance
 from ident.robot.urdf import data_path
 from ident.show.console import ladder_table, print_issues, progress_bar
 from ident.show.report import write_diagnosis_report, write_evaluation_report
@@ -67,13 +67,13 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
         "schema": "ident.demo/1",
         "models": [result.to_dict() for result in results],
         "diagnoses": diagnoses,
+        "provenance": Provenance("ident demo", sessions=(*training.stamps, *held_out.stamps)).to_dict(),
     }
 
 
 def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
     """Diagnoses a session whose cause is withheld, in an envelope beside it."""
-    arm, reports = inspect_paths([session], "tm5-900")
-    diagnosis, _, _ = diagnose_reports(reports, arm, CATALOGUE)
+    diagnosis = diagnose(session, "tm5-900")
     console.print(f"\nWhat is wrong with the arm of {session.name}?")
     print_diagnosis(console, diagnosis)
     record = diagnosis.to_dict()

@@ -11,6 +11,7 @@ import typer
 from ident.cli.shared import JsonFile, app, console, write_json
 from ident.files import deliver
 from ident.ownership import SESSION_KIND, check_outputs
+from ident.provenance import Provenance
 from ident.show.console import progress_bar
 
 
@@ -79,9 +80,11 @@ def simulate(
             )
             options = options if drawn is None else options.in_world(drawn)
             written = [simulate_to(out, options, answer, sealed, tell, given)]
+    settings = {"effects": effect or [], "robot": robot, "world": world, "seed": seed, "recipe": recipe}
     record = {
         "schema": "ident.simulation/1",
         "sessions": [{**vars(one), "folder": str(one.folder)} for one in written],
+        "provenance": Provenance("ident simulate", settings=settings).to_dict(),
     }
 
     def show() -> None:
@@ -134,13 +137,9 @@ def blind(
             lambda line: console.print(line, soft_wrap=True, highlight=False),
             lambda step, done, total: progress(done, total, 0.0),
         )
-    record = report.to_dict()
 
     def show() -> None:
-        for name, value in record["scores"].items():
-            low, high = record["intervals"].get(name, (None, None))
-            interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
-            console.print(f"  {name}: {value if value is None else round(value, 3)}{interval}", highlight=False)
+        console.print(report.summary(), highlight=False)
         console.print(f"written to {out}")
 
-    deliver(show, lambda: write_json(json_file, record))
+    deliver(show, lambda: write_json(json_file, report.to_dict()))

@@ -41,6 +41,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import runs_recorded
 from ident.recordings.recording import TelemetryIssue
+from ident.results import Result
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.diagnosis/1"
@@ -92,7 +93,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Result):
     """The answer: where, which, how far; or why not.
 
     Attributes:
@@ -145,6 +146,7 @@ class Diagnosis:
                 [one.to_dict() for one in self.findings], self.not_testable, self.catalogue
             ),
             **self.extra,
+            "provenance": self.provenance.to_dict(),
         }
 
 

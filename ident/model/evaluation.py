@@ -20,6 +20,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
+from ident.results import Result
 
 SCHEMA = "ident.evaluation/1"
 
@@ -131,7 +132,7 @@ class SessionScore:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class Evaluation(Result):
     """Scores of one model on several sessions; `pooled` takes those without payload together."""
 
     model: str
@@ -145,6 +146,7 @@ class Evaluation:
             "model": self.model,
             "sessions": [score.to_dict() for score in self.sessions],
             "pooled": self.pooled.to_dict(),
+            "provenance": self.provenance.to_dict(),
         }
 
 

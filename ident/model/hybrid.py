@@ -22,6 +22,7 @@ from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, UNITS, LossParameters, LossResults
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
+from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.robot.lumped import build_lumped_arm
 
@@ -31,6 +32,9 @@ if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
 MODEL_KIND = "model"
+FIT_SCHEMA = "ident.fit/1"
+# Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
+FULL_ARM, LUMPED = 6, 3
 LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
 NetPreset = Literal["default", "paper", "none"]
 
@@ -236,7 +240,7 @@ class FitOptions:
     """How a hybrid model is fitted.
 
     Attributes:
-        links: 6 for the full arm, 3 for the paper's lumped one.
+        links: 6 for the full arm, however many joints it has; 3 for the paper's lumped one.
         inertia: `nominal`, `base` or `consistent`.
         net: `default`, `paper` or `none`.
         offset: Whether a constant torque is a loss figure too.
@@ -244,7 +248,7 @@ class FitOptions:
         seed: Of the net.
     """
 
-    links: int = 6
+    links: int = FULL_ARM
     inertia: Mode = "consistent"
     net: NetPreset = "default"
     offset: bool = False
@@ -253,7 +257,7 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
-            ("--links", self.links, (3, 6)),
+            ("--links", self.links, (LUMPED, FULL_ARM)),
             ("--inertia", self.inertia, ("nominal", "base", "consistent")),
             ("--net", self.net, ("default", "paper", "none")),
         ):
@@ -262,7 +266,7 @@ class FitOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FitResults:
+class FitResults(Result):
     """A fitted model and what stands behind it."""
 
     model: HybridModel
@@ -276,6 +280,11 @@ class FitResults:
     @property
     def inertia(self) -> InertiaResults:
         return self.identified.inertia
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model's record."""
+        origin = {**self.model.provenance, **self.provenance.to_dict()}
+        return {**self.model.record(), "schema": FIT_SCHEMA, "provenance": origin}
 
 
 def fit_hybrid(
@@ -299,8 +308,8 @@ def fit_hybrid(
     Source: paper, figure 2.
     """
     options = options or FitOptions()
-    nominal = robot if options.links == 6 else build_lumped_arm(robot)
-    if options.links == 3:
+    nominal = build_lumped_arm(robot) if options.links == LUMPED else robot
+    if options.links == LUMPED:
         motions = [motion.select(nominal.joint_names) for motion in motions]
     found = identify(motions, nominal, options.inertia, options.offset, options.robust)
     arm, loss = found.inertia.arm, found.loss

@@ -127,7 +127,17 @@ class Diagnosed:
         Raises:
             InputError: No such file, not a diagnosis, or one that names nothing.
         """
-        record = _read(path)
+        return cls.of_record(_read(path), catalogue, path)
+
+    @classmethod
+    def of_record(
+        cls, record: dict[str, Any], catalogue: Sequence[Effect] = CATALOGUE, path: Path = Path("diagnosis")
+    ) -> Diagnosed:
+        """Takes the record of a diagnosis that was never a file, or was read already.
+
+        Raises:
+            InputError: It is damaged, or names nothing.
+        """
         try:
             return cls._of(path, record, {effect.id: effect for effect in catalogue})
         except (KeyError, TypeError, ValueError) as error:

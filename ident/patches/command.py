@@ -12,7 +12,7 @@ from ident.diagnosis.from_reports import CUTOFF
 from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.motion.motion import Motion
-from ident.opening import open_sessions
+from ident.opening import Opened, Robot, Sources, open_sessions
 from ident.patches.bodies import Links, change_links, tuned_arm
 from ident.patches.change import Change, Diagnosed, Tuning
 from ident.patches.expressed import FORMATS, express, untold
@@ -23,7 +23,8 @@ from ident.patches.parameters import write_parameters
 from ident.patches.standalone.log import Effect
 from ident.patches.standalone.motion import Losses
 from ident.patches.urdf import write_urdf
-from ident.patches.verify import Written, check_structure, compare
+from ident.patches.verify import WrittenPatch, check_structure, compare
+from ident.provenance import Provenance
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.patch/1"
@@ -33,7 +34,13 @@ LEAST_MISSED = 0.005
 FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
 
 
-def write_patch(diagnosed: Diagnosed, robot: ArmModel, out: Path, motions: Sequence[Motion] = ()) -> dict[str, Any]:
+def write_patch(
+    diagnosed: Diagnosed,
+    robot: ArmModel,
+    out: Path,
+    motions: Sequence[Motion] = (),
+    provenance: Provenance | None = None,
+) -> dict[str, Any]:
     """Writes the patch of a diagnosis.
 
     Args:
@@ -41,6 +48,7 @@ def write_patch(diagnosed: Diagnosed, robot: ArmModel, out: Path, motions: Seque
         robot: The robot that it was made with.
         out: Folder of the patch; an earlier patch there is replaced.
         motions: Recordings to measure it on; none for the structural check alone.
+        provenance: Where it comes from.
 
     Returns:
         What `patch.json` holds.
@@ -72,13 +80,14 @@ def write_patch(diagnosed: Diagnosed, robot: ArmModel, out: Path, motions: Seque
                 "tuned": write_before(arm, diagnosed.alone, Path(spare) / "tuned"),
             }
             record["heldout"] = _measure(before, after, motions)
+        record["provenance"] = (provenance or Provenance("ident patch")).to_dict()
         (folder / "patch.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return record
 
 
 def open_heldout(
-    paths: Sequence[Path], robot: str, diagnosed: Diagnosed, topic: str, session_file: Path | None
-) -> tuple[Motion, ...]:
+    paths: Sources, robot: Robot, diagnosed: Diagnosed, topic: str, session_file: str | Path | None
+) -> Opened:
     """Recordings to measure a patch on, filtered as those that were diagnosed.
 
     Raises:
@@ -89,11 +98,12 @@ def open_heldout(
         what = (
             f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis {', '.join(diagnosed.joints)}"
         )
-        raise InputError(paths[0], what, "give recordings of the joints that were diagnosed")
-    return opened.motions
+        where = opened.reports[0].session.path or opened.reports[0].session.name
+        raise InputError(where, what, "give recordings of the joints that were diagnosed")
+    return opened
 
 
-def write_before(arm: ArmModel, tuning: Tuning, folder: Path) -> Written:
+def write_before(arm: ArmModel, tuning: Tuning, folder: Path) -> WrittenPatch:
     """The files that a baseline gives without any effect, to compare with."""
     folder.mkdir()
     links = change_links(arm, tuning.links, ())
@@ -101,10 +111,10 @@ def write_before(arm: ArmModel, tuning: Tuning, folder: Path) -> Written:
     losses = tuning.losses
     (folder / "robot.urdf").write_text(write_urdf(arm, losses, links.total, ()), encoding="utf-8")
     (folder / "robot.xml").write_text(write_mjcf(changed, losses, ()), encoding="utf-8")
-    return Written(folder, arm, tuple(arm.locked_joints), {"urdf": losses, "mjcf": losses})
+    return WrittenPatch(folder, arm, tuple(arm.locked_joints), {"urdf": losses, "mjcf": losses})
 
 
-def _write_after(diagnosed: Diagnosed, arm: ArmModel, folder: Path) -> Written:
+def _write_after(diagnosed: Diagnosed, arm: ArmModel, folder: Path) -> WrittenPatch:
     tuned, links = tuned_arm(arm, diagnosed)
     with_links = arm.with_inertial_parameters(arm.inertial_parameters + links.total.ravel())
     losses = {form: _losses(diagnosed, form) for form in ("urdf", "mjcf")}
@@ -121,7 +131,7 @@ def _write_after(diagnosed: Diagnosed, arm: ArmModel, folder: Path) -> Written:
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return Written(folder, arm, tuple(arm.locked_joints), losses)
+    return WrittenPatch(folder, arm, tuple(arm.locked_joints), losses)
 
 
 def _losses(diagnosed: Diagnosed, form: str) -> Losses:
@@ -176,7 +186,7 @@ def _told(arm: ArmModel, diagnosed: Diagnosed, links: Links) -> list[str]:
     return lines
 
 
-def _measure(before: Mapping[str, Written], after: Written, motions: Sequence[Motion]) -> dict[str, Any]:
+def _measure(before: Mapping[str, WrittenPatch], after: WrittenPatch, motions: Sequence[Motion]) -> dict[str, Any]:
     gaps = compare(before, after, motions)
     joints = motions[0].joints
     return {

@@ -19,6 +19,9 @@ WHEN = {
     "after_with_module": "patched + module",
 }
 
+# By state of the file: grey before, then ever nearer to what is written.
+COLOURS = ("#999999", "#e69f00", "#0072b2", "#009e73")
+
 
 def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     """What is expressed where, what is not and why, and the gaps before and after."""
@@ -39,6 +42,20 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
     console.print(f"patch written to {out}")
+
+
+def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tuple[str, list[float | None]]]]:
+    """Torque gaps for a picture: the joints, and for each file and state words, colour and values [N m]."""
+    if not heldout:
+        return [], {}
+    colours = iter(COLOURS * len(heldout["gaps"]))
+    rows: dict[str, tuple[str, list[float | None]]] = {
+        f"{form}, {WHEN[when]}": (next(colours), list(gap["torque_rms_Nm"].values()))
+        for form, found in heldout["gaps"].items()
+        for when, gap in found.items()
+    }
+    first = next(iter(next(iter(heldout["gaps"].values())).values()))
+    return list(first["torque_rms_Nm"]), rows
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:

@@ -33,7 +33,7 @@ LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Written:
+class WrittenPatch:
     """Where a patch lies, and what it was written from.
 
     Attributes:
@@ -74,7 +74,9 @@ def load_module(path: Path) -> ModuleType:
     return module
 
 
-def compare(before: Mapping[str, Written], after: Written, motions: Sequence[Motion]) -> dict[str, dict[str, Gap]]:
+def compare(
+    before: Mapping[str, WrittenPatch], after: WrittenPatch, motions: Sequence[Motion]
+) -> dict[str, dict[str, Gap]]:
     """Gaps before and after, by format: files without effects, with them, and with the module's help."""
     module = load_module(after.folder / "extra_torque.py")
     payload = motions[0].payload
@@ -90,7 +92,7 @@ def compare(before: Mapping[str, Written], after: Written, motions: Sequence[Mot
     return found
 
 
-def check_structure(after: Written, expressed: dict[str, list[Effect]], seed: int = 0) -> dict[str, Any]:
+def check_structure(after: WrittenPatch, expressed: dict[str, list[Effect]], seed: int = 0) -> dict[str, Any]:
     """Largest difference of each loaded file from the tuned arm, its losses, and the laws that it expresses [N m].
 
     Single random states: what has a memory (an elastic joint, a delay) is not in them.

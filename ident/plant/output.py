@@ -18,7 +18,7 @@ from ident.trajectories.reference import Motion
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenSession:
     """What was written.
 
     Attributes:
@@ -42,7 +42,7 @@ def write_simulation(
     answer: bool = False,
     sealed: bool = False,
     key: bytes | None = None,
-) -> Written:
+) -> WrittenSession:
     """Writes the session's folder, whole or not at all.
 
     Args:
@@ -66,7 +66,7 @@ def write_simulation(
         if sealed:
             digest = seal(simulation.answer, temporary, secret)
     size = len(session.runs), session.samples, session.duration
-    return Written(target, *size, sha256=digest, key=secret.hex() if sealed else "")
+    return WrittenSession(target, *size, sha256=digest, key=secret.hex() if sealed else "")
 
 
 def simulate_to(
@@ -76,7 +76,7 @@ def simulate_to(
     sealed: bool = False,
     progress: Progress = no_progress,
     motions: Sequence[Motion] | None = None,
-) -> Written:
+) -> WrittenSession:
     """Simulates a session and writes it: what `ident simulate` does.
 
     Args:

@@ -20,7 +20,7 @@ from ident.plant.causes import CATALOGUE
 from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.mjcf import AddedBody
-from ident.plant.output import Written, write_simulation
+from ident.plant.output import WrittenSession, write_simulation
 from ident.plant.record import Channels, Progress, draw_pauses, no_progress, record_runs
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import ORIGIN, Simulation, SimulationOptions, simulate
@@ -139,16 +139,16 @@ def paper_sessions(progress: Progress) -> Iterator[Session]:
         yield Session(name, tuple(runs), payload=payload, robot="tm5-900", metadata=dict(ORIGIN))
 
 
-def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
+def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
     """Writes the paper's sets below a folder."""
     written = []
     for session in paper_sessions(progress):
         write_session(session, folder / session.name)
-        written.append(Written(folder / session.name, len(session.runs), session.samples, session.duration))
+        written.append(WrittenSession(folder / session.name, len(session.runs), session.samples, session.duration))
     return written
 
 
-def write_sealed_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
+def write_sealed_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
     """Writes the sealed sessions below a folder: each with one effect of the catalogue, drawn by chance."""
     written = []
     for number in range(1, SEALED + 1):
@@ -177,19 +177,19 @@ def sealed_key(name: str) -> bytes:
     return hashlib.sha256(f"{name} of the shipped recordings".encode()).digest()
 
 
-def write_all_logs(folder: Path, progress: Progress = no_progress) -> list[Written]:
+def write_all_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
     """Writes everything below `logs/tm5_900`."""
     return [*write_paper_logs(folder, progress), *write_sealed_logs(folder, progress)]
 
 
-RECIPES: dict[str, Callable[[Path, Progress], list[Written]]] = {
+RECIPES: dict[str, Callable[[Path, Progress], list[WrittenSession]]] = {
     "tm5-900-logs": write_all_logs,
     "tm5-900-paper": write_paper_logs,
     "tm5-900-sealed": write_sealed_logs,
 }
 
 
-def run_recipe(name: str, folder: str | Path, progress: Progress = no_progress) -> list[Written]:
+def run_recipe(name: str, folder: str | Path, progress: Progress = no_progress) -> list[WrittenSession]:
     """Writes the sessions of a recipe below a folder.
 
     Raises:

@@ -155,9 +155,9 @@ def simulate(
 def _check(options: SimulationOptions) -> None:
     bounds = {
         "--rate": (options.rate, 10.0, 1000.0, "Hz"),
-        "--inertia-error": (options.inertia_error, 0.0, 0.15, ""),
-        "--friction-spread": (options.friction_spread, 0.0, 0.2, ""),
-        "--noise": (options.noise, 0.0, 100.0, ""),
+        "inertia_error": (options.inertia_error, 0.0, 0.15, ""),
+        "friction_spread": (options.friction_spread, 0.0, 0.2, ""),
+        "noise": (options.noise, 0.0, 100.0, ""),
         "--seed": (options.seed, 0, 2**63 - 1, ""),
     }
     for key, (value, low, high, unit) in bounds.items():
@@ -166,7 +166,7 @@ def _check(options: SimulationOptions) -> None:
     if options.payload is not None and not 0.0 <= options.payload.mass_kg <= 1000.0:
         raise InputError("--payload", f"a mass of {options.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
     if not 0.0 <= options.pause[0] <= options.pause[1]:
-        raise InputError("--pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
+        raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
 
 
 def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[Motion, ...]:

@@ -23,7 +23,7 @@ SAME = 1e-3
 
 
 @dataclass(frozen=True)
-class Trial:
+class SizeTrial:
     """One size, and how much it shows as a multiple of what is wanted; both as logarithms."""
 
     size: float
@@ -40,9 +40,9 @@ class SizeSearch:
 
     def __init__(self, start: float, small: float, large: float) -> None:
         self._ends = np.log(small), np.log(large)
-        self._below: Trial | None = None
-        self._above: Trial | None = None
-        self._last: Trial | None = None
+        self._below: SizeTrial | None = None
+        self._above: SizeTrial | None = None
+        self._last: SizeTrial | None = None
         self._power = -1.0 if large < small else 1.0
         self.size = start
 
@@ -53,7 +53,7 @@ class SizeSearch:
             Whether there is one: not where even the bound shows too little or too much, nor between equal sizes.
         """
         with np.errstate(divide="ignore"):
-            trial = Trial(float(np.log(self.size)), float(np.log(shown)))
+            trial = SizeTrial(float(np.log(self.size)), float(np.log(shown)))
         end = self._ends[shown < 1.0]
         if np.isclose(trial.size, end, rtol=0.0, atol=SAME):
             return False
@@ -67,11 +67,11 @@ class SizeSearch:
         return abs(guess - trial.size) > SAME
 
     @staticmethod
-    def _eased(other: Trial | None, again: bool) -> Trial | None:
+    def _eased(other: SizeTrial | None, again: bool) -> SizeTrial | None:
         """The trial on the far side; told as half as far off where the near side moved twice running."""
-        return Trial(other.size, 0.5 * other.shown) if other is not None and again else other
+        return SizeTrial(other.size, 0.5 * other.shown) if other is not None and again else other
 
-    def _guess(self, trial: Trial) -> float:
+    def _guess(self, trial: SizeTrial) -> float:
         low, high = self._below, self._above
         if low is not None and high is not None:
             if np.isfinite(low.shown) and np.isfinite(high.shown):
@@ -80,7 +80,7 @@ class SizeSearch:
             return 0.5 * (low.size + high.size)
         return float(np.clip(trial.size + self._step(trial), min(self._ends), max(self._ends)))
 
-    def _step(self, trial: Trial) -> float:
+    def _step(self, trial: SizeTrial) -> float:
         """Step of a search that has seen one side only, along the power law of the last two trials."""
         power, last = self._power, self._last
         if last is not None and np.isfinite(last.shown) and np.isfinite(trial.shown):

@@ -39,7 +39,7 @@ ENOUGH_S = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class VisibleRows:
     """Samples of all runs of an arm without noise, stacked.
 
     Attributes:
@@ -58,14 +58,16 @@ class Rows:
     time: Float[Array, " T"]
 
 
-def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> Rows:
+def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
     """Samples of all runs with the columns of a view."""
     parts = [_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces)]
-    stacked = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Rows.__dataclass_fields__}
-    return Rows(**stacked)
+    stacked = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in VisibleRows.__dataclass_fields__
+    }
+    return VisibleRows(**stacked)
 
 
-def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Rows:
+def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> VisibleRows:
     ticks, times = trace.times, _sample_times(trace)
     log, arm = trace.log, hardware.arm
     q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
@@ -78,7 +80,7 @@ def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Rows:
     known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
     count = np.full(len(times), number)
     torque = _reading(hardware, trace)
-    return Rows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, count, times)
+    return VisibleRows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, count, times)
 
 
 def _sample_times(trace: Trace) -> Float[Array, " T"]:
@@ -98,7 +100,7 @@ def moves_alike(one: Hardware, other: Hardware) -> bool:
     return same and np.array_equal(one.sensing.encoder_offset, other.sensing.encoder_offset)
 
 
-def remainder(rows: Rows) -> Float[Array, "T n"]:
+def remainder(rows: VisibleRows) -> Float[Array, "T n"]:
     """Torque that no ordinary model explains [N m]; zero where a joint stands still."""
     mask = rows.moving.ravel()
     flat = rows.columns.reshape(-1, rows.columns.shape[2])
@@ -112,7 +114,7 @@ def remainder(rows: Rows) -> Float[Array, "T n"]:
 
 
 def amplitude(
-    after: Rows, before: Rows, window: Array | None = None, band: Float[Array, " n"] | None = None
+    after: VisibleRows, before: VisibleRows, window: Array | None = None, band: Float[Array, " n"] | None = None
 ) -> Float[Array, " n"]:
     """RMS of the difference of two remainders where both move [N m].
 
@@ -185,7 +187,7 @@ class VisibilityMeter:
         self.coarse = coarse
         self._feeds: list[Float[Array, "K n"]] = []
         self._plain_traces: dict[Way, list[Trace]] = {}
-        self._plain_rows: dict[tuple[Way, View], Rows] = {}
+        self._plain_rows: dict[tuple[Way, View], VisibleRows] = {}
         self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
 
     @property
@@ -214,7 +216,7 @@ class VisibilityMeter:
             self._seen[key] = freeze(amplitude(after, before, window, self.band))
         return self._seen[key]
 
-    def _plain(self, way: Way, view: View) -> Rows:
+    def _plain(self, way: Way, view: View) -> VisibleRows:
         """The arm without a cause."""
         if (way, view) not in self._plain_rows:
             if way not in self._plain_traces:
@@ -222,7 +224,7 @@ class VisibilityMeter:
             self._plain_rows[way, view] = gather(self.hardware, self._plain_traces[way], view)
         return self._plain_rows[way, view]
 
-    def _changed(self, hardware: Hardware, way: Way, view: View) -> Rows:
+    def _changed(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
         """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
         if moves_alike(hardware, self.hardware):
             readings = [_reading(hardware, trace) for trace in self._plain_traces[way]]
@@ -270,7 +272,7 @@ class VisibilityMeter:
             return np.inf
 
 
-def _window(contact: Contact, run: int, rows: Rows) -> Array | None:
+def _window(contact: Contact, run: int, rows: VisibleRows) -> Array | None:
     """Samples during a push, if there is one: a burst would drown in the mean over the session."""
     if contact.body == 0:
         return None

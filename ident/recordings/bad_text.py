@@ -15,7 +15,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import MOST_CELLS, Damage, describe_damage, without_infinity
 from ident.recordings.columns import Table
-from ident.recordings.dialect import Layout
+from ident.recordings.dialect import TextLayout
 
 NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
 MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"
@@ -40,7 +40,7 @@ class Lines:
     ends_open: bool
 
 
-def read_damaged(path: Path, data: bytes | pa.Buffer, layout: Layout, chosen: Mapping[int, str]) -> Table:
+def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     """Reads a table that the fast path refused, or in which it met NaN.
 
     A row is dropped if it is surely no sample: a wrong number of cells, most cells unreadable (a line of a log, a
@@ -96,7 +96,7 @@ def _cells(mask: Bool[Array, "R k"], numbers: Int[Array, " R"]) -> Int[Array, "c
     return np.column_stack([numbers[row], column])
 
 
-def _sort_lines(data: bytes, layout: Layout) -> Lines:
+def _sort_lines(data: bytes, layout: TextLayout) -> Lines:
     """Parts the lines by their number of cells; blank lines are skipped."""
     lines = data.split(b"\n")
     separator, expected = layout.separator.encode(), len(layout.names) - 1
@@ -116,7 +116,7 @@ def _sort_lines(data: bytes, layout: Layout) -> Lines:
     )
 
 
-def _refuse_shape(path: Path, lines: Lines, layout: Layout) -> None:
+def _refuse_shape(path: Path, lines: Lines, layout: TextLayout) -> None:
     """Most rows have another number of cells than the header, or there is no whole row."""
     if len(lines.misshapen) == 0:
         raise RecordingError(path, "has no whole row", "give a table with samples")
@@ -148,7 +148,7 @@ class Parsed:
         return self.cells[column][row].as_py().decode(errors="replace").strip()
 
 
-def _parse(text: bytes, layout: Layout, chosen: Mapping[int, str]) -> Parsed:
+def _parse(text: bytes, layout: TextLayout, chosen: Mapping[int, str]) -> Parsed:
     positions = [f"f{index}" for index in range(len(layout.names))]
     wanted = [positions[index] for index in chosen]
     table = pacsv.read_csv(

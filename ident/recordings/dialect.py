@@ -13,7 +13,7 @@ COMMENTS = ("#", "%")
 
 
 @dataclass(frozen=True)
-class Layout:
+class TextLayout:
     """How a text table is written.
 
     Attributes:
@@ -47,7 +47,7 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def sniff(path: Path) -> Layout:
+def sniff(path: Path) -> TextLayout:
     """Finds the separator, the header and the first line of data from the file's beginning.
 
     Raises:
@@ -68,11 +68,11 @@ def sniff(path: Path) -> Layout:
     if sum(map(is_number, first)) <= len(first) / 2:
         # Most cells of the first line are no numbers: it is a header.
         begin = rows[1][0] if len(rows) > 1 else rows[0][0] + 1
-        return Layout(tuple(first), separator, begin, _decimal(rows[1:], separator))
+        return TextLayout(tuple(first), separator, begin, _decimal(rows[1:], separator))
     names = split_cells(comments[-1].lstrip().lstrip("".join(COMMENTS)), separator) if comments else []
     if len(names) != len(first):
         names = [str(number + 1) for number in range(len(first))]
-    return Layout(tuple(names), separator, rows[0][0], _decimal(rows, separator))
+    return TextLayout(tuple(names), separator, rows[0][0], _decimal(rows, separator))
 
 
 def _separator(lines: list[str]) -> str:
@@ -97,7 +97,7 @@ def _decimal(rows: list[tuple[int, str]], separator: str) -> str:
     return "," if cells and sum(bool(comma.fullmatch(cell)) for cell in cells) > len(cells) / 2 else "."
 
 
-def ends_within_cell(path: Path, layout: Layout) -> bool:
+def ends_within_cell(path: Path, layout: TextLayout) -> bool:
     """Whether the file's last cell is surely cut short although it is still a number.
 
     Told by a missing line end and fewer decimals than all rows before: only tables of fixed decimals can tell.

@@ -97,6 +97,17 @@ def _settings_of(path: Path, session_file: str | Path | None) -> SessionFile:
     return load_session_file(settings_path) if settings_path else SessionFile()
 
 
+def join_runs(runs: Sequence[Recording], name: str) -> Session:
+    """Runs that are in memory already as one session.
+
+    Raises:
+        RecordingError: A run has other joints than the first.
+    """
+    same = _same_joints(runs)
+    common, notes = _common_clock(same)
+    return Session(name=name, runs=tuple(same), common_clock=common, notes=tuple(notes))
+
+
 def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
     batch: list[Recording] = []
     for run in runs:

@@ -34,13 +34,16 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
         raise RecordingError(path, f"not a whole Parquet file ({_first_line(error)})", "write the file again") from None
     if chosen and table.num_rows == 0:
         raise RecordingError(path, "has no rows", "give a table with samples")
-    columns = {native: _numbers(table, names[index], path) for index, native in chosen.items()}
+    columns = {native: column_numbers(table.column(names[i]), names[i], path) for i, native in chosen.items()}
     return screen_cells(columns, path), names
 
 
-def _numbers(table: pa.Table, name: str, path: Path) -> Float[Array, " T"]:
-    """A column as float; timestamps and durations become seconds."""
-    column = table.column(name)
+def column_numbers(column: pa.ChunkedArray, name: str, where: str | Path) -> Float[Array, " T"]:
+    """A column as float; timestamps and durations become seconds.
+
+    Raises:
+        RecordingError: It holds no numbers.
+    """
     try:
         if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
             nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
@@ -48,7 +51,7 @@ def _numbers(table: pa.Table, name: str, path: Path) -> Float[Array, " T"]:
         return column.cast(pa.float64()).to_numpy()
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise RecordingError(
-            f"{path}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
+            f"{where}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
         ) from None
 
 

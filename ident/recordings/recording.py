@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.errors import RecordingError
 
 # Per-joint channels of a run, in the order of the native table's columns.
 CHANNELS = (
@@ -109,7 +110,11 @@ class Recording:
             if values is None:
                 continue
             if np.shape(values) != expected:
-                raise ValueError(f"{self.name}: {name} has shape {np.shape(values)}, expected {expected}")
+                raise RecordingError(
+                    self.name,
+                    f"{name} has shape {np.shape(values)}, not {expected}",
+                    "give arrays of (samples, joints), as many rows as times",
+                )
             object.__setattr__(self, name, freeze(values))
 
     def __len__(self) -> int:

@@ -13,7 +13,7 @@ from ident.errors import RecordingError
 from ident.recordings.bad_cells import Damage, describe_damage
 from ident.recordings.bad_text import read_damaged
 from ident.recordings.columns import Table, native_names
-from ident.recordings.dialect import Layout, ends_within_cell, sniff
+from ident.recordings.dialect import TextLayout, ends_within_cell, sniff
 from ident.recordings.session_toml import SessionFile
 
 BLOCK_BYTES = 1 << 24  # a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
@@ -52,7 +52,7 @@ def read_text_table(path: Path, session_file: SessionFile) -> tuple[Table, tuple
     return Table(columns), layout.names
 
 
-def _content(path: Path, layout: Layout) -> bytes | pa.Buffer:
+def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
     """The file's bytes: mapped, or with runs of blanks made one (Arrow knows single separators only)."""
     if layout.separator != " ":
         return pa.memory_map(str(path)).read_buffer()
@@ -60,7 +60,7 @@ def _content(path: Path, layout: Layout) -> bytes | pa.Buffer:
     return re.sub(rb"^ +| +$", b"", re.sub(rb" {2,}", b" ", data), flags=re.MULTILINE)
 
 
-def _read_fast(data: bytes | pa.Buffer, layout: Layout, chosen: dict[int, str]) -> dict[str, np.ndarray]:
+def _read_fast(data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, str]) -> dict[str, np.ndarray]:
     """Arrow's own reader, straight to float columns; raises `ArrowInvalid` at the first bad cell or row."""
     positions = [f"f{index}" for index in range(len(layout.names))]
     wanted = [positions[index] for index in chosen]

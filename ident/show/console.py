@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ident.console import styled
 from ident.errors import visible
+from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
     import numpy as np
@@ -20,7 +21,6 @@ if TYPE_CHECKING:  # a help text needs none of them
     from ident.recordings.recording import TelemetryIssue
 
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
-RUNG_WORDS = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "net": "+ net"}
 
 
 def ladder_table(score: SessionScore) -> Table:
@@ -33,7 +33,7 @@ def ladder_table(score: SessionScore) -> Table:
         table.add_column(joint, justify="right")
     rows = zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True)
     for rung, mean, std, rmse in rows:
-        table.add_row(RUNG_WORDS.get(rung, rung), "energy error [J]", *_pairs(mean, std))
+        table.add_row(rung_name(rung), "energy error [J]", *_pairs(mean, std))
         table.add_row("", "torque RMSE [N m]", *[f"{value:.2f}" for value in rmse], end_section=True)
     return table
 

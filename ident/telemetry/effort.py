@@ -19,7 +19,7 @@ from scipy.optimize import nnls
 from ident.arrays import Array, Bool, Float
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry.filtered_run import Motion, filter_run
+from ident.telemetry.filtered_run import FilteredRun, filter_run
 from ident.telemetry.report import joints_at
 
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
@@ -102,7 +102,7 @@ def collect_states(session: Session, arm: ArmModel) -> States | None:
     return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity)
 
 
-def _stack(motions: Sequence[Motion], name: str) -> Float[Array, "T n"]:
+def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
     return np.concatenate([getattr(motion, name) for motion in motions])
 
 

@@ -24,7 +24,7 @@ PADDING = 3 * (FILTER_ORDER + 1)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class FilteredRun:
     """Low-passed motion of a run on an even grid, shapes (T, n).
 
     Attributes:
@@ -44,7 +44,7 @@ class Motion:
     dq_measured: Float[Array, "T n"] | None
 
 
-def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> Motion | None:
+def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
     """Brings a run to an even grid, low-passes it without phase and thins it out.
 
     Args:
@@ -74,4 +74,4 @@ def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> Motion | None:
     ddq = np.gradient(dq, interval, axis=0)
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
-    return Motion(run.name, grid[keep], q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)
+    return FilteredRun(run.name, grid[keep], q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)

@@ -10,8 +10,10 @@ from typing import Any
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.recordings.save import write_session
+from ident.results import Result
 from ident.robot.arm import ArmModel
 
+SCHEMA = "ident.telemetry/1"
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
@@ -82,6 +84,30 @@ class TelemetryReport:
     def mend(self, folder: str | Path) -> None:
         """Writes the mended session as a folder of Parquet runs."""
         write_session(self.session, folder)
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(Result):
+    """The telemetry checks of some sessions.
+
+    Attributes:
+        reports: One a session.
+    """
+
+    reports: tuple[TelemetryReport, ...]
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether all of them may be fitted."""
+        return all(report.is_fit for report in self.reports)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "schema": SCHEMA,
+            "sessions": [report.to_dict() for report in self.reports],
+            "provenance": self.provenance.to_dict(),
+        }
 
 
 def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ def check_request(kinds: Sequence[str], runs: int, duration: float) -> None:
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown or not kinds:
         wrong = f"unknown motion {unknown[0]!r}" if unknown else "no motion asked for"
-        raise InputError("--motions", wrong, f"choose from: {', '.join(KINDS)}")
+        raise InputError("--motion", wrong, f"choose from: {', '.join(KINDS)}")
     if runs < 1:
         raise InputError("--runs", f"{runs} runs", "ask for one run or more")
     if not 1.0 <= duration <= 3600.0:

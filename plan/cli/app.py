@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -78,11 +79,13 @@ def solve(
     rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording.")] = None,
 ) -> None:
     """Finds one trajectory and certifies it."""
-    from plan.cli.commands import open_task, save_outputs, solve_task
+    from plan.api.planning import origin
+    from plan.api.tasks import open_task, save_outputs, solve_task
 
     opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
+    result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
     print_result(console, result)
     save_outputs(opened, result, json_file, picture, rrd)
 
@@ -107,11 +110,13 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")] = None,
 ) -> None:
     """Runs all methods on one task."""
-    from plan.cli.commands import compare_task, open_task, save_comparison
+    from plan.api.planning import origin
+    from plan.api.tasks import compare_task, open_task, save_comparison
 
     opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
+    table = table.with_provenance(origin("plan compare", opened, model, {"methods": methods, "seeds": seeds}))
     print_comparison(console, table)
     save_comparison(opened, table, json_file, out)
 
@@ -135,24 +140,41 @@ def excite(
     json_file: JsonFile = None,
 ) -> None:
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
-    from ident.effects.catalogue import load_catalogue
-    from ident.robot.arm import ArmModel
+    from plan.api.exciting import excite as find_motion
     from plan.experiment.console import print_excitation
-    from plan.experiment.design import excite as find_motion
-    from plan.experiment.question import ask
     from plan.experiment.result import require_replaceable, save_record
 
     if out is not None:
         require_replaceable(out)
-    arm = ArmModel.load(robot)
-    question = ask(arm, separate, joint, diagnosis, load_catalogue(catalogue))
     with progress_bar(console, "excite") as progress:
-        found = find_motion(arm, question, minutes, evaluations, seed, progress, shapes)  # type: ignore[arg-type]
+        found = find_motion(
+            robot,
+            separate=separate,
+            diagnosis=diagnosis,
+            joint=joint,
+            catalogue=catalogue,
+            minutes=minutes,
+            evaluations=evaluations,
+            seed=seed,
+            shapes=shapes,
+            progress=progress,
+        )
     print_excitation(console, found)
     if out is not None:
         found.write(out)
         console.print(f"motion written to {out}")
     save_record(found, json_file)
+
+
+@app.command()
+def schema(
+    name: Annotated[str, typer.Argument(help="Kind of result file: result, comparison or excite.", show_default=False)],
+) -> None:
+    """The JSON Schema of a result file, on standard output."""
+    from ident.schemas.publish import make_schema
+    from plan.schemas.records import RECORDS
+
+    print(json.dumps(make_schema(name, RECORDS, "plan schema"), indent=1))
 
 
 def main() -> None:

@@ -33,12 +33,12 @@ class ResidualTerm(Protocol):
 def read_residual(net: ResidualNet) -> ResidualTerm:
     """A trained net as plain layers, its standardisation folded in."""
     if isinstance(net.network, networks.DenseNet):
-        return DenseNet.from_residual(net)
-    return JointNets.from_residual(net)
+        return CompiledDenseNet.from_residual(net)
+    return CompiledJointNets.from_residual(net)
 
 
 @dataclass(frozen=True, eq=False)
-class DenseNet:
+class CompiledDenseNet:
     """The paper's kind: one fully connected net from (q, dq, ddq) to all torques, tanh inside.
 
     Attributes:
@@ -50,7 +50,7 @@ class DenseNet:
     biases: tuple[Float[Array, " o"], ...]
 
     @classmethod
-    def from_residual(cls, net: ResidualNet) -> DenseNet:
+    def from_residual(cls, net: ResidualNet) -> CompiledDenseNet:
         """Reads a trained net of the `paper` preset."""
         linear = [module for module in net.network.modules() if isinstance(module, torch.nn.Linear)]
         weights = [module.weight.detach().numpy().astype(float) for module in linear]
@@ -61,7 +61,7 @@ class DenseNet:
         biases[-1] = biases[-1] * net.output_std
         return cls(tuple(weights), tuple(biases))
 
-    def frozen(self, positions: Float[Array, " k"]) -> DenseNet:
+    def frozen(self, positions: Float[Array, " k"]) -> CompiledDenseNet:
         """As in `ResidualTerm`: the held joints' inputs are constants and go into the first bias."""
         total = self.weights[-1].shape[0]
         kept = total - len(positions)
@@ -70,7 +70,7 @@ class DenseNet:
         columns = np.concatenate([np.arange(kept) + total * part for part in range(3)])
         biases = (self.biases[0] + self.weights[0] @ held, *self.biases[1:-1], self.biases[-1][:kept])
         weights = (self.weights[0][:, columns], *self.weights[1:-1], self.weights[-1][:kept])
-        return DenseNet(weights, biases)
+        return CompiledDenseNet(weights, biases)
 
     @property
     def products(self) -> int:
@@ -98,7 +98,7 @@ class DenseNet:
 
 
 @dataclass(frozen=True, eq=False)
-class JointNets:
+class CompiledJointNets:
     """The default kind: small nets for each joint, averaged over members, SiLU inside.
 
     A joint's inputs are dq, ddq, tanh(dq / v₁), tanh(dq / v₂), its rigid torque τ, and √(τ² + ε²) tanh(dq / v₁).
@@ -112,7 +112,7 @@ class JointNets:
     biases: tuple[Float[Array, "m n o"], ...]
 
     @classmethod
-    def from_residual(cls, net: ResidualNet) -> JointNets:
+    def from_residual(cls, net: ResidualNet) -> CompiledJointNets:
         """Reads a trained net of the `default` preset."""
         network = net.network
         assert isinstance(network, networks.JointNets)
@@ -125,10 +125,10 @@ class JointNets:
         biases[-1] = biases[-1] * net.output_std[:, None]
         return cls(tuple(weights), tuple(biases))
 
-    def frozen(self, positions: Float[Array, " k"]) -> JointNets:
+    def frozen(self, positions: Float[Array, " k"]) -> CompiledJointNets:
         """As in `ResidualTerm`: joints know nothing of each other."""
         kept = self.weights[0].shape[1] - len(positions)
-        return JointNets(tuple(w[:, :kept] for w in self.weights), tuple(b[:, :kept] for b in self.biases))
+        return CompiledJointNets(tuple(w[:, :kept] for w in self.weights), tuple(b[:, :kept] for b in self.biases))
 
     @property
     def products(self) -> int:

@@ -35,7 +35,7 @@ class TorqueModel(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Losses:
+class JointLosses:
     """Loss figures of n joints: τ = B_m ddq + C_m dq + f_c sign(dq) + offset (paper, eq. 3, and an offset).
 
     Attributes:
@@ -53,7 +53,7 @@ class Losses:
     transition_speed: Float[Array, " n"]
 
     @classmethod
-    def zero(cls, n: int) -> Losses:
+    def zero(cls, n: int) -> JointLosses:
         """No loss."""
         return cls(*(np.zeros(n) for _ in range(5)))
 
@@ -89,7 +89,7 @@ class ChainTorque:
     """
 
     chain: Chain
-    losses: Losses
+    losses: JointLosses
     net: ResidualTerm | None = None
 
     @property

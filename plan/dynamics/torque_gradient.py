@@ -9,7 +9,7 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
-from plan.dynamics.compiled_nets import DenseNet, JointNets, ResidualTerm
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
 from plan.dynamics.newton_euler import _rnea
 from plan.dynamics.power import ChainTorque
 
@@ -102,7 +102,7 @@ def _rounded_sign(v: Float[Array, "T n"], width: Float[Array, " n"]) -> tuple[Fl
 def _add_net(net: ResidualTerm, states: list[Array], rigid: Array, sums: tuple[Array, Array, Array, Array]) -> None:
     """Adds a net's torque and derivatives; a joint's own net sees its load, so the chain rule goes through that."""
     tau, by_q, by_v, by_a = sums
-    if isinstance(net, JointNets):
+    if isinstance(net, CompiledJointNets):
         value, slopes = joint_net_slopes(net, states[1], states[2], rigid)
         load, joints = 1.0 + slopes[2][:, :, None], np.arange(rigid.shape[1])
         for part in (by_q, by_v, by_a):
@@ -111,7 +111,7 @@ def _add_net(net: ResidualTerm, states: list[Array], rigid: Array, sums: tuple[A
         by_a[:, joints, joints] += slopes[1]
         tau += value
         return
-    assert isinstance(net, DenseNet)
+    assert isinstance(net, CompiledDenseNet)
     value, jacobian = dense_net_jacobian(net, np.concatenate(states, axis=1))
     tau += value
     for part, block in zip((by_q, by_v, by_a), np.split(jacobian, 3, axis=2), strict=True):
@@ -119,7 +119,7 @@ def _add_net(net: ResidualTerm, states: list[Array], rigid: Array, sums: tuple[A
 
 
 def joint_net_slopes(
-    net: JointNets, dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
+    net: CompiledJointNets, dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
 ) -> tuple[Float[Array, "T n"], Float[Array, "3 T n"]]:
     """Each joint's residual torque and its slopes by its own speed, acceleration and load, in double precision."""
     value, slopes = np.empty(dq.shape), np.empty((3, *dq.shape))
@@ -145,7 +145,9 @@ def joint_net_slopes(
     return value, slopes
 
 
-def dense_net_jacobian(net: DenseNet, x: Float[Array, "T i"]) -> tuple[Float[Array, "T n"], Float[Array, "T n i"]]:
+def dense_net_jacobian(
+    net: CompiledDenseNet, x: Float[Array, "T i"]
+) -> tuple[Float[Array, "T n"], Float[Array, "T n i"]]:
     """Torques of the fully connected net and their derivatives by its inputs, in double precision."""
     slopes = []
     for weight, bias in zip(net.weights[:-1], net.biases[:-1], strict=True):

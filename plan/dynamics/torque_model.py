@@ -11,7 +11,7 @@ from ident.model.hybrid import HybridModel
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import read_residual
-from plan.dynamics.power import ChainTorque, Losses
+from plan.dynamics.power import ChainTorque, JointLosses
 
 
 def reduce_arm(arm: ArmModel, moving: int, held: Sequence[float]) -> ArmModel:
@@ -23,7 +23,7 @@ def reduce_arm(arm: ArmModel, moving: int, held: Sequence[float]) -> ArmModel:
 
 def torque_of_robot(arm: ArmModel) -> ChainTorque:
     """Torque of a rigid arm without losses: what can be planned with before anything was fitted."""
-    return ChainTorque(Chain.from_arm(arm), Losses.zero(arm.n))
+    return ChainTorque(Chain.from_arm(arm), JointLosses.zero(arm.n))
 
 
 def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> ChainTorque:
@@ -43,10 +43,10 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
     return ChainTorque(Chain.from_arm(arm), _losses(model, moving), net)
 
 
-def _losses(model: HybridModel, moving: int) -> Losses:
+def _losses(model: HybridModel, moving: int) -> JointLosses:
     def first(values: Float[Array, " n"]) -> Float[Array, " m"]:
         return np.array(values, dtype=float)[:moving]
 
     loss = model.loss
     parts = (loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed)
-    return Losses(*(first(part) for part in parts))
+    return JointLosses(*(first(part) for part in parts))

@@ -20,7 +20,7 @@ from plan.experiment.programme import WIDE_FIGURES, Programme, duration_of
 from plan.experiment.question import Question
 from plan.experiment.random_motions import random_runs
 from plan.experiment.result import Excitation, Status, minutes_to_odds
-from plan.experiment.search import BASELINE, Search, Tell
+from plan.experiment.search import BASELINE, ProgrammeSearch, Tell
 from plan.geometry.arm_shapes import StandIn
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
@@ -66,7 +66,7 @@ def excite(
     if question.tellable == ():
         programmes = [_general(feasible, question, seed)]
     else:
-        search = Search(eye, feasible, question, evaluations, seed)
+        search = ProgrammeSearch(eye, feasible, question, evaluations, seed)
         programmes = [trial.programme for trial in search.best(tell)] + _draws(feasible, question, seed)
     programme, runs, view = _best_at_length(programmes, eye, feasible, question, minutes)
     chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]

@@ -29,7 +29,7 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TrueModel:
     """One effect at one joint: how large it is taken to be, and where its columns stand.
 
     Attributes:
@@ -62,7 +62,7 @@ class View:
 
     rest: Float[Array, "K K"]
     base: Float[Array, "r r"]
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[TrueModel, ...]
     first: int
 
     def distance(self, k: int, rival: int | None) -> float:
@@ -154,7 +154,7 @@ def look(
     """
     session = eye.session(runs)
     layout = build_layout(session, eye.baseline.base.rank, ())
-    candidates: list[Candidate] = []
+    candidates: list[TrueModel] = []
     columns: list[_Columns] = []
     size = layout.tuned
     for effect, joint in effects:
@@ -175,11 +175,11 @@ def look(
 
 def _prepare(
     session: SessionContext, effect: Effect, joint: int, start: int, told: Told | None
-) -> tuple[Candidate, list[_Columns]]:
+) -> tuple[TrueModel, list[_Columns]]:
     """Columns of an effect at every point of its inner grid, and its expected size."""
     silent = effect.untestable(session, joint)
     if silent is not None:
-        return Candidate(effect, joint, None, (), silent=silent), []
+        return TrueModel(effect, joint, None, (), silent=silent), []
     variants = list(effect.variants(session, joint))
     found = []
     for variant in variants:
@@ -190,7 +190,7 @@ def _prepare(
         found.append(_Columns(filtered, joint if effect.rows == "own" else None, places))
     at = choose_variant(effect, variants, told)
     sized = size_effect(effect, session, joint, variants[at], len(found[at].places), told)
-    return Candidate(effect, joint, sized, tuple(one.places for one in found), at), found
+    return TrueModel(effect, joint, sized, tuple(one.places for one in found), at), found
 
 
 def _gram(rows: Rows, layout: Layout, columns: Sequence[_Columns], joint: int, size: int) -> Float[Array, "P P"]:

@@ -84,7 +84,7 @@ def ask(
     arm: ArmModel,
     separate: str | None,
     joint: str | None,
-    diagnosis: Path | None,
+    diagnosis: Mapping[str, Any] | str | Path | None,
     catalogue: Sequence[Effect] = CATALOGUE,
 ) -> Question:
     """The question that options ask.
@@ -93,7 +93,7 @@ def ask(
         arm: The arm.
         separate: Effects' ids, with commas.
         joint: Name or number from 1.
-        diagnosis: JSON file of `ident diagnose`.
+        diagnosis: JSON file of `ident diagnose`, or its record.
         catalogue: The effects that may be asked for.
 
     Raises:
@@ -111,9 +111,10 @@ def ask(
     return Question(aim if ids else "identify", placed, at, _told(record), _noise(record, arm))
 
 
-def _read(path: Path, arm: ArmModel) -> dict[str, Any]:
+def _read(diagnosis: Mapping[str, Any] | str | Path, arm: ArmModel) -> dict[str, Any]:
+    path = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = json.loads(path.read_text(encoding="utf-8")) if isinstance(diagnosis, str | Path) else dict(diagnosis)
     except (OSError, ValueError) as error:
         raise InputError(path, f"can't be read ({error})", "give the file of `ident diagnose --json`") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:

@@ -15,6 +15,7 @@ import pyarrow.csv as pacsv
 from ident.diagnosis.settings import USUAL
 from ident.files import atomic_folder, atomic_write
 from ident.ownership import require_own_folder
+from ident.results import Result
 from ident.trajectories.reference import TICK_S, Motion
 from plan.experiment.programme import Programme, duration_of
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
@@ -45,7 +46,7 @@ def minutes_to_odds(distance: float, seconds: float) -> float | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(Result):
     """A motion that answers a question, or the set-up that must change first.
 
     Attributes:
@@ -69,6 +70,8 @@ class Excitation:
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
     """
+
+    SHOWN_BY = "plan.show.results"
 
     robot: str
     status: Status
@@ -145,6 +148,7 @@ class Excitation:
             "evaluations": self.evaluations,
             "seconds": self.seconds,
             "seed": self.seed,
+            "provenance": self.provenance.to_dict(),
         }
 
     def write(self, folder: str | Path) -> None:

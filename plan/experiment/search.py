@@ -30,7 +30,7 @@ Tell = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ProgrammeTrial:
     """A programme that was judged.
 
     Attributes:
@@ -47,7 +47,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class ProgrammeSearch:
     """Searches for one question.
 
     Attributes:
@@ -64,12 +64,12 @@ class Search:
     evaluations: int = 120
     seed: int = 0
 
-    def best(self, tell: Tell | None = None) -> list[Trial]:
+    def best(self, tell: Tell | None = None) -> list[ProgrammeTrial]:
         """The best programme of each of the best families, by score a minute; random motion is among them."""
         rng = np.random.default_rng(self.seed)
-        done: list[Trial] = []
+        done: list[ProgrammeTrial] = []
 
-        def judge(family: str, shares: Array) -> Trial:
+        def judge(family: str, shares: Array) -> ProgrammeTrial:
             trial = self.judge(family, shares)
             done.append(trial)
             if tell is not None:
@@ -85,14 +85,14 @@ class Search:
         ranked = _best_of_families(done)
         return ranked[:FINALISTS] + [one for one in ranked[FINALISTS:] if one.family == BASELINE]
 
-    def judge(self, family: str, shares: Float[Array, " d"]) -> Trial:
+    def judge(self, family: str, shares: Float[Array, " d"]) -> ProgrammeTrial:
         """Score of a programme."""
         programme = Programme.decode(family, shares, self.question.joint, self.feasible, self.seed)
         runs = programme.runs(TRIAL_RUNS, self.feasible)
         if not runs:
-            return Trial(family, shares, programme, -np.inf)
+            return ProgrammeTrial(family, shares, programme, -np.inf)
         view = look(self.eye, runs, self.question.effects, self.question.told)
-        return Trial(family, shares, programme, 60.0 * self.question.score(view) / duration_of(runs))
+        return ProgrammeTrial(family, shares, programme, 60.0 * self.question.score(view) / duration_of(runs))
 
     def _starts(self, rng: np.random.Generator) -> list[str]:
         """Families of the random starts: the one that is known to suit most often, every other in turn."""
@@ -102,7 +102,9 @@ class Search:
         names = list(FAMILIES)
         return first + [names[k % len(names)] for k in range(count - len(first))]
 
-    def _improve(self, start: Trial, budget: int, rng: np.random.Generator, judge: Callable[..., Trial]) -> None:
+    def _improve(
+        self, start: ProgrammeTrial, budget: int, rng: np.random.Generator, judge: Callable[..., ProgrammeTrial]
+    ) -> None:
         """(1 + 1) evolution strategy in the unit cube."""
         best, step = start, STEP
         for _ in range(budget):
@@ -112,9 +114,9 @@ class Search:
             best = trial if trial.rate > best.rate else best
 
 
-def _best_of_families(done: Sequence[Trial]) -> list[Trial]:
+def _best_of_families(done: Sequence[ProgrammeTrial]) -> list[ProgrammeTrial]:
     """The best trial of each family, the best first."""
-    best: dict[str, Trial] = {}
+    best: dict[str, ProgrammeTrial] = {}
     for trial in sorted(done, key=lambda one: -one.rate):
         best.setdefault(trial.family, trial)
     return list(best.values())

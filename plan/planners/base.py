@@ -15,7 +15,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.files import atomic_write
 from plan.dynamics.torch_threads import torch_threads
-from plan.problem.problem import TOLERANCE, Evaluation, PlanningProblem
+from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
 # Called with the evaluations so far, the evaluations allowed, and the best cost.
@@ -131,7 +131,7 @@ class Ledger:
         """Evaluations left; zero once the processor time is spent."""
         return 0 if self.cpu_seconds >= self.budget.seconds else max(self.budget.evaluations - self.evaluations, 0)
 
-    def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> Evaluation:
+    def evaluate(self, problem: PlanningProblem, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Evaluates a batch against the budget.
 
         Raises:
@@ -172,7 +172,7 @@ class Ledger:
             self.best = candidate
             self.history.append((self.evaluations, self.cpu_seconds, candidate.cost if candidate.feasible else np.inf))
 
-    def _record(self, problem: PlanningProblem, x: Array, found: Evaluation) -> None:
+    def _record(self, problem: PlanningProblem, x: Array, found: BatchEvaluation) -> None:
         self.evaluations += len(x)
         violation = found.violation
         order = np.lexsort((np.where(violation <= TOLERANCE, found.cost, violation), violation > TOLERANCE))
@@ -185,7 +185,7 @@ class Ledger:
         if self.progress is not None and self.best is not None:
             self.progress(self.evaluations, self.budget.evaluations, self.best.cost)
 
-    def _recall(self, count: int, n: int) -> Evaluation | None:
+    def _recall(self, count: int, n: int) -> BatchEvaluation | None:
         if self._replay is None or len(self._replay) < count or self._replay.shape[1] != 6 + n:
             self._replay = None
             return None
@@ -197,14 +197,14 @@ class Ledger:
         return hashlib.sha256(self.fingerprint.encode()).hexdigest()
 
 
-def _to_rows(found: Evaluation) -> Array:
+def _to_rows(found: BatchEvaluation) -> Array:
     parts = (found.cost, found.collision, found.speed, found.torque, found.position, found.gap)
     return np.column_stack([*parts, found.peak])
 
 
-def _from_rows(rows: Array) -> Evaluation:
+def _from_rows(rows: Array) -> BatchEvaluation:
     cost, collision, speed, torque, position, gap = rows[:, :6].T
-    return Evaluation(cost, collision, speed, torque, position, gap, rows[:, 6:])
+    return BatchEvaluation(cost, collision, speed, torque, position, gap, rows[:, 6:])
 
 
 class Planner(ABC):

@@ -9,7 +9,7 @@ import torch
 from numba import njit
 
 from ident.arrays import Array, Float
-from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.newton_euler import _rnea, inverse_dynamics
 from plan.dynamics.power import ChainTorque, Metric
 
@@ -173,8 +173,8 @@ class BruteLoop:
         still = np.zeros_like(first[0])
         self.wheel = (np.cos(first[0]), np.sin(first[0])) if self.turns else (still, still)
         self.losses = [_loss(model, j, courses.states[j]) for j in range(3)]
-        self.tables = JointTables(model, courses) if isinstance(model.net, JointNets) else None
-        self.sums = FirstLayer(model.net, courses) if isinstance(model.net, DenseNet) else None
+        self.tables = JointTables(model, courses) if isinstance(model.net, CompiledJointNets) else None
+        self.sums = FirstLayer(model.net, courses) if isinstance(model.net, CompiledDenseNet) else None
 
     @property
     def exact(self) -> bool:
@@ -220,7 +220,7 @@ class JointTables:
     """The default net, joint by joint and course by course, over the rigid torque."""
 
     def __init__(self, model: ChainTorque, courses: Courses) -> None:
-        assert isinstance(model.net, JointNets)
+        assert isinstance(model.net, CompiledJointNets)
         low, high = _rigid_range(model, courses)
         self.low, self.step = low, (high - low) / (TABLE - 1)
         self.tables = [
@@ -233,7 +233,9 @@ class JointTables:
         return (self.low, self.step, self.tables[0], *rows)
 
 
-def _table(net: JointNets, j: int, states: Float[Array, "3 K M"], loads: Float[Array, " G"]) -> Float[Array, "K M G"]:
+def _table(
+    net: CompiledJointNets, j: int, states: Float[Array, "3 K M"], loads: Float[Array, " G"]
+) -> Float[Array, "K M G"]:
     nodes, courses = states.shape[1:]
     out = np.empty((nodes, courses, len(loads)))
     for k in range(nodes):
@@ -261,7 +263,7 @@ def _rigid_range(model: ChainTorque, courses: Courses) -> tuple[Float[Array, " 3
 class FirstLayer:
     """The paper's net with its first layer tabled: a sum over the joints."""
 
-    def __init__(self, net: DenseNet, courses: Courses) -> None:
+    def __init__(self, net: CompiledDenseNet, courses: Courses) -> None:
         self.net = net
         self.parts = [_first_layer(net, j, courses.states[j]) for j in range(3)]
         self.bias = torch.from_numpy(net.biases[0].astype(np.float32))
@@ -272,7 +274,7 @@ class FirstLayer:
         return self.net.after_first(self.parts[0] + others[:, None]).numpy().astype(float)
 
 
-def _first_layer(net: DenseNet, j: int, states: Float[Array, "3 K M"]) -> torch.Tensor:
+def _first_layer(net: CompiledDenseNet, j: int, states: Float[Array, "3 K M"]) -> torch.Tensor:
     """What one joint's states add to the first layer's sums, shape (K, M, width)."""
     own = torch.from_numpy(np.stack(list(states), axis=-1).astype(np.float32))
     columns = net.weights[0][:, j :: net.weights[-1].shape[0]].astype(np.float32)

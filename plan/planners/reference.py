@@ -15,8 +15,8 @@ from plan.errors import MethodError
 from plan.planners.base import Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.planes import count_near, make_slots
-from plan.planners.reference_graph import SLOTS, Programme, build
-from plan.problem.problem import SHARE, SQUEEZE, TOLERANCE, Evaluation, PlanningProblem
+from plan.planners.reference_graph import SLOTS, Transcription, build
+from plan.problem.problem import SHARE, SQUEEZE, TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
 # Initial trajectories that break more than this are not solved from as they are.
@@ -131,13 +131,13 @@ class _Run:
             if self.ledger.remaining == 0 or alone or (gained < self.options.tolerance and not tightened):
                 return
 
-    def _merit(self, found: Evaluation) -> float:
+    def _merit(self, found: BatchEvaluation) -> float:
         """Cost and broken limits in one number; limits count only once they are constraints."""
         if self.limited:
             return float(self.problem.penalised(found)[0])
         return float(found.cost[0] / self.problem.scale + min(3.0 * found.collision[0], 20.0))
 
-    def _tighten(self, found: Evaluation) -> bool:
+    def _tighten(self, found: BatchEvaluation) -> bool:
         """Aims each limit so that the true peak, between the nodes, meets it; whether any had to move."""
         splines, limits = self._splines(), self.problem.limits
         worst = np.array([splines.top_speed[0] / limits.speed, found.peak[0] / limits.torque]) / SHARE
@@ -160,7 +160,7 @@ class _Run:
             status = self._call(programme, np.array(width), places)
         return status
 
-    def _call(self, programme: Programme, widths: Array, places: Array) -> str:
+    def _call(self, programme: Transcription, widths: Array, places: Array) -> str:
         """One run of IPOPT from z, which takes on its result."""
         problem = self.problem
         free = _free_mask(problem)
@@ -185,7 +185,7 @@ class _Run:
         step = np.concatenate([np.full(split, self.reach), self.reach * self.z[split:]])
         return np.maximum(low, self.z - step), np.minimum(high, self.z + step)
 
-    def _evaluate(self) -> Evaluation:
+    def _evaluate(self) -> BatchEvaluation:
         return self.ledger.evaluate(self.problem, self._decision()[None])
 
     def _decision(self) -> Float[Array, " d"]:
@@ -196,7 +196,7 @@ class _Run:
         return self.problem.decode(self._decision())
 
 
-def _breaks_limits(found: Evaluation) -> bool:
+def _breaks_limits(found: BatchEvaluation) -> bool:
     return bool((found.speed + found.torque + found.position > TOLERANCE)[0])
 
 
@@ -215,7 +215,7 @@ def _variable_bounds(problem: PlanningProblem) -> tuple[Array, Array]:
     )
 
 
-def _constraint_bounds(problem: PlanningProblem, programme: Programme, shares: Array) -> tuple[Array, Array]:
+def _constraint_bounds(problem: PlanningProblem, programme: Transcription, shares: Array) -> tuple[Array, Array]:
     limits, slots = problem.limits, programme.slots
     speed, torque = shares[0] * limits.speed, shares[1] * limits.torque
     low = [np.tile(part, programme.nodes) for part in (limits.lower, -speed, -torque)]

@@ -26,7 +26,7 @@ EXACT_BELOW = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class Transcription:
     """A solver and what it needs to be fed.
 
     Attributes:
@@ -43,7 +43,7 @@ class Programme:
 @lru_cache(maxsize=64)
 def build(
     model: ChainTorque, vias: int, objective: Objective, metric: Metric, free: Free, limited: bool, slots: int
-) -> Programme:
+) -> Transcription:
     """Builds the graph and the solver.
 
     Variables: the free ones of via angles and section durations. Parameters: the others, start, goal, width of the
@@ -81,7 +81,9 @@ def build(
         constraints.append(ca.sum1(durations))
     parameters = ca.vertcat(fixed, start, goal, widths, ca.vec(places))
     programme = {"x": x, "p": parameters, "f": cost, "g": ca.vertcat(*constraints) if constraints else ca.MX(0, 1)}
-    return Programme(ca.nlpsol("reference", "ipopt", programme, _options(model)), q.shape[1] if limited else 0, slots)
+    return Transcription(
+        ca.nlpsol("reference", "ipopt", programme, _options(model)), q.shape[1] if limited else 0, slots
+    )
 
 
 def _share_out(angles: Any, durations: Any, free: Free) -> tuple[Any, Any]:

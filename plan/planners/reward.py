@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.problem.problem import Evaluation, PlanningProblem
+from plan.problem.problem import BatchEvaluation, PlanningProblem
 
 # The least distance that the paper's −1/dist is taken at: its reward is singular at contact [m].
 LEAST_DISTANCE = 1e-3
 
 
-def bounded_reward(problem: PlanningProblem, found: Evaluation) -> Float[Array, " B"]:
+def bounded_reward(problem: PlanningProblem, found: BatchEvaluation) -> Float[Array, " B"]:
     """Minus the cost as a share of the initial one, less a bounded penalty for what is broken.
 
     Continuous up to one step at feasibility, so that a worse collision is always worse, and finite everywhere.
@@ -21,7 +21,7 @@ def bounded_reward(problem: PlanningProblem, found: Evaluation) -> Float[Array, 
     return -np.clip(problem.penalised(found), -10.0, 10.0)
 
 
-def paper_reward(problem: PlanningProblem, found: Evaluation) -> Float[Array, " B"]:
+def paper_reward(problem: PlanningProblem, found: BatchEvaluation) -> Float[Array, " B"]:
     """The paper's rewards, eq. 7 for energy and eq. 9 for time.
 
     Its errata: −1/dist_min is singular at contact, and what a distance is under penetration is not said (here the
@@ -41,5 +41,5 @@ def paper_reward(problem: PlanningProblem, found: Evaluation) -> Float[Array, " 
     return np.where(hit | broken, -severity, np.where(over > 0, -np.abs(over), reduction))
 
 
-Reward = Callable[[PlanningProblem, Evaluation], Float[Array, " B"]]
+Reward = Callable[[PlanningProblem, BatchEvaluation], Float[Array, " B"]]
 REWARDS: dict[str, Reward] = {"bounded": bounded_reward, "paper": paper_reward}

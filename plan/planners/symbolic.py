@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.chain import Chain
-from plan.dynamics.compiled_nets import DenseNet, JointNets, ResidualTerm
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
 from plan.errors import MethodError
 
 Symbol = Any  # casadi.SX or casadi.MX; CasADi has no common type for them
@@ -82,14 +82,14 @@ def residual_torque(net: ResidualTerm, q: Symbol, dq: Symbol, ddq: Symbol, rigid
     Raises:
         MethodError: The net is of a kind that is not known here.
     """
-    if isinstance(net, DenseNet):
+    if isinstance(net, CompiledDenseNet):
         return _dense(net, ca.vertcat(q, dq, ddq))
-    if isinstance(net, JointNets):
+    if isinstance(net, CompiledJointNets):
         return ca.vertcat(*(_joint(net, j, dq[j, :], ddq[j, :], rigid[j, :]) for j in range(q.shape[0])))
     raise MethodError("--method reference", f"a net of kind {type(net).__name__} has no symbols", "use --method cma")
 
 
-def _dense(net: DenseNet, x: Symbol) -> Symbol:
+def _dense(net: CompiledDenseNet, x: Symbol) -> Symbol:
     for layer, (weight, bias) in enumerate(zip(net.weights, net.biases, strict=True)):
         x = _affine(weight, bias, x)
         if layer < len(net.weights) - 1:
@@ -97,7 +97,7 @@ def _dense(net: DenseNet, x: Symbol) -> Symbol:
     return x
 
 
-def _joint(net: JointNets, j: int, v: Symbol, a: Symbol, load: Symbol) -> Symbol:
+def _joint(net: CompiledJointNets, j: int, v: Symbol, a: Symbol, load: Symbol) -> Symbol:
     near, far = (ca.tanh(v / scale) for scale in DIRECTION_SCALES)
     x = ca.vertcat(v, a, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
     layers = net.side_by_side(j)

@@ -64,7 +64,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class BatchEvaluation:
     """What a batch of candidates costs and breaks.
 
     Attributes:
@@ -192,7 +192,7 @@ class PlanningProblem:
             durations = durations * (self.durations.sum() / durations.sum(axis=1, keepdims=True))
         return Splines(np.concatenate([ends[0], vias, ends[1]], axis=1), durations)
 
-    def evaluate(self, x: Float[Array, "B d"]) -> Evaluation:
+    def evaluate(self, x: Float[Array, "B d"]) -> BatchEvaluation:
         """Cost and broken limits of a batch of decision vectors."""
         splines = self.decode(x)
         s, w = section_nodes() if self.objective == "energy" else (TIME_NODES, np.zeros(len(TIME_NODES)))
@@ -203,7 +203,7 @@ class PlanningProblem:
         peak = np.abs(tau).max(axis=1)
         gap, shortfall = self.scene.sweep(splines, self.margin)
         over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
-        return Evaluation(
+        return BatchEvaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)),
             collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,
             speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines)),
@@ -231,7 +231,7 @@ class PlanningProblem:
         return float(min(self.limits.clearance, 0.5 * max(ends.min(), 0.0)))
 
     @cached_property
-    def initial_evaluation(self) -> Evaluation:
+    def initial_evaluation(self) -> BatchEvaluation:
         """The initial trajectory's evaluation."""
         return self.evaluate(self.initial[None])
 
@@ -240,7 +240,7 @@ class PlanningProblem:
         """Cost of the initial trajectory, by which rewards and penalties are measured."""
         return max(float(np.abs(self.initial_evaluation.cost[0])), 1e-9)
 
-    def penalised(self, evaluation: Evaluation) -> Float[Array, " B"]:
+    def penalised(self, evaluation: BatchEvaluation) -> Float[Array, " B"]:
         """One number to minimise: cost as a share of the initial one, and a penalty for what is broken."""
         broken = evaluation.violation
         return evaluation.cost / self.scale + np.minimum(3.0 * broken, 20.0) + 0.3 * (broken > TOLERANCE)

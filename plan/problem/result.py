@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
+from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
@@ -116,7 +117,7 @@ def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " 
 
 
 @dataclass(frozen=True, eq=False)
-class PlanResult:
+class PlanResult(Result):
     """Outcome of one planning task.
 
     Attributes:
@@ -134,6 +135,8 @@ class PlanResult:
         robot, joints: Name of the arm and of the joints that move.
         held: Positions of the joints that stand still [rad or m].
     """
+
+    SHOWN_BY = "plan.show.results"
 
     status: Status
     method: str
@@ -189,6 +192,7 @@ class PlanResult:
             "starts": list(self.starts),
             "history": [list(row) for row in self.history if np.isfinite(row[2])],
             "notes": list(self.notes),
+            "provenance": self.provenance.to_dict(),
         }
         return record
 

@@ -123,7 +123,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     )
     for name in columns:
         table.add_column(name, justify="left" if name == "method" else "right")
-    for row in comparison.summary():
+    for row in comparison.rows():
         clear = "" if row["clearance_m"] is None else f"{1000 * row['clearance_m']:.1f}"
         table.add_row(
             row["method"],

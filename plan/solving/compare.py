@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.results import Result
 from plan.errors import MethodError
 from plan.planners import METHODS, TIME_ONLY, default_budget
 from plan.planners.base import Progress
@@ -22,7 +23,7 @@ FIXED = ("brute", "compress", "toppra")
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Result):
     """Results of every method and seed on one task.
 
     Attributes:
@@ -31,6 +32,8 @@ class Comparison:
         evaluations, seconds: Where costs are compared.
         results: All results.
     """
+
+    SHOWN_BY = "plan.show.results"
 
     name: str
     objective: str
@@ -52,7 +55,7 @@ class Comparison:
         solved = [result for result in self.results if result.solved]
         return min(solved, key=lambda result: result.cost, default=None)
 
-    def summary(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[dict[str, Any]]:
         """Medians over the seeds, a record a method; costs are None where the median run had no plan."""
         best = self.best()
         rows = []
@@ -86,8 +89,9 @@ class Comparison:
             "objective": self.objective,
             "at_evaluations": self.evaluations,
             "at_seconds": self.seconds,
-            "summary": self.summary(),
+            "summary": self.rows(),
             "results": [result.to_dict() for result in self.results],
+            "provenance": self.provenance.to_dict(),
         }
 
 

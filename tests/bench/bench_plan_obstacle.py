@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plan.cli.commands import open_task, save_comparison
+from plan.api.tasks import open_task, save_comparison
 from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.model.hybrid import HybridModel
-from plan.cli.commands import open_task
+from plan.api.tasks import open_task
 from plan.dynamics.torque_model import torque_of_model
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene

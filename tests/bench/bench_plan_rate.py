@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plan.cli.commands import open_task
-from plan.dynamics.compiled_nets import DenseNet, JointNets
+from plan.api.tasks import open_task
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import METRICS, ChainTorque, energy
 
 TASK = Path(__file__).parents[1] / "plan/data/table3.toml"
@@ -38,11 +38,11 @@ def rate(work: Callable[[], object], amount: float) -> float:
     return amount / float(np.median(times))
 
 
-def paper_net() -> DenseNet:
+def paper_net() -> CompiledDenseNet:
     """256-512-1024-512-256, as in the paper."""
     widths, rng = [9, 256, 512, 1024, 512, 256, 3], np.random.default_rng(0)
     weights = tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(widths))
-    return DenseNet(weights, tuple(np.zeros(b) for b in widths[1:]))
+    return CompiledDenseNet(weights, tuple(np.zeros(b) for b in widths[1:]))
 
 
 def main(models: list[str]) -> None:
@@ -66,7 +66,7 @@ def main(models: list[str]) -> None:
         assert isinstance(hybrid, ChainTorque)
         whole = rate(partial(energy, hybrid, splines, METRICS[2]), BATCH)
         weights = hybrid.net.products if hybrid.net is not None else 0
-        if isinstance(hybrid.net, JointNets):  # members stand side by side: zeros are multiplied too
+        if isinstance(hybrid.net, CompiledJointNets):  # members stand side by side: zeros are multiplied too
             weights = sum(w.size for j in range(problem.n) for w, _ in hybrid.net.side_by_side(j))
         flops = 2.0 * weights * NODES * whole / 1e9
         search = rate(partial(problem.evaluate, x), BATCH)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plan.cli.commands import open_task
+from plan.api.tasks import open_task
 from plan.dynamics.power import METRICS
 from plan.planners import Budget
 from plan.planners.base import Planner

@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
-from plan.dynamics.compiled_nets import DenseNet, JointNets
-from plan.dynamics.power import ChainTorque, Losses
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
+from plan.dynamics.power import ChainTorque, JointLosses
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
 from plan.initial.starts import straight
@@ -27,9 +27,9 @@ def three_joints() -> ArmModel:
     return ArmModel.load("tm5-900").locked(["joint_4", "joint_5", "joint_6"], [0.0, 0.0, 0.0])
 
 
-def losses(n: int = 3) -> Losses:
+def losses(n: int = 3) -> JointLosses:
     """Losses of the size that a fit of the TM5-900 gives."""
-    return Losses(
+    return JointLosses(
         motor_inertia=np.linspace(0.9, 0.5, n),
         viscous=np.linspace(8.0, 5.0, n),
         coulomb=np.linspace(8.0, 5.0, n),
@@ -38,25 +38,25 @@ def losses(n: int = 3) -> Losses:
     )
 
 
-def joint_nets(n: int = 3, members: int = 2, seed: int = 0) -> JointNets:
+def joint_nets(n: int = 3, members: int = 2, seed: int = 0) -> CompiledJointNets:
     """A net of the default kind with random weights, a few N m large."""
     rng = np.random.default_rng(seed)
     scale = np.array([0.3, 0.1, 1.0, 1.0, 0.02, 0.02])
     shapes = [(6, 8), (8, 5), (5, 1)]
     weights = [rng.normal(size=(members, n, *shape)) for shape in shapes]
     weights[0] *= scale[:, None]
-    return JointNets(tuple(weights), tuple(0.3 * rng.normal(size=(members, n, shape[1])) for shape in shapes))
+    return CompiledJointNets(tuple(weights), tuple(0.3 * rng.normal(size=(members, n, shape[1])) for shape in shapes))
 
 
-def dense_net(n: int = 3, seed: int = 0) -> DenseNet:
+def dense_net(n: int = 3, seed: int = 0) -> CompiledDenseNet:
     """A net of the paper's kind with random weights."""
     rng = np.random.default_rng(seed)
     shapes = [(16, 3 * n), (12, 16), (n, 12)]
     weights = tuple(rng.normal(size=shape) / np.sqrt(shape[1]) for shape in shapes)
-    return DenseNet(weights, tuple(0.3 * rng.normal(size=shape[0]) for shape in shapes))
+    return CompiledDenseNet(weights, tuple(0.3 * rng.normal(size=shape[0]) for shape in shapes))
 
 
-def model(net: DenseNet | JointNets | None = None) -> ChainTorque:
+def model(net: CompiledDenseNet | CompiledJointNets | None = None) -> ChainTorque:
     """The three-joint arm with losses."""
     return ChainTorque(Chain.from_arm(three_joints()), losses(), net)
 

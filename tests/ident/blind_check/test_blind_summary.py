@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from ident.blind_check.pages import write_blind_pages
 from ident.blind_check.scoring import Outcome, score_case
 from ident.blind_check.statistics import calibration_curve, calibration_error, mean, share
 from ident.blind_check.summary import BlindReport
+from tests.schemas import check_record
 
 
 def test_wilsons_interval() -> None:
@@ -75,7 +75,7 @@ def test_scores_count_the_cases_that_they_speak_of(report: BlindReport) -> None:
 
 
 def test_the_record_is_the_contracts(report: BlindReport) -> None:
-    record = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+    record = check_record(report.to_dict())
     assert record["schema"] == "ident.blind/1"
     assert record["cases"] == 7
     wanted = {"strict", "class_aware", "joint", "mean_class_size", "false_alarm", "refusal", "set_f1"}

@@ -22,6 +22,7 @@ from ident.model.residual_net import PRESETS, NetOptions
 from ident.ownership import begin_folder
 from ident.robot.urdf import data_path
 from tests.ident.diagnosis.contract import check_diagnosis
+from tests.schemas import check_file
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 ROBOT = ("--robot", "tm5-900")
@@ -44,7 +45,7 @@ Run = Callable[..., Ended]
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs `ident` with some arguments."""
+    """Runs `ident` with some arguments; a result file that it writes holds to its published schema."""
 
     def call(*arguments: object) -> Ended:
         monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
@@ -52,6 +53,8 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         with pytest.raises(SystemExit) as end:
             cli.main()
         told = capsys.readouterr()
+        if "--json" in arguments and not end.value.code:
+            check_file(arguments[arguments.index("--json") + 1])  # type: ignore[arg-type]
         return Ended(int(end.value.code or 0), told.out, told.err)
 
     return call

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from numbers import Real
 from typing import Any
+
+from tests.schemas import check_record
 
 VERDICTS = {"no_gap", "named", "partial", "none_of_catalogue", "not_testable", "refused"}
 AXES = {"speed", "direction", "load", "position", "reversal", "frequency", "time", "temperature", "pose"}
@@ -22,7 +23,7 @@ def figures(table: Mapping[str, Any], *keys: str) -> bool:
 
 def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
     """Passes a record that is as the contract says, after a round through strict JSON; returns that."""
-    record = json.loads(json.dumps(record, allow_nan=False))
+    record = check_record(record)
     assert record["schema"] == "ident.diagnosis/1"
     assert isinstance(record["robot"], str)
     joints = record["joints"]

@@ -10,9 +10,10 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from ident.errors import InputError
+from plan.api.tasks import open_task, solve_task
 from plan.cli.app import app, main
-from plan.cli.commands import open_task, solve_task
 from plan.problem.task_file import load_task, load_trials
+from tests.schemas import check_file
 
 DATA = Path(__file__).parents[1] / "data"
 TABLE3 = (DATA / "table3.toml").read_text()
@@ -48,7 +49,7 @@ def test_compares_and_draws(tmp_path: Path) -> None:
     arguments = ["compare", str(DATA / "table3.toml"), "--methods", "cma,reference", "--seeds", "2"]
     outcome = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "c.json"), "--out", str(tmp_path / "o")])
     assert outcome.exit_code == 0, outcome.output
-    record = json.loads((tmp_path / "c.json").read_text())
+    record = check_file(tmp_path / "c.json")
     assert [row["method"] for row in record["summary"]] == ["cma", "reference"]
     assert {path.name for path in (tmp_path / "o").iterdir()} == {
         "comparison.png",

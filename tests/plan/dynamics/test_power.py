@@ -8,8 +8,8 @@ from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
-from plan.dynamics.compiled_nets import DenseNet, JointNets, read_residual
-from plan.dynamics.power import METRICS, ChainTorque, Losses, energy
+from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, read_residual
+from plan.dynamics.power import METRICS, ChainTorque, JointLosses, energy
 from plan.dynamics.torque_model import torque_of_model
 from plan.spline import Splines
 from tests.plan.worlds import dense_net, joint_nets, losses, model, problem, three_joints
@@ -32,7 +32,7 @@ def potential_change(splines: Splines) -> np.ndarray:
 
 def test_signed_energy_of_a_rigid_arm_is_the_potential(splines: Splines) -> None:
     """Rigid body and rotor inertia contribute the change of potential energy, whatever the path."""
-    rotors = Losses(np.full(3, 0.8), *np.zeros((4, 3)))
+    rotors = JointLosses(np.full(3, 0.8), *np.zeros((4, 3)))
     rigid = ChainTorque(Chain.from_arm(three_joints()), rotors)
     found, _ = energy(rigid, splines, "signed")
     assert found == pytest.approx(np.full(30, potential_change(splines)), abs=1e-3)
@@ -40,7 +40,7 @@ def test_signed_energy_of_a_rigid_arm_is_the_potential(splines: Splines) -> None
 
 def test_energy_balance_closes(splines: Splines) -> None:
     """Signed energy is potential plus viscous plus Coulomb loss: no other term."""
-    figures = Losses(np.full(3, 0.8), np.full(3, 9.0), np.full(3, 6.0), np.zeros(3), np.zeros(3))
+    figures = JointLosses(np.full(3, 0.8), np.full(3, 9.0), np.full(3, 6.0), np.zeros(3), np.zeros(3))
     found, _ = energy(ChainTorque(Chain.from_arm(three_joints()), figures), splines, "signed", points=40)
     s, w = np.polynomial.legendre.leggauss(200)
     _, dq, _ = splines.states((s + 1) / 2)
@@ -94,7 +94,7 @@ def test_planner_sees_the_fitted_model(preset: str) -> None:
 
 
 @pytest.mark.parametrize("net", [joint_nets(), dense_net()], ids=["default", "paper"])
-def test_net_adds_to_the_rest(net: DenseNet | JointNets) -> None:
+def test_net_adds_to_the_rest(net: CompiledDenseNet | CompiledJointNets) -> None:
     """The model with a net is the model without plus the net's torque."""
     q, dq, ddq = random_states(3)
     rigid = three_joints().inverse_dynamics(q, dq, ddq)
@@ -106,7 +106,7 @@ def test_net_adds_to_the_rest(net: DenseNet | JointNets) -> None:
 def test_offset_and_pure_sign() -> None:
     """A transition width of zero is the paper's sign; offsets add."""
     base = losses()
-    pure = Losses(base.motor_inertia, base.viscous, base.coulomb, base.offset, np.zeros(3))
+    pure = JointLosses(base.motor_inertia, base.viscous, base.coulomb, base.offset, np.zeros(3))
     q, dq, ddq = random_states(3)
     chain = Chain.from_arm(three_joints())
     expected = three_joints().inverse_dynamics(q, dq, ddq)
@@ -119,4 +119,4 @@ def test_read_residual_keeps_the_kind() -> None:
     q, dq, ddq = random_states(3)
     rigid = three_joints().inverse_dynamics(q, dq, ddq)
     net = fit_residual_net([(q, dq, ddq, rigid)], [dq])
-    assert isinstance(read_residual(net), JointNets)
+    assert isinstance(read_residual(net), CompiledJointNets)

@@ -15,6 +15,7 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import read_commands
 from plan.cli.app import app
 from plan.experiment.question import ask
+from tests.schemas import check_file
 
 JOINTS = [f"joint_{k}" for k in range(1, 7)]
 
@@ -80,7 +81,7 @@ def test_exact_twins_need_another_set_up(tmp_path: Path) -> None:
     assert outcome.exit_code == 0, outcome.output
     assert "no motion tells" in outcome.output
     assert "[payload] in session.toml" in outcome.output  # no brackets lost to the console's markup
-    record = json.loads((tmp_path / "excite.json").read_text())
+    record = check_file(tmp_path / "excite.json")
     assert record["status"] == "needs_set_up"
     assert "known mass" in record["set_up"]
     assert record["motion"]["runs"] > 0

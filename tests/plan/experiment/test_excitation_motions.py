@@ -15,7 +15,7 @@ from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
 from plan.experiment.programme import Programme
 from plan.experiment.question import ask
-from plan.experiment.search import BASELINE, Search
+from plan.experiment.search import BASELINE, ProgrammeSearch
 
 PAIRS = (
     ("stribeck_friction,presliding_hysteresis", 9),
@@ -117,7 +117,7 @@ def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
 def test_random_motion_is_a_start_like_any_other(eye: Eye, feasible: Feasibility, arm: ArmModel) -> None:
     """However short the search, the usual random motion is judged, and stays in to the end."""
     question = ask(arm, "stribeck_friction,presliding_hysteresis", "joint_2", None)
-    ranked = Search(eye, feasible, question, evaluations=len(FAMILIES)).best()
+    ranked = ProgrammeSearch(eye, feasible, question, evaluations=len(FAMILIES)).best()
     assert BASELINE in {trial.family for trial in ranked}
     assert [trial.rate for trial in ranked] == sorted((trial.rate for trial in ranked), reverse=True)
     assert len({trial.family for trial in ranked}) == len(ranked)

@@ -203,7 +203,7 @@ def test_six_joints() -> None:
 def test_comparison_counts_alike() -> None:
     """Every method has its row; costs at equal evaluations never lie below the end's; the best is zero above itself."""
     table = compare(problem(), "table 3", ["cma", "ppo", "ga"], seeds=2, evaluations=300, seconds=0.5)
-    rows = table.summary()
+    rows = table.rows()
     assert [row["method"] for row in rows] == ["cma", "ppo", "ga"]
     assert all(row["runs"] == 2 for row in rows)
     for row in rows:

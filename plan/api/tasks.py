@@ -1,4 +1,4 @@
-"""What the commands do between parsing and printing: open files, call, write files."""
+"""Tasks from files to results to files: what Python's functions and the commands share."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from ident.api.fitting import load_model
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from plan.errors import MethodError, SceneError
 from plan.planners import METHODS, Budget, default_budget, make_planner
-from plan.planners.base import Progress
+from plan.planners.base import Planner, Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, Trial, load_task, load_trials
@@ -20,7 +21,7 @@ from plan.solving.solve import solve
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedTask:
     """A task that was read and checked.
 
     Attributes:
@@ -35,22 +36,22 @@ class Opened:
 
 
 def open_task(
-    scene: Path,
-    model: Path | None,
+    scene: Task | str | Path,
+    model: HybridModel | str | Path | None,
     objective: str,
     metric: str,
     variables: str | None,
-    vias: Path | None,
+    vias: str | Path | None,
     trial: int,
     shapes: str | None = None,
-) -> Opened:
+) -> OpenedTask:
     """Reads scene, model and taught via points, and checks start and goal.
 
     Raises:
         InputError: Any of them is at fault.
     """
-    task = load_task(scene)
-    fitted = None if model is None else HybridModel.load(model)
+    task = _task(scene)
+    fitted = None if model is None else load_model(model)
     problem = set_up(task, fitted, objective, metric, variables, shapes)  # type: ignore[arg-type]
     require_valid_ends(problem, task)
     taught = task.taught[0] if task.taught else None
@@ -59,12 +60,20 @@ def open_task(
         if trial > len(trials):
             raise SceneError(vias, f"it has {len(trials)} trials, not {trial}", f"use --trial 1 to {len(trials)}")
         taught = trials[trial - 1]
-    return Opened(task, problem, taught)
+    return OpenedTask(task, problem, taught)
+
+
+def _task(scene: Task | str | Path) -> Task:
+    if isinstance(scene, Task):
+        return scene
+    if not isinstance(scene, str | Path):
+        raise SceneError("scene", f"a {type(scene).__name__} is no task", "give a scene file, or what load_task read")
+    return load_task(scene)
 
 
 def solve_task(
-    opened: Opened,
-    method: str,
+    opened: OpenedTask,
+    method: str | Planner,
     seed: int,
     evaluations: int | None,
     seconds: float | None,
@@ -77,16 +86,17 @@ def solve_task(
     Raises:
         MethodError: No such method, or not for this task.
     """
-    make_planner(method, opened.problem.objective)
-    usual = default_budget(method)
+    planner = method if isinstance(method, Planner) else make_planner(method, opened.problem.objective)
+    name = method.name if isinstance(method, Planner) else method
+    usual = default_budget(name)
     budget = Budget(
         usual.evaluations if evaluations is None else evaluations, usual.seconds if seconds is None else seconds
     )
-    return solve(opened.problem, method, seed, budget, opened.trial, progress, resume, gap)
+    return solve(opened.problem, name, seed, budget, opened.trial, progress, resume, gap, planner)
 
 
 def save_outputs(
-    opened: Opened, result: PlanResult, json_file: Path | None, picture: Path | None, rrd: Path | None
+    opened: OpenedTask, result: PlanResult, json_file: Path | None, picture: Path | None, rrd: Path | None
 ) -> None:
     """Writes what was asked for; pictures only of a motion."""
     if json_file is not None:
@@ -104,7 +114,7 @@ def save_outputs(
 
 
 def compare_task(
-    opened: Opened,
+    opened: OpenedTask,
     methods: str | None,
     seeds: int,
     evaluations: int,
@@ -123,7 +133,7 @@ def compare_task(
     return compare(opened.problem, name, chosen, seeds, evaluations, seconds, opened.trial, progress)
 
 
-def save_comparison(opened: Opened, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:
+def save_comparison(opened: OpenedTask, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:
     """Writes the record, and a folder with pictures and the best plan."""
     if json_file is not None:
         with atomic_write(json_file) as part:

@@ -1,0 +1,123 @@
+"""Diagnoses recordings: what `ident diagnose` does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ident.api.fitting import Model, load_model
+from ident.diagnosis.diagnose import Analysis, Diagnosis
+from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE, load_catalogue
+from ident.errors import InputError
+from ident.model.hybrid import HybridModel
+from ident.motion.motion import Motion
+from ident.opening import Robot, Sources, inspect_in_parts
+from ident.provenance import Provenance, StampLedger
+from ident.recordings.load import TOPIC
+
+Catalogue = str | Path | Sequence[Effect]
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A diagnosis and what it was made from, for pages and timelines.
+
+    Attributes:
+        diagnosis: The diagnosis.
+        analysis: All that was computed on the way; None where nothing was.
+        motions: The runs.
+        model: The user's own model, if one was given.
+    """
+
+    diagnosis: Diagnosis
+    analysis: Analysis | None
+    motions: Sequence[Motion]
+    model: HybridModel | None
+
+
+def diagnose(
+    source: Sources,
+    robot: Robot | None = None,
+    *,
+    model: Model | None = None,
+    catalogue: Catalogue | None = None,
+    cutoff: float | None = None,
+    seed: int = 0,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+) -> Diagnosis:
+    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told.
+
+    Args:
+        source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
+        robot: URDF path, name or arm; None takes the one named in session.toml.
+        model: Model fitted to this arm, or its folder: its inertias count as known.
+        catalogue: Further effects, or a Python file with them (which is run).
+        cutoff: Corner of the filter for torques and columns [Hz].
+        seed: Of the sign-flip tests.
+        topic: Topic of bags.
+        session_file: A session.toml for folders that can't hold one.
+
+    Raises:
+        InputError: Recordings, robot, model or effects can't be used.
+    """
+    return examine(
+        source,
+        robot,
+        model=model,
+        catalogue=catalogue,
+        cutoff=cutoff,
+        seed=seed,
+        topic=topic,
+        session_file=session_file,
+    ).diagnosis
+
+
+def examine(
+    source: Sources,
+    robot: Robot | None = None,
+    *,
+    model: Model | None = None,
+    catalogue: Catalogue | None = None,
+    cutoff: float | None = None,
+    seed: int = 0,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+) -> Examined:
+    """The same with all that pages and timelines need."""
+    loaded = None if model is None else load_model(model)
+    effects = gather_effects(catalogue)
+    ledger = StampLedger()
+    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger)
+    if loaded is not None:
+        loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded)
+    settings = {
+        "cutoff_hz": cutoff or CUTOFF,
+        "seed": seed,
+        "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
+        "effects": [effect.id for effect in effects],
+    }
+    origin = Provenance("ident diagnose", settings=settings, sessions=ledger.stamps)
+    return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
+
+
+def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:
+    """The catalogue, and after it a user's own effects.
+
+    Raises:
+        InputError: The file can't be run, or what was given are no effects.
+    """
+    if catalogue is None or isinstance(catalogue, str | Path):
+        return load_catalogue(None if catalogue is None else Path(catalogue))
+    own = tuple(catalogue)
+    for effect in own:
+        if not isinstance(effect, Effect):
+            what = f"a {type(effect).__name__} is no effect"
+            raise InputError("catalogue", what, "give objects of subclasses of ident.Effect, or a Python file")
+        if effect.id in {known.id for known in CATALOGUE}:
+            raise InputError("catalogue", f"the id {effect.id!r} is taken", "give the effect another id")
+    return (*CATALOGUE, *own)

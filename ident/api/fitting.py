@@ -1,0 +1,92 @@
+"""Fits and scores hybrid models: what `ident fit` and `ident evaluate` do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ident.errors import ModelError
+from ident.model import evaluation, hybrid
+from ident.model.evaluation import Evaluation
+from ident.model.hybrid import FitOptions, FitResults, HybridModel
+from ident.opening import Opened, Robot, Sources, open_for_model, open_sessions
+from ident.provenance import Provenance
+from ident.recordings.load import TOPIC
+
+Model = HybridModel | str | Path
+
+
+def fit_hybrid(
+    source: Sources | Opened,
+    robot: Robot | None = None,
+    options: FitOptions | None = None,
+    *,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    cutoff: float | None = None,
+    progress: Callable[[int, int, float], None] | None = None,
+    checkpoint: Path | None = None,
+) -> FitResults:
+    """Fits analytic + loss + residual net to recordings.
+
+    Args:
+        source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
+        robot: URDF path, name or arm; None takes the one named in session.toml.
+        options: What is fitted.
+        topic: Topic of bags.
+        session_file: A session.toml for folders that can't hold one.
+        cutoff: Corner of the common filter [Hz].
+        progress: Called after each epoch of the net.
+        checkpoint: Folder in which the net's training may stop and go on.
+
+    Raises:
+        InputError: Recordings or robot can't be used.
+    """
+    options = options or FitOptions()
+    opened = source if isinstance(source, Opened) else open_sessions(source, robot, topic, session_file, cutoff)
+    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
+    settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
+    return found.with_provenance(Provenance("ident fit", settings=settings, sessions=opened.stamps))
+
+
+def evaluate(
+    source: Sources | Opened,
+    model: Model,
+    *,
+    name: str | None = None,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    cutoff: float | None = None,
+) -> Evaluation:
+    """Scores every rung of a model's ladder on recordings that its fit did not see.
+
+    Args:
+        source: Folders or files of runs, sessions, tables in memory, or what `open_for_model` gave.
+        model: The model, or its folder.
+        name: Of the model in reports; that of its folder or robot if None.
+        topic: Topic of bags.
+        session_file: A session.toml for folders that can't hold one.
+        cutoff: Corner of the common filter [Hz].
+
+    Raises:
+        InputError: Recordings or model can't be used.
+    """
+    loaded = load_model(model)
+    opened = source if isinstance(source, Opened) else open_for_model(source, loaded, topic, session_file, cutoff)
+    named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
+    settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
+    origin = Provenance("ident evaluate", settings=settings, sessions=opened.stamps)
+    return evaluation.evaluate(loaded, opened.groups, named).with_provenance(origin)
+
+
+def load_model(model: Model) -> HybridModel:
+    """A model, or the one in a folder.
+
+    Raises:
+        ModelError: It is none, or can't be read.
+    """
+    if isinstance(model, HybridModel):
+        return model
+    if not isinstance(model, str | Path):
+        raise ModelError("model", f"a {type(model).__name__} is no model", "give a HybridModel or its folder")
+    return HybridModel.load(Path(model))

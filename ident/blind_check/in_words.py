@@ -1,0 +1,29 @@
+"""A check in words and as a picture, for the terminal, Python and notebooks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ident.blind_check.summary import BlindReport
+from ident.show.panels import draw_bars
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def summary(report: BlindReport) -> str:
+    """Every score with its 95 % interval, a line each."""
+    record = report.to_dict()
+    lines = []
+    for name, value in record["scores"].items():
+        low, high = record["intervals"].get(name, (None, None))
+        interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
+        lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+    return "\n".join(lines)
+
+
+def draw(report: BlindReport) -> Figure:
+    """The scores that are shares."""
+    shares = {name: score.value for name, score in report.scores.items() if name != "seconds_per_case"}
+    rows = {f"{len(report.outcomes)} cases": ("#0072b2", list(shares.values()))}
+    return draw_bars(list(shares), rows, "share", f"withheld effects, seed {report.seed}")

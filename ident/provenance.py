@@ -1,0 +1,152 @@
+"""Where a result comes from: the command, the version, its settings, and the recordings by their hashes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ident.recordings.recording import Recording, Session
+
+
+@cache
+def own_version() -> str:
+    """Version of armgap; `unknown` where it is not installed but only lies on the path."""
+    try:
+        return version("armgap")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+@dataclass(frozen=True)
+class SessionStamp:
+    """One session that a result was made from.
+
+    Attributes:
+        path: Its folder or file; its name where it never was a file.
+        sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
+        first, last: Times of the first and the last sample on the session's clock [s]; None without any.
+    """
+
+    path: str
+    sha256: str
+    first: float | None
+    last: float | None
+
+    @classmethod
+    def of(cls, session: Session) -> SessionStamp:
+        """The stamp of a session that was read."""
+        counter = _Stamping()
+        counter.take(session)
+        return counter.stamp()
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"path": self.path, "sha256": self.sha256, "first": self.first, "last": self.last}
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result comes from.
+
+    Attributes:
+        command: What was run: `ident diagnose`, or the Python function of the same job.
+        version: Of armgap.
+        settings: Options that decide the result, by name.
+        sessions: The recordings.
+    """
+
+    command: str = ""
+    version: str = field(default_factory=own_version)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    sessions: tuple[SessionStamp, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "command": self.command,
+            "version": self.version,
+            "settings": {name: _plain(value) for name, value in self.settings.items()},
+            "sessions": [stamp.to_dict() for stamp in self.sessions],
+        }
+
+
+def _plain(value: Any) -> Any:
+    """A setting as JSON knows it."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return str(value)
+
+
+def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
+    """One stamp a session; parts of one that follow each other share theirs."""
+    ledger = StampLedger()
+    for _ in ledger.passing(sessions):
+        pass
+    return ledger.stamps
+
+
+class StampLedger:
+    """Takes note of sessions while somebody else goes through them, so that a long one is read once only."""
+
+    def __init__(self) -> None:
+        self._open: list[_Stamping] = []
+
+    @property
+    def stamps(self) -> tuple[SessionStamp, ...]:
+        """Of what has passed so far."""
+        return tuple(one.stamp() for one in self._open)
+
+    def note(self, session: Session) -> None:
+        """One more session, or one more part of the last one."""
+        if not self._open or not self._open[-1].goes_on_in(session):
+            self._open.append(_Stamping())
+        self._open[-1].take(session)
+
+    def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
+        """The same sessions, noted on the way."""
+        for session in sessions:
+            self.note(session)
+            yield session
+            del session
+
+
+class _Stamping:
+    """A stamp in the making: hashes and times of a session whose parts come one after the other."""
+
+    def __init__(self) -> None:
+        self._name, self._path = "", ""
+        self._digest = hashlib.sha256()
+        self._times: list[float] = []
+
+    def goes_on_in(self, session: Session) -> bool:
+        """Whether this is the next part of the same session."""
+        return session.path is not None and str(session.path) == self._path
+
+    def take(self, session: Session) -> None:
+        self._name, self._path = session.name, str(session.path or "")
+        for run in session.runs:
+            self._digest.update(_run_digest(run))
+            if len(run):
+                self._times += [float(run.time[0]), float(run.time[-1])]
+
+    def stamp(self) -> SessionStamp:
+        first, last = (min(self._times), max(self._times)) if self._times else (None, None)
+        return SessionStamp(self._path or self._name, self._digest.hexdigest(), first, last)
+
+
+def _run_digest(run: Recording) -> bytes:
+    """Of the run's file, else of its arrays."""
+    if run.source is not None and run.source.is_file():
+        with run.source.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").digest()
+    digest = hashlib.sha256(run.time.tobytes())
+    for name, values in run.channels().items():
+        digest.update(name.encode() + values.tobytes())
+    return digest.digest()

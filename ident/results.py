@@ -1,0 +1,56 @@
+"""What every result can do: tell itself in words, as a record, as a picture, and in a notebook."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from ident.files import atomic_write
+from ident.provenance import Provenance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Result(ABC):
+    """Base of all results.
+
+    Attributes:
+        provenance: Where it comes from.
+    """
+
+    # How a result looks is known above, where pictures are made, and asked for by name when somebody looks:
+    # a module with `summary(result)` and `draw(result)`.
+    SHOWN_BY: ClassVar[str] = "ident.show.results"
+
+    provenance: Provenance = field(default_factory=Provenance)
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The record that the command writes with --json; `ident schema` says what it holds."""
+
+    def with_provenance(self, provenance: Provenance) -> Self:
+        """The same result, with its origin."""
+        return replace(self, provenance=provenance)
+
+    def summary(self) -> str:
+        """The result in plain lines, as the command prints it."""
+        return str(import_module(self.SHOWN_BY).summary(self))
+
+    def plot(self) -> Figure:
+        """The result as a picture."""
+        figure: Figure = import_module(self.SHOWN_BY).draw(self)
+        return figure
+
+    def save(self, path: str | Path) -> None:
+        """Writes the record as JSON, whole or not at all."""
+        with atomic_write(path) as part:
+            part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        return str(import_module("ident.show.panels").as_html(self.summary(), self.plot()))

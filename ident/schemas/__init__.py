@@ -1,0 +1,1 @@
+"""What the result files hold: one typed record a kind of file, published as JSON Schema."""

@@ -1,0 +1,124 @@
+"""`ident.diagnosis/1`: the file of `ident diagnose --json`."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NotRequired
+
+from typing_extensions import TypedDict
+
+from ident.schemas.common import ByJoint, IntervalRecord, IssueRecord, MeanStdRecord, ProvenanceRecord
+
+Verdict = Literal["no_gap", "named", "partial", "none_of_catalogue", "not_testable", "refused"]
+AxisName = Literal["speed", "direction", "load", "position", "reversal", "frequency", "time", "temperature", "pose"]
+
+
+class AmountRecord(TypedDict):
+    """How much was recorded."""
+
+    runs: int
+    samples: int
+    duration_s: float
+
+
+class JointGapRecord(TypedDict):
+    """What is left at a joint, what is noise, and what could still be explained [N m]."""
+
+    rms_Nm: float
+    noise_floor_Nm: float
+    ceiling_rms_Nm: float | None
+    energy_error_J: MeanStdRecord
+    fixed_rms_Nm: NotRequired[float]
+    unexplained: NotRequired[str | None]
+    tuned_away_Nm: NotRequired[float]
+
+
+class PlaceRecord(TypedDict):
+    """A cell of the map of the gap."""
+
+    joint: str
+    axis: AxisName
+    low: float
+    high: float
+    share_of_gap: float
+    p_value: float
+    share_of_time: NotRequired[float]
+    energy_J: NotRequired[float | None]
+
+
+class FindingHeldoutRecord(TypedDict):
+    """What a name closes on runs that the fit never saw."""
+
+    rms_before_Nm: ByJoint
+    rms_after_Nm: ByJoint
+    energy_error_before_J: Any
+    energy_error_after_J: Any
+    shrink: float | None
+    share: NotRequired[float]
+
+
+# `class` is a word of Python's own, so this record is written as a call.
+FindingRecord = TypedDict(
+    "FindingRecord",
+    {
+        "effect": str,
+        "joints": list[str],
+        "probability": float,
+        "class": list[str],
+        "parameters": dict[str, IntervalRecord],
+        "heldout": FindingHeldoutRecord,
+        "evidence": NotRequired[dict[str, Any]],
+        "action": NotRequired[str],
+    },
+)
+
+
+class HeldoutRecord(TypedDict, total=False):
+    """All names together, before and after; empty where nothing was fitted."""
+
+    rms_before_Nm: ByJoint
+    rms_after_Nm: ByJoint
+    shrink: float | None
+    without_names_rms_Nm: ByJoint
+    energy_error_before_J: ByJoint
+    energy_error_after_J: ByJoint
+    forward: Any
+
+
+class NotTestableRecord(TypedDict):
+    """An effect that these recordings can't show, and why."""
+
+    effect: str
+    joints: list[str]
+    reason: str
+
+
+class NextExperimentRecord(TypedDict):
+    """What to record next."""
+
+    separates: list[str]
+    motion: str
+    minutes: float
+
+
+class DiagnosisRecord(TypedDict):
+    """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
+
+    schema: Literal["ident.diagnosis/1"]
+    robot: str
+    joints: list[str]
+    session: AmountRecord
+    telemetry: list[IssueRecord]
+    verdict: Verdict
+    gap: dict[str, JointGapRecord]
+    where: list[PlaceRecord]
+    findings: list[FindingRecord]
+    heldout: HeldoutRecord
+    not_testable: list[NotTestableRecord]
+    next_experiment: NextExperimentRecord | None
+    provenance: ProvenanceRecord
+    nearest: NotRequired[dict[str, Any] | None]
+    baseline: NotRequired[dict[str, dict[str, Any]]]
+    baseline_alone: NotRequired[dict[str, dict[str, Any]]]
+    baseline_urdf: NotRequired[dict[str, dict[str, Any]]]
+    maps: NotRequired[list[dict[str, Any]]]
+    maps_fixed: NotRequired[list[dict[str, Any]]]

@@ -1,0 +1,78 @@
+"""Files of `ident patch`, `simulate` and `blind` with --json."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NotRequired
+
+from typing_extensions import TypedDict
+
+from ident.schemas.common import IntervalRecord, ProvenanceRecord
+
+
+class PatchedEffectRecord(TypedDict):
+    """A named effect, and how each format expresses it."""
+
+    effect: str
+    joints: list[str]
+    parameters: dict[str, IntervalRecord]
+    formats: dict[str, dict[str, Any]]
+
+
+class PatchRecord(TypedDict):
+    """What a patch holds, and how near it comes."""
+
+    schema: Literal["ident.patch/1"]
+    robot: str
+    joints: list[str]
+    diagnosis: str
+    verdict: str
+    baseline: str
+    files: list[str]
+    effects: list[PatchedEffectRecord]
+    told: list[str]
+    structure: dict[str, dict[str, Any]]
+    provenance: ProvenanceRecord
+    heldout: NotRequired[dict[str, Any]]
+
+
+class SimulatedRecord(TypedDict):
+    """A session that was written."""
+
+    folder: str
+    runs: int
+    samples: int
+    duration_s: float
+    sha256: str
+    key: str
+
+
+class SimulationRecord(TypedDict):
+    """Sessions of the simulated arm."""
+
+    schema: Literal["ident.simulation/1"]
+    sessions: list[SimulatedRecord]
+    provenance: ProvenanceRecord
+
+
+class BlindRecord(TypedDict):
+    """The check on withheld effects."""
+
+    schema: Literal["ident.blind/1"]
+    robot: str
+    cases: int
+    seed: int
+    failed: int
+    seals: dict[str, str]
+    scores: dict[str, Any]
+    intervals: dict[str, list[float | None]]
+    counts: dict[str, int]
+    strata: dict[str, dict[str, dict[str, float | int | None]]]
+    confusion: dict[str, dict[str, int]]
+    calibration: list[dict[str, Any]]
+    coverage: dict[str, dict[str, float | int | None]]
+    baselines: dict[str, dict[str, float | None]]
+    confidently_wrong: list[str]
+    seconds_per_case: float | None
+    outcomes: list[dict[str, Any]]
+    run: dict[str, Any]
+    provenance: ProvenanceRecord

@@ -1,0 +1,120 @@
+"""Results in words and pictures, for Python and notebooks: the words are those that the commands print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+from ident.diagnosis.diagnose import Diagnosis
+from ident.model.evaluation import Evaluation
+from ident.model.hybrid import FitResults
+from ident.results import Result
+from ident.show.console import ladder_table, print_issues
+from ident.show.palette import MEASURED, rung_colours
+from ident.show.panels import as_text, draw_bars, panel
+from ident.telemetry.report import Inspection
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NOISE, LEFT, EXPLAINABLE = "#999999", MEASURED, "#d55e00"
+
+
+@singledispatch
+def summary(result: Result) -> str:
+    """A result in plain lines; where it has no words of its own, its figures."""
+    record = result.to_dict()
+    plain = {name: value for name, value in record.items() if not isinstance(value, dict | list)}
+    return "\n".join(f"{name}: {value}" for name, value in plain.items())
+
+
+@singledispatch
+def draw(result: Result) -> Figure:
+    """A result as a picture."""
+    raise TypeError(f"{type(result).__name__} has no picture")
+
+
+@summary.register(Diagnosis)
+def _(result: Diagnosis) -> str:
+    from ident.show.terminal import print_diagnosis
+
+    return as_text(lambda console: print_diagnosis(console, result))
+
+
+@draw.register(Diagnosis)
+def _(result: Diagnosis) -> Figure:
+    """Of each joint what is left, what is noise, and what could still be explained."""
+    gap: Mapping[str, Any] = result.to_dict()["gap"]
+    rows = {
+        "left by the tuned model": (LEFT, [one["rms_Nm"] for one in gap.values()]),
+        "could be explained": (EXPLAINABLE, [one["ceiling_rms_Nm"] for one in gap.values()]),
+        "noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+    }
+    return draw_bars(list(gap), rows, "torque [N m]", f"{result.robot}: {result.verdict}")
+
+
+@summary.register(Evaluation)
+def _(result: Evaluation) -> str:
+    def write(console: Console) -> None:
+        console.print(result.model)
+        for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
+            console.print(ladder_table(one))
+
+    return as_text(write)
+
+
+@draw.register(Evaluation)
+def _(result: Evaluation) -> Figure:
+    """Torque error of each rung at each joint."""
+    score = result.pooled
+    colours = rung_colours(score.rungs)
+    rows = {rung: (colours[rung], list(score.rmse_mean[k, :-1])) for k, rung in enumerate(score.rungs)}
+    return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
+
+
+@summary.register(FitResults)
+def _(result: FitResults) -> str:
+    return f"{result.loss.summary()}\ncondition number of the motions: {result.inertia.condition_number:.0f}"
+
+
+@draw.register(FitResults)
+def _(result: FitResults) -> Figure:
+    """Loss figures: rotor inertia, viscous and Coulomb friction of each joint."""
+    loss = result.model.loss
+    rows = {
+        "rotor inertia [kg m²]": (LEFT, list(loss.motor_inertia)),
+        "viscous [N m s/rad]": (EXPLAINABLE, list(loss.viscous)),
+        "Coulomb [N m]": (NOISE, list(loss.coulomb)),
+    }
+    return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
+
+
+@summary.register(Inspection)
+def _(result: Inspection) -> str:
+    def write(console: Console) -> None:
+        for report in result.reports:
+            session = report.session
+            size = f"{len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s"
+            console.print(f"{session.name}: {size}")
+            print_issues(console, report.issues)
+            console.print("fit for use" if report.is_fit else "not fit for use")
+
+    return as_text(write)
+
+
+@draw.register(Inspection)
+def _(result: Inspection) -> Figure:
+    """Torque of every joint over the first run of each session."""
+    figure, axes = panel("time in the run [s]", "torque [N m]", "first runs")
+    for report in result.reports:
+        for run in report.session.runs[:1]:
+            step = max(1, len(run) // 1000)
+            time = np.asarray(run.time[::step]) - float(run.time[0])
+            for j, joint in enumerate(run.joints):
+                axes.plot(time, run.effort[::step, j], linewidth=0.8, label=f"{report.session.name}: {joint}")
+    axes.legend(fontsize=6, ncols=2)
+    return figure

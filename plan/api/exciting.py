@@ -1,0 +1,63 @@
+"""Works out the next motion to record: what `plan excite` does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ident.api.diagnosing import Catalogue, gather_effects
+from ident.diagnosis.diagnose import Diagnosis
+from ident.opening import Robot, load_robot
+from ident.provenance import Provenance
+from plan.experiment import design
+from plan.experiment.design import Tell
+from plan.experiment.question import ask
+from plan.experiment.result import Excitation
+
+
+def excite(
+    robot: Robot = "tm5-900",
+    *,
+    separate: str | None = None,
+    diagnosis: Diagnosis | Mapping[str, Any] | str | Path | None = None,
+    joint: str | None = None,
+    catalogue: Catalogue | None = None,
+    minutes: float | None = None,
+    evaluations: int = 120,
+    seed: int = 0,
+    shapes: str | None = None,
+    progress: Tell | None = None,
+) -> Excitation:
+    """The motion that tells two effects apart, in the fewest minutes.
+
+    Args:
+        robot: URDF path, name or arm.
+        separate: Effects to tell apart, or one to show: "id,id".
+        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`: its open question, sizes and noise.
+        joint: The joint in question: its name or number from 1.
+        catalogue: Further effects, or a Python file with them (which is run).
+        minutes: Length of the motion; as long as odds of 20 : 1 take if None.
+        evaluations: Most motions that the search judges.
+        seed: Of all randomness.
+        shapes: What stands in for links without a collision shape: `visual`, `capsules` or `boxes`.
+        progress: Called after each evaluation.
+
+    Raises:
+        InputError: Unknown effects or joint, or a diagnosis of another arm.
+    """
+    arm = load_robot(robot, ())
+    record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
+    question = ask(arm, separate, joint, record, gather_effects(catalogue))
+    found = design.excite(arm, question, minutes, evaluations, seed, progress, shapes)  # type: ignore[arg-type]
+    settings = {
+        "robot": arm.name,
+        "separate": separate,
+        "diagnosis": str(diagnosis) if isinstance(diagnosis, str | Path) else None,
+        "joint": joint,
+        "minutes": minutes,
+        "evaluations": evaluations,
+        "seed": seed,
+        "shapes": shapes,
+    }
+    return found.with_provenance(Provenance("plan excite", settings=settings))

@@ -1,0 +1,1 @@
+"""What the result files of `plan` hold, published as JSON Schema."""

@@ -1,0 +1,160 @@
+"""The Python door of `ident`: what a command does, a few lines do; tables in memory are as good as files."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import ident
+import plan
+from ident.errors import InputError
+from ident.recordings.frames import gather_sources, read_frame
+from ident.recordings.load import load_recording
+from ident.robot.urdf import data_path
+
+E1 = Path(data_path("logs/tm5_900")) / "E1"
+RUNS = sorted(E1.glob("*.parquet"))
+
+
+@pytest.fixture(scope="module")
+def columns() -> dict[str, np.ndarray]:
+    """One run as a mapping of arrays."""
+    table = pq.read_table(RUNS[0])
+    return {name: table.column(name).to_numpy() for name in table.column_names}
+
+
+@pytest.mark.parametrize("package", [ident, plan])
+def test_every_public_name_is_there_and_none_else(package: Any) -> None:
+    assert all(getattr(package, name) is not None for name in package.__all__)
+    assert sorted(package.__all__) == dir(package)
+    with pytest.raises(AttributeError, match="it has: "):
+        _ = package.nothing_of_the_kind
+
+
+def test_both_packages_tell_type_checkers_that_they_are_typed() -> None:
+    assert all((Path(package.__file__).parent / "py.typed").is_file() for package in (ident, plan))
+
+
+def test_a_table_in_memory_is_the_same_recording_as_its_file(columns: dict[str, np.ndarray]) -> None:
+    file = load_recording(RUNS[0])
+    for frame in (columns, pq.read_table(RUNS[0])):
+        run = read_frame(frame)
+        assert run.joints == file.joints
+        assert np.array_equal(run.time, file.time)
+        assert all(np.array_equal(run.channels()[name], values) for name, values in file.channels().items())
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_frames_of_other_libraries_are_the_same_too(library: str, columns: dict[str, np.ndarray]) -> None:
+    frames = pytest.importorskip(library)
+    assert np.array_equal(read_frame(frames.DataFrame(columns)).effort, load_recording(RUNS[0]).effort)
+
+
+def test_tables_that_follow_each_other_are_the_runs_of_one_session(columns: dict[str, np.ndarray]) -> None:
+    found = gather_sources([columns, columns, E1])
+    assert [len(one.runs) if isinstance(one, ident.Session) else one for one in found] == [2, E1]
+
+
+def _spoilt(columns: dict[str, np.ndarray], **changes: Any) -> dict[str, Any]:
+    changed = {**columns, **{name.replace("__", "/"): values for name, values in changes.items()}}
+    return {name: values for name, values in changed.items() if values is not None}
+
+
+BAD: dict[str, tuple[Callable[[dict[str, np.ndarray]], Any], str]] = {
+    "a number": (lambda columns: 3, "a int holds no recording"),
+    "nothing": (lambda columns: [], "holds no recording"),
+    "no such file": (lambda columns: "nowhere", "no such file or folder"),
+    "no effort": (lambda columns: _spoilt(columns, joint_1__effort=None), "missing column joint_1/effort"),
+    "no time": (lambda columns: _spoilt(columns, time=None), "missing column time"),
+    "no joint": (lambda columns: {"time": columns["time"]}, "no column <joint>/position"),
+    "lengths": (lambda columns: _spoilt(columns, time=columns["time"][:-1]), "samples and"),
+    "text": (lambda columns: _spoilt(columns, joint_1__effort=["x"] * len(columns["time"])), "holds no numbers"),
+    "stacked": (lambda columns: _spoilt(columns, time=columns["time"][:, None]), "has 2 dimensions"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_recordings_are_one_line_that_says_what_to_do(case: str, columns: dict[str, np.ndarray]) -> None:
+    make, told = BAD[case]
+    with pytest.raises(InputError) as found:
+        ident.inspect(make(columns), "tm5-900")
+    error = found.value
+    assert told in error.what
+    assert error.where
+    assert error.remedy
+    assert "\n" not in str(error)
+
+
+def test_joints_that_the_robot_lacks_are_told(columns: dict[str, np.ndarray]) -> None:
+    foreign = {name.replace("joint_", "wheel").replace("/", "_a/"): values for name, values in columns.items()}
+    with pytest.raises(InputError) as found:
+        ident.inspect(foreign, "tm5-900")
+    assert found.value.remedy
+
+
+def test_other_arguments_of_a_wrong_type_are_told_alike(columns: dict[str, np.ndarray]) -> None:
+    asked: list[Callable[[], object]] = [
+        lambda: ident.inspect(columns, 3),  # type: ignore[arg-type]
+        lambda: ident.diagnose(columns, "tm5-900", model=3),  # type: ignore[arg-type]
+        lambda: ident.diagnose(columns, "tm5-900", catalogue=[3]),  # type: ignore[list-item]
+        lambda: ident.evaluate(columns, 3),  # type: ignore[arg-type]
+        lambda: ident.patch(3, "tm5-900", "nowhere"),  # type: ignore[arg-type]
+        lambda: ident.simulate(effect="payload"),
+        lambda: ident.blind(1, speed=3),
+        lambda: plan.solve(3),  # type: ignore[arg-type]
+    ]
+    for call in asked:
+        with pytest.raises(InputError) as found:
+            call()
+        assert found.value.remedy
+
+
+def test_arrays_of_the_wrong_shape_make_no_recording() -> None:
+    with pytest.raises(InputError, match="has shape"):
+        ident.Recording("run", ("a", "b"), np.arange(3.0), np.zeros((3, 2)), np.zeros((3, 1)))
+
+
+def test_a_diagnosis_of_tables_is_that_of_their_file(columns: dict[str, np.ndarray], tmp_path: Path) -> None:
+    """One run is too little for a verdict, but comes to the same words; the origin says where it is from."""
+    found = ident.diagnose(columns, "tm5-900")
+    command = [
+        sys.executable,
+        "-c",
+        "from ident.cli.app import main; main()",
+        "diagnose",
+        str(RUNS[0]),
+        "--robot",
+        "tm5-900",
+    ]
+    subprocess.run([*command, "--json", str(tmp_path / "why.json")], check=True, capture_output=True)
+    written = json.loads((tmp_path / "why.json").read_text())
+    assert found.verdict == written["verdict"]
+    assert found.session == written["session"]
+    (stamp,) = written["provenance"]["sessions"]
+    assert stamp["path"] == str(RUNS[0])
+    assert written["provenance"]["command"] == found.provenance.command == "ident diagnose"
+    assert [stamp["first"], stamp["last"]] == [columns["time"][0], columns["time"][-1]]
+
+
+def test_results_tell_themselves(columns: dict[str, np.ndarray]) -> None:
+    found = ident.inspect([columns], "tm5-900")
+    assert found.summary().startswith("tables_1: 1 runs")
+    assert found.plot().axes
+    page = found._repr_html_()
+    assert "<svg" in page
+    assert "<pre>" in page
+    assert json.loads(json.dumps(found.to_dict()))["provenance"]["sessions"]
+
+
+def test_errors_survive_the_way_from_a_worker() -> None:
+    error = InputError("here", "wrong", "do this")
+    assert vars(pickle.loads(pickle.dumps(error))) == vars(error)

@@ -1,0 +1,41 @@
+"""The published schemas: one for each kind of file, and they refuse what does not hold to them."""
+
+from __future__ import annotations
+
+import pytest
+
+from ident.errors import InputError
+from ident.schemas.publish import RECORDS, make_schema
+from plan.schemas.records import RECORDS as PLAN_RECORDS
+from tests.schemas import check_record
+
+EMPTY = {"command": "ident view", "version": "0", "settings": {}, "sessions": []}
+
+
+@pytest.mark.parametrize("name", sorted(RECORDS))
+def test_every_kind_is_published_with_its_origin_and_its_name(name: str) -> None:
+    schema = make_schema(name)
+    assert schema["properties"]["schema"]["const"] == f"ident.{name}/1"
+    assert {"schema", "provenance"} <= set(schema["required"])
+    assert make_schema(f"ident.{name}/1") == schema
+
+
+@pytest.mark.parametrize("name", sorted(PLAN_RECORDS))
+def test_those_of_plans_too(name: str) -> None:
+    schema = make_schema(name, PLAN_RECORDS, "plan schema")
+    assert schema["properties"]["schema"]["const"] == f"plan.{name}/1"
+    assert "provenance" in schema["required"]
+
+
+def test_an_unknown_kind_lists_the_known_ones() -> None:
+    with pytest.raises(InputError, match="give one of: blind, demo, diagnosis"):
+        make_schema("nothing")
+
+
+def test_a_missing_key_and_a_wrong_type_are_found() -> None:
+    good = {"schema": "ident.view/1", "runs": ["a"], "provenance": EMPTY}
+    assert check_record(good) == good
+    with pytest.raises(AssertionError, match="provenance"):
+        check_record({"schema": "ident.view/1", "runs": ["a"]})
+    with pytest.raises(AssertionError, match="runs"):
+        check_record({**good, "runs": "a"})
