@@ -9,7 +9,7 @@ from pathlib import Path
 from ident.api.fitting import Model, load_model
 from ident.diagnosis.diagnose import Analysis, Diagnosis
 from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
-from ident.diagnosis.settings import DiagnosisSettings
+from ident.diagnosis.settings import USUAL
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
@@ -101,7 +101,7 @@ def examine(
         "seed": seed,
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],
-        "diagnosis": DiagnosisSettings().to_dict(),
+        "diagnosis": USUAL.to_dict(),
     }
     origin = Provenance("ident diagnose", settings=settings, sessions=ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
