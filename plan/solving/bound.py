@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ident.arrays import Array, Float
-from plan.dynamics.compiled_nets import JointNets
+from plan.dynamics.compiled_nets import CompiledJointNets
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, joint_net_slopes
 from plan.problem.problem import PlanningProblem
@@ -48,7 +48,7 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
     losses = model.losses
     drag = np.abs(losses.coulomb) + np.abs(losses.offset) + losses.viscous * limits.speed
     push = limits.torque + np.abs(found.tau).max(axis=0) + np.abs(losses.offset)
-    if isinstance(model.net, JointNets):
+    if isinstance(model.net, CompiledJointNets):
         residual = np.array([_net_range(model.net, j, problem)[0] for j in range(problem.n)])
         push, drag = push + residual, drag + residual
     elif model.net is not None:
@@ -73,7 +73,7 @@ def _energy_bound(problem: PlanningProblem, model: ChainTorque) -> float | None:
     dt with P the least loss at each speed; by convexity no course takes less than the steady speed on P's convex hull.
     Braking credited makes the signed energy the least of all metrics in joules.
     """
-    if problem.metric == "copper" or not (model.net is None or isinstance(model.net, JointNets)):
+    if problem.metric == "copper" or not (model.net is None or isinstance(model.net, CompiledJointNets)):
         return None
     total = float(problem.durations.sum())
     share, weight = np.polynomial.legendre.leggauss(40)
@@ -98,13 +98,13 @@ def _loss_power(
     # |v| - 0.28 w lies below v tanh(v / w) for every v, and is convex, which that is not.
     slip = np.maximum(np.abs(speeds) - 0.2785 * losses.transition_speed[j], 0.0)
     power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
-    if isinstance(model.net, JointNets):
+    if isinstance(model.net, CompiledJointNets):
         power = power + _net_range(model.net, j, problem, speeds)[1]
     return speeds, power
 
 
 def _net_range(
-    net: JointNets, j: int, problem: PlanningProblem, speeds: Array | None = None
+    net: CompiledJointNets, j: int, problem: PlanningProblem, speeds: Array | None = None
 ) -> tuple[float, Float[Array, " v"]]:
     """Largest torque of a joint's net, and the least power it takes at each speed, over accelerations and loads."""
     limits = problem.limits
@@ -115,7 +115,7 @@ def _net_range(
     v, a, load = (
         part.reshape(-1) for part in np.meshgrid(grid, np.linspace(-most, most, OTHERS), loads, indexing="ij")
     )
-    single = JointNets(tuple(w[:, j : j + 1] for w in net.weights), tuple(b[:, j : j + 1] for b in net.biases))
+    single = CompiledJointNets(tuple(w[:, j : j + 1] for w in net.weights), tuple(b[:, j : j + 1] for b in net.biases))
     torque = joint_net_slopes(single, v[:, None], a[:, None], load[:, None])[0][:, 0]
     return float(np.abs(torque).max()), (torque * v).reshape(len(grid), -1).min(axis=1)
 

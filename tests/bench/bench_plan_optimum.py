@@ -22,7 +22,7 @@ import numpy as np
 from ident.model.hybrid import HybridModel
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
-from plan.dynamics.power import ChainTorque, Losses
+from plan.dynamics.power import ChainTorque, JointLosses
 from plan.dynamics.torque_model import torque_of_model
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
@@ -67,7 +67,7 @@ def torque_of(arm: ArmModel, folder: str | None) -> ChainTorque:
         model = HybridModel.load(folder)
         return torque_of_model(model, arm.n, [0.0] * (len(model.joint_names) - arm.n))
     rated = arm.effort_limit
-    losses = Losses(0.004 * rated, 0.04 * rated, 0.05 * rated, 0 * rated, np.full(arm.n, 0.01))
+    losses = JointLosses(0.004 * rated, 0.04 * rated, 0.05 * rated, 0 * rated, np.full(arm.n, 0.01))
     return ChainTorque(Chain.from_arm(arm), losses)
 
 
