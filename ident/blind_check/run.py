@@ -24,6 +24,7 @@ from ident.plant.answer import open_envelope
 from ident.plant.simulate import SimulationOptions
 from ident.plant.world_presets import find_worlds
 from ident.provenance import Provenance
+from ident.reading import read_json
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # The two kinds of process: cases are made, or diagnosed, again when the code that they import has changed.
@@ -240,5 +241,4 @@ def _open(task: MakeTask, made: Mapping[str, Any], results: Mapping[str, Mapping
 
 
 def _read(path: Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return record
+    return read_json(path, "remove it, or choose another --out")

@@ -8,7 +8,19 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console, say_where, write_json
+from ident.cli.shared import (
+    Catalogue,
+    Cutoff,
+    JsonFile,
+    Robot,
+    SessionFile,
+    Sessions,
+    Topic,
+    app,
+    console,
+    say_where,
+    write_json,
+)
 from ident.console import styled
 from ident.errors import InputError
 from ident.files import deliver
@@ -182,9 +194,7 @@ def diagnose(
     sessions: Sessions,
     robot: Robot = None,
     model: Annotated[Path | None, typer.Option(help="Model fitted to this arm: its inertias count as known.")] = None,
-    catalogue: Annotated[
-        Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
-    ] = None,
+    catalogue: Catalogue = None,
     html: Annotated[Path | None, typer.Option(help="Write the page to this file.")] = None,
     rrd: Annotated[Path | None, typer.Option(help="Save the timeline, with the gap marked, to this file.")] = None,
     topic: Topic = "/joint_states",
@@ -244,7 +254,7 @@ def patch(
     robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name.")],
     out: Annotated[Path, typer.Option(help="Folder of the patch.")],
     on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure it on.")] = None,
-    catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
+    catalogue: Catalogue = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     json_file: JsonFile = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
     write_evaluation_report(out / "report.html", list(models.values()), results, held_out.issues)
     write_timeline(out / "timeline.rrd", held_out.arm, held_out.motions, model, held_out.issues)
     console.print(f"report: {out / 'report.html'}")
-    console.print(f"timeline: {out / 'timeline.rrd'} (open it with `rerun {out / 'timeline.rrd'}`)")
+    console.print(f"timeline: {out / 'timeline.rrd'} (open it with `rerun {shlex.quote(str(out / 'timeline.rrd'))}`)")
     console.print(f"model: {out / 'model'}")
     diagnoses = [_diagnose(folder / name, out / f"diagnosis_{name}.html", console) for name in SEALED]
     return {

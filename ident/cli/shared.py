@@ -27,6 +27,9 @@ Robot = Annotated[
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 Topic = Annotated[str, typer.Option(help="Topic of the joint states, for ROS 2 bags.")]
 SessionFile = Annotated[Path | None, typer.Option(help="A session.toml, for folders that can't hold one.")]
+Catalogue = Annotated[
+    Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
+]
 Cutoff = Annotated[float | None, typer.Option(help="Corner of the filter for torques and columns [Hz].")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -73,7 +74,7 @@ def _sentence(family: str, joint: str) -> str:
 
 
 def _command(effects: Sequence[str], joint: str) -> str:
-    return f"`plan excite --separate {','.join(effects)} --joint {joint}` works it out and writes it"
+    return f"`plan excite --separate {','.join(effects)} --joint {shlex.quote(joint)}` works it out and writes it"
 
 
 def _is_of_motion(entry: Mapping[str, Any]) -> bool:

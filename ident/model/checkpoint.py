@@ -6,6 +6,7 @@ import copy
 import json
 from contextlib import suppress
 from dataclasses import dataclass, field
+from errno import EIO
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ class Training:
         begin_folder(folder, KIND)
         with atomic_write(folder / NAME) as part:
             metadata = {"fingerprint": fingerprint, "record": json.dumps(record)}
-            save_file({name: value.contiguous() for name, value in tensors.items()}, part, metadata)
+            save_tensors(tensors, part, metadata)
 
     def resume(self, folder: Path, fingerprint: str) -> None:
         """Takes up a checkpoint of the same data and options, if there is one that can be read whole."""
@@ -90,6 +91,18 @@ class Training:
 
 def _is_finite(tensor: torch.Tensor) -> bool:
     return bool(torch.isfinite(tensor).all())
+
+
+def save_tensors(tensors: dict[str, torch.Tensor], path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Writes tensors as safetensors.
+
+    Raises:
+        OSError: The system can't: the disk is full, say.
+    """
+    try:
+        save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata)
+    except SafetensorError as error:
+        raise OSError(EIO, str(error), str(path)) from None
 
 
 def remove_checkpoint(folder: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import platform
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +20,7 @@ from ident.model.identification import Identified, InertiaFigure, identify
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, UNITS, LossParameters, LossResults
 from ident.motion.motion import Motion
+from ident.reading import read_text, read_toml
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -136,8 +136,8 @@ class HybridModel:
         record = _read_record(path)
         try:
             source = Path(record["robot"]["source"])
-            robot = ArmModel.from_urdf((path / "robot.urdf").read_text(encoding="utf-8"), source)
-            nominal = ArmModel.from_urdf((path / "arm.urdf").read_text(encoding="utf-8"), source)
+            robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
+            nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
             model = cls(
                 robot=robot,
                 nominal=nominal,
@@ -155,7 +155,7 @@ class HybridModel:
             raise
         except InputError as error:
             raise ModelError(path, f"its URDF is damaged ({error.what})", "fit the model again") from None
-        except (AttributeError, IndexError, KeyError, OSError, TypeError, ValueError) as error:
+        except (AttributeError, IndexError, KeyError, OSError, OverflowError, TypeError, ValueError) as error:
             raise ModelError(path / "model.toml", f"damaged ({error!r})", "fit the model again") from None
         return model
 
@@ -226,10 +226,7 @@ def _read_record(path: Path) -> dict[str, Any]:
     file = path / "model.toml"
     if not file.is_file():
         raise ModelError(path, "not a model folder: it has no model.toml", "make one with `ident fit … --out MODEL`")
-    try:
-        record = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ModelError(file, f"not TOML ({error})", "fit the model again") from None
+    record = read_toml(file, "fit the model again", ModelError)
     if record.get("schema") != SCHEMA:
         raise ModelError(file, f"schema is {record.get('schema')!r}, not {SCHEMA!r}", "fit the model again")
     return record

@@ -18,18 +18,20 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.checkpoint import Training
+from ident.model.checkpoint import Training, save_tensors
 from ident.model.networks import DenseNet, JointNets, Network
+from ident.reading import read_json, require_regular
 
 Progress = Callable[[int, int, float], None]
 
@@ -153,9 +155,8 @@ class ResidualNet:
 
     def save(self, folder: Path) -> None:
         """Writes residual.safetensors and residual.json into a folder."""
-        weights = {name: tensor.contiguous() for name, tensor in self.network.state_dict().items()}
         with atomic_write(folder / "residual.safetensors") as part:
-            save_file(weights, part)
+            save_tensors(self.network.state_dict(), part)
         record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
@@ -171,12 +172,23 @@ class ResidualNet:
         """
         path = folder / "residual.json"
         try:
-            record = json.loads(path.read_text(encoding="utf-8"))
+            record = read_json(path, "fit the model again", ModelError)
             fields = dict(record["options"])
             options = NetOptions(**{**fields, "hidden": tuple(fields["hidden"])})
             mean, std, scale = (freeze(record[name]) for name in ("input_mean", "input_std", "output_std"))
+            weights = folder / "residual.safetensors"
+            size = require_regular(weights, "fit the model again", ModelError)
+            # A file's options decide how much memory a net takes: its weights must be there before they are believed.
+            if 4 * _count_weights(mean.shape[-1], len(scale), options) > size:
+                raise ValueError("its options speak of more weights than there are")
             network = _build(mean.shape[-1], len(scale), options)
-            network.load_state_dict(load_file(folder / "residual.safetensors"))
+            network.load_state_dict(load_file(weights))
+            if not all(bool(torch.isfinite(tensor).all()) for tensor in network.state_dict().values()):
+                raise ValueError("a weight is not finite")
+            if not all(np.isfinite(values).all() for values in (mean, std, scale)) or not (std > 0).all():
+                raise ValueError("a scale is not finite and positive")
+        except ModelError:
+            raise
         except Exception as error:  # torch, safetensors and json each raise their own
             raise ModelError(path, f"the saved net can't be read ({error})", "fit the model again") from None
         network.eval()
@@ -194,6 +206,15 @@ def compute_features(
         return np.concatenate([q, dq, ddq], axis=1)
     near, far = (np.tanh(dq / scale) for scale in DIRECTION_SCALES)
     return np.stack([dq, ddq, near, far, rigid, np.hypot(rigid, LOAD_ROUNDING) * near], axis=-1)
+
+
+def _count_weights(inputs: int, joints: int, options: NetOptions) -> int:
+    """Fewest weights that a net of some options has: those of its widest layers."""
+    widths = [inputs, *map(int, options.hidden), 1]
+    if min(widths) < 1 or options.members < 1:
+        raise ValueError(f"its layers are {options.hidden} wide")
+    nets = 1 if options.preset == "paper" else options.members * joints
+    return nets * sum(a * b for a, b in pairwise(widths))
 
 
 def _build(inputs: int, joints: int, options: NetOptions) -> Network:

@@ -5,7 +5,6 @@ Read from the JSON alone, so that a patch can be made where the recordings are n
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +21,22 @@ from ident.errors import InputError
 from ident.patches.standalone.chain import Array
 from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.motion import Losses
+from ident.reading import read_json, require_finite
 from ident.robot.arm import ArmModel
 
 WHOLE_ARM = -1
+# Ends of names of figures that no body or gear has below zero.
+POSITIVE = (
+    "stribeck_velocity_rad_s",
+    "displacement_rad",
+    "time_constant_s",
+    "gap_rad",
+    "limit_Nm",
+    "mass_kg",
+    "delay_s",
+)
+# A loss that a solver left just below zero is zero, in its own unit.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +152,15 @@ class Diagnosed:
         """
         try:
             return cls._of(path, record, {effect.id: effect for effect in catalogue})
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
 
     @classmethod
     def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
         joints = tuple(record["joints"])
+        if not joints or not all(isinstance(name, str) for name in joints):
+            raise ValueError(f"its joints are {joints!r}")
         tuned = record.get("baseline", {})
         changes = tuple(_change(one, joints, tuned, known.get(one["effect"])) for one in record["findings"])
         if not changes:
@@ -175,13 +189,8 @@ class Diagnosed:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"can't be read ({error.strerror})", "give the JSON of `ident diagnose`") from None
-    except ValueError as error:
-        raise InputError(path, f"not JSON ({error})", "give the JSON of `ident diagnose`") from None
-    schema = record.get("schema") if isinstance(record, dict) else None
+    record = read_json(path, "give the JSON of `ident diagnose`")
+    schema = record.get("schema")
     if schema != SCHEMA:
         raise InputError(path, f"its schema is {schema!r}, not {SCHEMA!r}", "give the JSON of `ident diagnose`")
     return record
@@ -189,15 +198,42 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
     effect, where = finding["effect"], tuple(finding["joints"])
-    figures = {name: Interval(**value) for name, value in finding["parameters"].items()}
+    figures = {name: _interval(effect, name, value) for name, value in finding["parameters"].items()}
     law = baseline.get(where[0], {}).get("laws", {}).get(effect)
     whole = kind is not None and kind.scope == "arm"
     return Change(effect, WHOLE_ARM if whole else joints.index(where[0]), where, figures, law, kind)
 
 
+def _interval(effect: str, name: str, value: dict[str, Any]) -> Interval:
+    """A figure with its interval; what the law can't take is refused here."""
+    if not isinstance(value, dict) or set(value) != {"value", "low", "high"}:
+        raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
+    found = Interval(**{key: require_finite(one, f"{name} of {effect}") for key, one in value.items()})
+    if found.low > found.high:
+        raise ValueError(f"{name} of {effect}: its interval begins above its end")
+    if found.value < 0.0 and name.endswith(POSITIVE):
+        raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
+    return found
+
+
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
-    losses = [np.array([float(record[joint][key]) for joint in joints]) for key in (*LOSS_KEYS, "transition_rad_s")]
-    links = [[float(record[joint]["link_change"][key]) for key in LINK_KEYS] for joint in joints]
+    losses = [
+        np.array([_no_less_than_zero(record[joint][key], f"{key} of {joint}") for joint in joints])
+        for key in (*LOSS_KEYS, "transition_rad_s")
+    ]
+    links = [
+        [require_finite(record[joint]["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
+        for joint in joints
+    ]
     losses[-1] = np.maximum(losses[-1], 1e-4)
-    losses.append(np.array([float(record[joint].get("sliding_range_rad", 0.0)) for joint in joints]))
+    ranges = [record[joint].get("sliding_range_rad", 0.0) for joint in joints]
+    losses.append(np.array([_no_less_than_zero(one, "sliding_range_rad") for one in ranges]))
     return Tuning(Losses(*losses), freeze(np.array(links)))
+
+
+def _no_less_than_zero(value: Any, name: str) -> float:
+    """A loss figure. Tuning leaves rounding of zero at most; a negative one would drive the arm."""
+    found = require_finite(value, name)
+    if found < -ROUNDING:
+        raise ValueError(f"{name} is {found:g}: a loss can't be negative")
+    return max(found, 0.0)

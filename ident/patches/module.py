@@ -24,7 +24,7 @@ from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
 
 PARTS = ("chain", "motion", "log", "rubbing", "masses", "elastic", "laws")
-HEADER = '''"""Torque that the named effects add to a model of {robot}. NumPy only.
+HEADER = '''"""Torque that the named effects add to a model of the robot called ROBOT. NumPy only.
 
 extra_torque(q, dq, ddq, interval)      what the log reads beyond `modelled_torque`
 missing_torque("urdf", q, dq, ddq, …)   what the motors deliver beyond the model in robot.urdf ("mjcf": robot.xml)
@@ -131,15 +131,16 @@ def write_module(
     body = "\n\n\n".join([*(_body(part) for part in PARTS), *(_own_law(kind) for kind in own.values())])
     held = ", ".join(f"{name!r}: {_call('Losses', value)}" for name, value in file_losses.items())
     figures = [
-        f"JOINTS = {tuple(arm.joint_names)!r}",
+        # Names come from files: as literals they stay text, whatever stands in them.
+        f"ROBOT = {arm.name!a}",
+        f"JOINTS = {tuple(arm.joint_names)!a}",
         f"ARM = {_call('Arm', describe_arm(arm))}",
         f"# Tuned together with the effects.\nLOSSES = {_call('Losses', losses)}",
-        "EFFECTS = [\n" + "".join(f"    {effect!r},\n" for effect in effects) + "]",
+        "EFFECTS = [\n" + "".join(f"    {effect!a},\n" for effect in effects) + "]",
         f"# Which of them the files express.\nIN_FILE = { ({name: list(found) for name, found in in_file.items()})!r}",
         f"FILE_LOSSES = {{{held}}}",
     ]
-    header = HEADER.format(robot=arm.name)
-    return f"{header}\n{body}\n\n\n" + "\n".join(figures) + "\n\n" + CALLS
+    return f"{HEADER}\n{body}\n\n\n" + "\n".join(figures) + "\n\n" + CALLS
 
 
 def _body(part: str) -> str:

@@ -6,7 +6,6 @@ uniformly, or uniformly in the logarithm where the bounds lie more than a decade
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.errors import InputError
+from ident.reading import read_toml
 
 EncoderSide = Literal["motor", "link"]
 VelocityChannel = Literal["none", "differenced", "filtered", "true"]
@@ -222,10 +222,7 @@ def read_world_file(path: Path, presets: Mapping[str, WorldRange]) -> WorldRange
     Raises:
         InputError: Not a readable TOML file, an unknown preset or field, or a value out of bounds.
     """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, f"no world can be read from it ({error})", "give a TOML file of a world") from None
+    values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
     if preset not in presets:
         raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(presets)}")

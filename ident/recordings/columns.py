@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.reading import toml_key
 from ident.recordings.recording import CHANNELS, Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
 
@@ -227,7 +228,7 @@ def _effort(
             raise RecordingError(
                 source,
                 f"missing column {joint}/effort, and {joint}/current has no drive gain",
-                f"add the effort, or [drive_gain_Nm_per_A] {joint} = … to session.toml",
+                f"add the effort, or [drive_gain_Nm_per_A] {toml_key(joint)} = … to session.toml",
             )
         else:
             torque.append(sign * session_file.drive_gain[joint] * columns[f"{joint}/current"])

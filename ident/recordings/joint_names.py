@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 
 from ident.errors import RecordingError
+from ident.reading import toml_key
 from ident.recordings.recording import Session, TelemetryIssue
 
 
@@ -83,8 +85,9 @@ def _rename(session: Session, names: dict[str, str]) -> Session:
 def _no_match(session: Session, joint_names: Sequence[str]) -> RecordingError:
     where = session.path or session.name
     old, new = session.joints[0], joint_names[0]
+    example = f"{toml_key(f'{old}/position')} = {json.dumps(f'{new}/position', ensure_ascii=False)}"
     return RecordingError(
         where,
         f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})",
-        f'give another --robot, or name each joint in [columns] of session.toml: "{old}/position" = "{new}/position"',
+        f"give another --robot, or name each joint in [columns] of session.toml: {example}",
     )

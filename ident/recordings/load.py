@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ident.errors import RecordingError
+from ident.reading import require_regular
 from ident.recordings.columns import Table, assemble
 from ident.recordings.parquet import read_npz, read_parquet
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -20,6 +22,9 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat")
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
 TOPIC = "/joint_states"
+# Unit of a file's used blocks; share of a file that must be written on the disk, and from which size that is asked
+# [bytes]; share of the memory that a file may fill.
+BLOCK_BYTES, SPARSE_SHARE, LEAST_SPARSE, MEMORY_SHARE = 512, 0.01, 1 << 28, 0.5
 # Samples that are read at once by whoever goes through a long session part by part.
 PART_SAMPLES = 500_000
 Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
@@ -61,8 +66,10 @@ def load_parts(
         RecordingError: As `load_session`, when the part's turn comes.
     """
     path = Path(path)
-    if not path.exists():
+    if not _exists(path):
         raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
+    if not path.is_dir():
+        require_regular(path, "give a folder of runs, a table or a bag", RecordingError)
     settings = _settings_of(path, session_file)
     files, notes = _find_runs(path, settings)
     before: list[Recording] = []
@@ -127,8 +134,41 @@ def load_recording(path: str | Path, session_file: SessionFile | None = None, to
         RecordingError: The file can't be used.
     """
     path, settings = Path(path), session_file or SessionFile()
+    if not path.is_dir():
+        require_readable_size(path)
     table, names = _reader(path, topic)(path, settings)
     return assemble(path.name if path.is_dir() else path.stem, table, settings, path, names)
+
+
+def require_readable_size(path: Path) -> None:
+    """Passes if a file is a plain one whose rows can be held; a table takes several times its size while it is read.
+
+    Raises:
+        RecordingError: A device, a pipe, a file with a hole of gigabytes, or one larger than the memory.
+    """
+    size = require_regular(path, "give a table or a bag", RecordingError)
+    held = path.stat().st_blocks * BLOCK_BYTES
+    if size > LEAST_SPARSE and held < SPARSE_SHARE * size:
+        what = f"is {size / 1e9:.1f} GB large, of which {held / 1e9:.1f} GB are written: a file with holes"
+        raise RecordingError(path, what, "write it again")
+    if size > MEMORY_SHARE * _memory():
+        what = f"is {size / 1e9:.1f} GB large, more than this machine's memory can hold at once"
+        raise RecordingError(path, what, "part it into several runs")
+
+
+def _memory() -> float:
+    """Memory of the machine [bytes]."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # a name that no file can have
+        return False
 
 
 def _reader(path: Path, topic: str) -> Reader:
@@ -157,9 +197,9 @@ def _find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[Tele
     by_stem: dict[str, list[Path]] = {}
     for entry in sorted(path.iterdir()):
         if not entry.name.startswith(".") and (
-            _is_bag_folder(entry) or (entry.is_file() and entry.suffix.lower() in suffixes)
+            _is_bag_folder(entry) or (not entry.is_dir() and entry.suffix.lower() in suffixes)
         ):
-            by_stem.setdefault(entry.stem if entry.is_file() else entry.name, []).append(entry)
+            by_stem.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_stem:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders")
     files, notes = [], []

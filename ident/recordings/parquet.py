@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
+import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +17,9 @@ from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
+
+# Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
+LARGEST_PACKING, LEAST_UNPACKED = 100, 1 << 28
 
 
 def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
@@ -30,7 +34,9 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
             names = tuple(file.schema_arrow.names)
             chosen = native_names(names, session_file, path)
             table = file.read(columns=[names[index] for index in chosen])
-    except (pa.ArrowInvalid, pa.ArrowTypeError, OSError) as error:
+    except RecordingError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, UnicodeDecodeError) as error:
         raise RecordingError(path, f"not a whole Parquet file ({_first_line(error)})", "write the file again") from None
     if chosen and table.num_rows == 0:
         raise RecordingError(path, "has no rows", "give a table with samples")
@@ -49,7 +55,7 @@ def column_numbers(column: pa.ChunkedArray, name: str, where: str | Path) -> Flo
             nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
         return column.cast(pa.float64()).to_numpy()
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+    except (pa.ArrowException, ValueError, TypeError) as error:
         raise RecordingError(
             f"{where}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
         ) from None
@@ -91,11 +97,31 @@ def read_npz(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, .
 def _load_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
+            _require_sizes(archive, path)
             return {name: np.asarray(archive[name]) for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except Exception as error:  # zipfile, zlib, struct and NumPy each raise their own
         raise RecordingError(
             path, f"not a NumPy archive of plain arrays ({_first_line(error)})", "write it with numpy.savez"
         ) from None
+
+
+def _require_sizes(archive: Any, path: Path) -> None:
+    """Raises ValueError for a packed array that is far larger than its file: nobody's recording of floats is."""
+    unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+    if unpacked > max(LARGEST_PACKING * path.stat().st_size, LEAST_UNPACKED):
+        raise ValueError(f"its arrays would take {unpacked / 1e9:.1f} GB")
+    for name in archive.zip.namelist():
+        with archive.zip.open(name) as stream:
+            _require_shape(stream, archive.zip.getinfo(name).file_size)
+
+
+def _require_shape(stream: Any, size: int) -> None:
+    """Raises ValueError for an array whose header speaks of more numbers than follow."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(stream)
+    if math.prod(shape) * kind.itemsize > size:
+        raise ValueError(f"an array of shape {shape} in {size} bytes")
 
 
 def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import Reader, ReaderError
-from rosbags.serde import SerdeError
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from ident.arrays import Array, Float
@@ -81,7 +79,9 @@ def _read_streams(path: Path, topic: str) -> Mapping[tuple[str, ...], Stream]:
                     stream.values[name].append(getattr(message, name))
     except RecordingError:
         raise
-    except (ReaderError, SerdeError, sqlite3.Error, OSError, ValueError, KeyError, AssertionError) as error:
+    except MemoryError:
+        raise RecordingError(path, "a message in it claims to be larger than the memory", "record again") from None
+    except Exception as error:  # sqlite, struct, zstandard, lz4, YAML and the reader each raise their own
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise RecordingError(
             path, f"not a whole ROS 2 bag ({reason})", "repair it (`ros2 bag reindex`, `mcap recover`) or record again"

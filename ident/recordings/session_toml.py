@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ident.errors import RecordingError
+from ident.reading import read_toml
 from ident.recordings.recording import Payload
 
 NAME = "session.toml"
@@ -53,7 +53,7 @@ def find_session_file(path: Path) -> Path | None:
     """The session.toml that belongs to a folder or a single file, if there is one."""
     folder = path if path.is_dir() else path.parent
     candidates = [folder / NAME] if path.is_dir() else [path.with_suffix(".toml"), folder / NAME]
-    return next((candidate for candidate in candidates if candidate.is_file()), None)
+    return next((candidate for candidate in candidates if candidate.exists() and not candidate.is_dir()), None)
 
 
 def load_session_file(path: Path) -> SessionFile:
@@ -86,12 +86,7 @@ def load_session_file(path: Path) -> SessionFile:
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(path, f"not TOML ({error})", "correct the file") from None
-    except OSError as error:
-        raise RecordingError(path, f"can't be read ({error.strerror})", "give an existing session file") from None
+    return read_toml(path, "give a session.toml that can be read", RecordingError)
 
 
 def _table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
+from ident.reading import read_text
 from ident.recordings.recording import Payload
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.regressor import compute_regressor
@@ -53,12 +54,7 @@ class ArmModel:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
         path = find_urdf(robot)
-        try:
-            text = path.read_text(encoding="utf-8")
-        except UnicodeDecodeError:
-            raise RobotError(path, "not a text file", "give a URDF file") from None
-        except OSError as error:
-            raise RobotError(path, f"can't be read ({error.strerror})", "check its permissions") from None
+        text = read_text(path, "give a URDF file", RobotError)
         arm = cls.from_urdf(text, path)
         if joints is None:
             return arm

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float
+from ident.reading import toml_key
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.filtered_run import FilteredRun, filter_run
@@ -180,7 +181,7 @@ def _tell_flipped(
         f"{session.name}: gravity, inertia and friction explain {wrong[joint].explained:.0%} of minus the effort of "
         f"{session.joints[joint]}, and {max(right[joint].explained, 0.0):.0%} of the effort"
     )
-    lines = ", ".join(f"{session.joints[j]} = -1" for j in flipped)
+    lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
     remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
     return [TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy)]
 

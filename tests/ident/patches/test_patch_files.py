@@ -17,6 +17,7 @@ from ident.effects.rigid_body import point_mass
 from ident.errors import InputError
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.presliding import stop_operator
+from ident.ownership import MARKER
 from ident.patches.bodies import change_links, is_body, nearest_bodies
 from ident.patches.change import Change, Diagnosed
 from ident.patches.command import FILES, write_patch
@@ -49,7 +50,7 @@ def test_every_file_says_its_effect_or_that_it_does_not(
 ) -> None:
     """Loaded back, each file is its tuned arm plus the effects that it claims; what it can't say has a reason."""
     record = make_patch(tmp_path, arm, effect)
-    assert {path.name for path in (tmp_path / "patch").iterdir()} == set(FILES)
+    assert {path.name for path in (tmp_path / "patch").iterdir()} == {*FILES, MARKER}
     formats = record["effects"][0]["formats"]
     assert formats["parameters"]["expressed"] == "yes"
     for form, name in (("urdf", "robot.urdf"), ("mjcf", "robot.xml")):

@@ -1,0 +1,124 @@
+"""Small files of settings and results, looked at before they are read: no device, no pipe, nothing without an end."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError
+
+# Settings and results are some kilobytes, a diagnosis of hundreds of runs some megabytes [bytes].
+LARGEST_TEXT = 1 << 28
+# Tables nest three or four levels deep; far fewer than this where Python's own recursion ends.
+DEEPEST = 64
+# Beyond these no figure of an arm lies; integers beyond become infinite or raise errors in arithmetic.
+LARGEST_INTEGER = 2**63
+
+
+def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:
+    """Passes if a path is a plain file, not larger than some size; returns its size [bytes].
+
+    Args:
+        path: What is to be read.
+        remedy: What the user can do instead.
+        error: What is raised.
+        largest: Most bytes; None for any.
+
+    Raises:
+        InputError: Nothing there, a folder, a device, a pipe, or too large.
+    """
+    try:
+        found = path.stat()
+    except (OSError, ValueError) as failed:
+        reason = getattr(failed, "strerror", None) or str(failed)
+        raise error(path, f"can't be read ({reason})", remedy) from None
+    if stat.S_ISDIR(found.st_mode):
+        raise error(path, "is a folder, not a file", remedy)
+    if not stat.S_ISREG(found.st_mode):
+        raise error(path, "is a device or a pipe, not a file", remedy)
+    if largest is not None and found.st_size > largest:
+        raise error(path, f"is {found.st_size / 1e6:.0f} MB large, which no file of its kind is", remedy)
+    return found.st_size
+
+
+def read_text(path: Path, remedy: str, error: type[InputError] = InputError, largest: int = LARGEST_TEXT) -> str:
+    """The text of a small UTF-8 file.
+
+    Raises:
+        InputError: As `require_regular`; or not UTF-8.
+    """
+    require_regular(path, remedy, error, largest)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as failed:
+        raise error(path, f"is not UTF-8 text ({failed.reason} at byte {failed.start})", remedy) from None
+    except OSError as failed:
+        raise error(path, f"can't be read ({failed.strerror})", remedy) from None
+
+
+def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        InputError: As `read_text`; or not JSON, no object, too deep, or with integers beyond 64 bit.
+    """
+    text = read_text(path, remedy, error)
+    try:
+        record = json.loads(text)
+        _look_through(record)
+    except (ValueError, RecursionError) as failed:
+        raise error(path, f"not JSON that can be used ({_first_line(failed)})", remedy) from None
+    if not isinstance(record, dict):
+        raise error(path, "holds no JSON object", remedy)
+    return record
+
+
+def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        InputError: As `read_text`; or not TOML, too deep, or with integers beyond 64 bit.
+    """
+    text = read_text(path, remedy, error)
+    try:
+        record = tomllib.loads(text)
+        _look_through(record)
+    except (ValueError, RecursionError) as failed:
+        raise error(path, f"not TOML ({_first_line(failed)})", remedy) from None
+    return record
+
+
+def toml_key(name: str) -> str:
+    """A name as it must stand before the `=` of a TOML file."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def require_finite(value: Any, name: str) -> float:
+    """A finite number, or ValueError: texts, truth values, NaN and infinity are none."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} is {value!r}, which is no finite number")
+    return float(value)
+
+
+def _look_through(record: Any) -> None:
+    """Raises ValueError for what would end in an overflow or in a recursion without end."""
+    waiting: list[tuple[Any, int]] = [(record, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        if depth > DEEPEST:
+            raise ValueError(f"more than {DEEPEST} levels deep")
+        if isinstance(value, dict):
+            waiting += [(one, depth + 1) for one in value.values()]
+        elif isinstance(value, list):
+            waiting += [(one, depth + 1) for one in value]
+        elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            raise ValueError("an integer of more than 64 bit")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
