@@ -15,6 +15,8 @@ MOST_RESTARTS = 20
 # A gap is longer than any jitter (five intervals) and too long to be bridged (an arm's motion changes in 50 ms).
 GAP_INTERVALS, GAP_S = 5.0, 0.05
 SHORTEST_PIECE_S, SHORTEST_PIECE = 0.5, 30
+# A leap of the clock is no pause: longer than this many intervals, and than this many times the whole run.
+JUMP_INTERVALS, JUMP_RUNS = 1e5, 10.0
 # Spread of the intervals (1st to 99th percentile) in medians, from which sampling is told to be uneven.
 JITTER = 0.1
 # Positions that fit an even clock so much better (mean square) show that only the stamps tremble; stamps that are
@@ -62,6 +64,7 @@ def drop_late_rows(run: Recording) -> tuple[Recording, int]:
     time = run.time
     # A single stamp far ahead would make all later rows late: it goes first.
     ahead = np.zeros(len(time), dtype=bool)
+    ahead[:1] = (time[:1] > time[1:2]) & (time[:1] > time[2:3]) if len(time) > SHORTEST_PIECE else False
     ahead[1:-1] = (time[1:-1] > time[2:]) & (time[2:] > time[:-2])
     peak = np.maximum.accumulate(np.where(ahead, -np.inf, time))
     keep = ~ahead & np.concatenate([[True], time[1:] > peak[:-1]])
@@ -80,6 +83,33 @@ def _shortest_piece(run: Recording, restarts: Array) -> int:
 
 def _cut(run: Recording, rows: Array) -> list[Recording]:
     return [drop_late_rows(piece)[0] for piece in cut_before(run, rows)]
+
+
+def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Parts runs where the clock leaps: an even grid over such a leap would be longer than any recording.
+
+    A clock that is set while recording goes from seconds since power-on, or zero, to seconds since 1970.
+    """
+    runs: list[Recording] = []
+    told = []
+    for run in session.runs:
+        steps = np.diff(run.time)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        jumps = np.flatnonzero(steps > max(JUMP_INTERVALS * usual, JUMP_RUNS * usual * len(run)))
+        if not len(jumps) or usual <= 0.0:
+            runs.append(run)
+            continue
+        pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= SHORTEST_PIECE]
+        lost = len(run) - sum(map(len, pieces))
+        left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
+        told.append((run.name, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}"))
+        runs.extend(pieces)
+    if not told:
+        return session, []
+    few = sum(map(len, runs)) >= (1.0 - FEW_ROWS) * session.samples
+    severity: Severity = "fatal" if not runs else "note" if few else "warning"
+    issue = TelemetryIssue("clock_jump", (), severity, in_runs(session, told), "set the clock before recording")
+    return session.replace(runs=runs or session.runs), [issue]
 
 
 def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:

@@ -21,6 +21,8 @@ LEAST_SAMPLES = 30
 FILTER_ORDER = 4
 # Samples by which both ends are extended: three times the filter's own.
 PADDING = 3 * (FILTER_ORDER + 1)
+# An even grid is at most so many times as long as the samples that it is made of.
+MOST_GRID = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,8 @@ def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
         return None
     interval = run.sample_interval
     cutoff = min(cutoff, 0.2 / interval)
+    if not interval > 0.0 or run.duration > MOST_GRID * interval * len(run):
+        return None  # the clock leaps or falls: nothing even lies over it
     grid = np.arange(run.time[0], run.time[-1], interval)
     edge = int(EDGE_PERIODS / cutoff / interval)
     step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))

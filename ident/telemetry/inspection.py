@@ -12,11 +12,13 @@ from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
-from ident.telemetry.clock import mend_jitter, mend_order, split_at_gaps
+from ident.telemetry.clock import mend_clock_jumps, mend_jitter, mend_order, split_at_gaps
 from ident.telemetry.effort import check_effort
 from ident.telemetry.excitation import Amount
-from ident.telemetry.motion import mend_time_base, mend_velocity
+from ident.telemetry.motion import mend_time_base, mend_time_unit, mend_velocity
+from ident.telemetry.repeated import find_repeated
 from ident.telemetry.report import TelemetryReport
+from ident.telemetry.spikes import mend_absurd, mend_channel_spikes
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 
@@ -45,7 +47,8 @@ def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -
         amount = Amount()
         for report in reports:
             amount.take(report.session, report.arm)
-        first = TelemetryReport(reports[0].session, (*reports[0].issues, *amount.issues()), reports[0].arm)
+        also = (*amount.issues(), *find_repeated(sessions))
+        first = TelemetryReport(reports[0].session, (*reports[0].issues, *also), reports[0].arm)
         return (first, *reports[1:])
 
 
@@ -61,7 +64,11 @@ def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
     if not session.samples:
         return TelemetryReport(session, tuple(issues), arm)
     steps: tuple[Mending, ...] = (
+        mend_absurd,
         mend_order,
+        mend_clock_jumps,
+        mend_time_unit,
+        mend_channel_spikes,
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
@@ -75,6 +82,8 @@ def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
     for step in steps:
         session, found = step(session)
         issues += found
+        if not session.samples:
+            return TelemetryReport(session, tuple(issues), arm)
     issues += check_clipping(session) + check_commands(session)
     if arm is not None:
         issues += check_effort(session, arm)

@@ -17,6 +17,8 @@ from ident.telemetry.velocities import Velocities, compare_velocities
 # All joints of the real logs lie within 1.1 % of slope 1 (30 Hz) and correlate by 0.997 or more.
 CLOCK_OFF, CLOCK_SPREAD, CLOCK_CORRELATION = 0.03, 0.03, 0.95
 SLOPE_LOW, SLOPE_HIGH, CORRELATION = 0.9, 1.1, 0.9
+# Whole ticks from sample to sample that can only be of a micro- or nanosecond clock.
+LEAST_TICKS = 200.0
 # Intervals that no logger of an arm's motion has: time in another unit than seconds.
 SLOWEST_INTERVAL_S, FASTEST_INTERVAL_S = 0.5, 2e-5
 # Without a measured velocity, inertial torque against gravity tells the time base: it goes with time to the -2. The
@@ -26,6 +28,18 @@ INERTIA_LOW, INERTIA_HIGH, VISIBLE_INERTIA = 0.15, 6.0, 0.03
 LOADED_NM = 5.0
 # And no arm moves faster than this many times its own limit.
 OVER_LIMIT = 1.5
+
+
+def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Accepts time in whole nanoseconds or microseconds, as drivers stamp it, and tells."""
+    times = [run.time for run in session.runs if len(run) > 1]
+    interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
+    if interval < LEAST_TICKS or not all(np.array_equal(time, np.floor(time)) for time in times):
+        return session, []
+    unit, name = (1e-6, "microseconds") if interval < 2e5 and times[0].max() < 1e17 else (1e-9, "nanoseconds")
+    scaled = session.replace(runs=[run.replace(time=(run.time - times[0][0]) * unit) for run in session.runs])
+    evidence = f"{session.name}: time is in whole {name}, {interval:.4g} from sample to sample; read as such"
+    return scaled, [TelemetryIssue("wrong_time_base", (), "note", evidence, "none needed")]
 
 
 def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:

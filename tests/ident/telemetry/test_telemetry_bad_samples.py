@@ -1,0 +1,120 @@
+"""Law: one bad value anywhere is found, told and cut out; what is left is the clean session without that row."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from faults import Column, spoil, spoil_column
+
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+from ident.telemetry import TelemetryReport, inspect
+from ident.telemetry.clock import mend_clock_jumps, mend_order, split_at_gaps
+from ident.telemetry.filtered_run import filter_run
+from ident.telemetry.motion import mend_time_unit
+from ident.telemetry.repeated import find_repeated
+from ident.telemetry.spikes import mend_absurd, mend_channel_spikes
+
+
+def found(report: TelemetryReport) -> dict[str, str]:
+    return {issue.issue: issue.severity for issue in report.issues}
+
+
+def set_value(row: int | slice, value: float) -> Column:
+    def change(values: np.ndarray) -> np.ndarray:
+        changed = np.array(values)
+        changed[row] = value
+        return changed
+
+    return change
+
+
+SIZES = {
+    "effort": (400.0, 1e3, 1e4, -1e4, 1e8, 1e282),
+    "position": (7.5, 1e3, -1e6, 1e282),
+    "velocity": (1e2, -1e5, 1e282),
+}
+
+
+@pytest.mark.parametrize("channel", SIZES)
+@pytest.mark.parametrize("row", [0, 1, 733, -2, -1])
+def test_one_bad_sample_is_cut_out(channel: str, row: int, clean: Session) -> None:
+    kept = np.delete(np.arange(len(clean.runs[3])), row)
+    for joint, size in enumerate(SIZES[channel]):
+        spoilt = spoil_column(clean, channel, joint, set_value(row, size), 3)
+        session, absurd = mend_absurd(spoilt)
+        session, spikes = mend_channel_spikes(session)
+        (issue,) = (*absurd, *spikes)
+        assert issue.issue == ("effort_spike" if channel == "effort" and size < 1e12 else "garbage_cells")
+        assert clean.joints[joint] in issue.joints
+        assert np.array_equal(session.runs[3].effort, clean.runs[3].effort[kept])
+        assert all(session.runs[k] is spoilt.runs[k] for k in (0, 1, 2, 4))
+
+
+@pytest.mark.parametrize("size", [300.0, 1e282])
+def test_a_bad_sample_changes_nothing_else(size: float, clean: Session, arm: ArmModel) -> None:
+    """The whole inspection finds the one fault, and no library warns of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report = inspect(spoil_column(clean, "effort", 1, set_value(0, size), 0), arm)
+    assert found(report) == {"effort_spike" if size < 1e12 else "garbage_cells": "note"}
+
+
+def test_short_bursts_and_many_spikes(clean: Session) -> None:
+    session, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(300, 304), 900.0), 1))
+    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "note")]
+    assert session.samples == clean.samples - 4
+    _, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(None, None, 40), 900.0)))
+    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "fatal")]
+
+
+def test_a_clean_session_has_no_spikes(clean: Session) -> None:
+    assert mend_channel_spikes(clean) == (clean, [])
+    assert mend_absurd(clean)[1] == []
+
+
+def with_time(change: Column) -> Callable[[Recording], Recording]:
+    def changed(run: Recording) -> Recording:
+        return run.replace(time=change(np.array(run.time)))
+
+    return changed
+
+
+def test_a_clock_that_is_set_while_recording(clean: Session) -> None:
+    """First stamp zero, then seconds since 1970: no grid lies between them."""
+    spoilt = spoil(clean, with_time(lambda time: np.concatenate([[0.0], time[1:] + 1.7e9])))
+    session, issues = mend_clock_jumps(spoilt)
+    assert [(one.issue, one.severity) for one in issues] == [("clock_jump", "note")]
+    assert session.samples == clean.samples - 5
+    amid = spoil(clean, with_time(lambda time: np.where(np.arange(len(time)) < 700, time, time + 1e15)), 2)
+    assert filter_run(amid.runs[2]) is None
+    assert len(mend_clock_jumps(amid)[0].runs) == 6
+
+
+@pytest.mark.parametrize("row", [0, 1, 500, -1])
+@pytest.mark.parametrize("stamp", [0.0, -1e9, 1e9, 1e18, 1e282, -1e282])
+def test_one_bad_stamp_is_cut_out(row: int, stamp: float, clean: Session) -> None:
+    session = spoil(clean, with_time(set_value(row, stamp)), 3)
+    for step in (mend_absurd, mend_order, mend_clock_jumps, split_at_gaps):
+        session, issues = step(session)
+        assert all(one.severity == "note" for one in issues)
+    assert clean.samples - 2 <= session.samples <= clean.samples
+    assert all(run.duration < 13.0 for run in session.runs)
+
+
+def test_whole_nanoseconds_are_read(clean: Session) -> None:
+    session = spoil(clean, with_time(lambda time: np.floor(time * 1e9) + 1_700_000_000_000_000_000))
+    session, issues = mend_time_unit(session)
+    assert [(one.issue, one.severity) for one in issues] == [("wrong_time_base", "note")]
+    assert session.runs[0].sample_interval == pytest.approx(clean.runs[0].sample_interval, rel=1e-4)
+    assert mend_time_unit(clean) == (clean, [])
+
+
+def test_the_same_recording_twice_is_told(clean: Session) -> None:
+    (issue,) = find_repeated([clean, clean.replace(name="copy")])
+    assert (issue.issue, issue.severity) == ("repeated_session", "fatal")
+    assert "copy/run0 is clean/run0" in issue.evidence
+    assert not find_repeated([clean])
