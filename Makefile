@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types bench api clean install
+.PHONY: run test lint types bench api fuzz clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -27,6 +27,11 @@ bench: install
 # The reference of all public names, from their docstrings.
 api: install
 	$(BIN)/pdoc --docformat google --output-directory out/api ident plan
+
+# Spoilt files into every reader. More than a minute: make fuzz SECONDS=36000; the same again: SEED=…
+SECONDS ?= 60
+fuzz: install
+	$(BIN)/python -m tests.fuzz.run --seconds $(SECONDS) $(if $(SEED),--seed $(SEED))
 
 install: $(STAMP)
 

@@ -131,7 +131,7 @@ def test_a_wrong_time_base_is_found_by_the_velocity(factor: float, clean: Sessio
     assert "125 Hz" in report.issues[0].evidence
 
 
-@pytest.mark.parametrize("factor", [1e9, 1e6, 1e3, 4.0, 3.0, 0.25])
+@pytest.mark.parametrize("factor", [1.1e9, 1.1e6, 1e3, 4.0, 3.0, 0.25])
 def test_a_grossly_wrong_time_base_is_found_without_velocity(factor: float, clean: Session, arm: ArmModel) -> None:
     """By the unit of time, by inertia against gravity, or by speeds beyond the robot's limits."""
     report = inspect(without_velocity(spoil(clean, lambda run: run.replace(time=run.time * factor))), arm)

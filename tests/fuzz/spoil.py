@@ -1,0 +1,157 @@
+"""Ways to spoil a file, by what it holds (rows, cells, keys, numbers) and by its bytes; all follow from a generator."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+
+import numpy as np
+
+Rng = np.random.Generator
+Spoil = Callable[[bytes, Rng], bytes]
+
+NUMBERS = ["nan", "inf", "-inf", "1e282", "-1e308", "1e-320", "0", "-1", "1e9", "9" * 400, "1.7e9", "0x10", "1,5", ""]
+TEXTS = ["\x00", "\x1b[31m", '"""', "$(touch RUN)", "[x]", "é\u202e", "a" * 5000, "\n", "../..", "=1+1", "';--", "{}"]
+VALUES = [None, True, -1, 1e308, float("nan"), float("inf"), 10**400, "x", [], {}, [[]], "\ud800", "__import__('os')"]
+
+
+def cut_short(data: bytes, rng: Rng) -> bytes:
+    return data[: int(rng.integers(0, len(data) + 1))]
+
+
+def flip_bytes(data: bytes, rng: Rng) -> bytes:
+    changed = bytearray(data)
+    for _ in range(int(rng.integers(1, 9))):
+        if changed:
+            changed[int(rng.integers(len(changed)))] = int(rng.integers(256))
+    return bytes(changed)
+
+
+def repeat_part(data: bytes, rng: Rng) -> bytes:
+    begin, end = sorted(int(k) for k in rng.integers(0, len(data) + 1, 2))
+    return data[:end] + data[begin:end] + data[end:]
+
+
+def insert_noise(data: bytes, rng: Rng) -> bytes:
+    at = int(rng.integers(0, len(data) + 1))
+    return data[:at] + rng.bytes(int(rng.integers(1, 64))) + data[at:]
+
+
+def nothing_left(data: bytes, rng: Rng) -> bytes:
+    return b""
+
+
+def change_cells(data: bytes, rng: Rng) -> bytes:
+    """Some cells of a text table become other numbers or texts."""
+    lines = data.decode("utf-8", "surrogateescape").split("\n")
+    for _ in range(int(rng.integers(1, 6))):
+        row = int(rng.integers(len(lines)))
+        cells = lines[row].split(",")
+        cells[int(rng.integers(len(cells)))] = str(rng.choice(NUMBERS + TEXTS))
+        lines[row] = ",".join(cells)
+    return "\n".join(lines).encode("utf-8", "surrogateescape")
+
+
+def change_rows(data: bytes, rng: Rng) -> bytes:
+    """Rows are swapped, repeated, dropped."""
+    lines = data.split(b"\n")
+    for _ in range(int(rng.integers(1, 6))):
+        a, b = (int(k) for k in rng.integers(0, len(lines), 2))
+        kind = int(rng.integers(3))
+        if kind == 0:
+            lines[a], lines[b] = lines[b], lines[a]
+        elif kind == 1:
+            lines.insert(a, lines[b])
+        elif len(lines) > 1:
+            del lines[a]
+    return b"\n".join(lines)
+
+
+def change_values(data: bytes, rng: Rng) -> bytes:
+    """A value of a TOML or XML text becomes another one."""
+    text = data.decode("utf-8", "surrogateescape")
+    marks = [k for k, letter in enumerate(text) if letter in '="']
+    if not marks:
+        return data
+    at = marks[int(rng.integers(len(marks)))] + 1
+    end = at + int(rng.integers(0, 20))
+    return (text[:at] + str(rng.choice(NUMBERS + TEXTS)) + text[end:]).encode("utf-8", "surrogateescape")
+
+
+def change_json(data: bytes, rng: Rng) -> bytes:
+    """A value somewhere in a JSON text becomes another one, or goes; or the text nests without end."""
+    try:
+        record = json.loads(data)
+    except ValueError:
+        return flip_bytes(data, rng)
+    if rng.random() < 0.05:
+        return b'{"a":' * 100_000
+    place = record
+    while isinstance(place, dict | list) and place:
+        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+        key = keys[int(rng.integers(len(keys)))]
+        if not isinstance(place[key], dict | list) or not place[key] or rng.random() < 0.3:
+            if rng.random() < 0.2:
+                del place[key]
+            else:
+                place[key] = VALUES[int(rng.integers(len(VALUES)))]
+            break
+        place = place[key]
+    try:
+        return json.dumps(record).encode()
+    except ValueError:  # an integer too long to be written by Python itself
+        return data.replace(b"1", b"9" * 5000, 1)
+
+
+def change_archive(data: bytes, rng: Rng) -> bytes:
+    """An array of an npz becomes one of another shape or kind, or its header lies."""
+    try:
+        with np.load(io.BytesIO(data)) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except Exception:
+        return flip_bytes(data, rng)
+    name = str(rng.choice(list(arrays)))
+    kinds: list[np.ndarray] = [
+        np.zeros(0),
+        np.array(3.0),
+        np.array(["a"]),
+        np.zeros((2, 3, 4)),
+        np.full(arrays[name].shape, np.nan) if arrays[name].dtype.kind == "f" else np.arange(3),
+        arrays[name][::-1],
+        np.array([{}], dtype=object),
+        np.zeros(5, dtype=complex),
+    ]
+    arrays[name] = kinds[int(rng.integers(len(kinds)))]
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    if rng.random() < 0.3:
+        return _lie_about_shape(packed.getvalue())
+    return packed.getvalue()
+
+
+def _lie_about_shape(data: bytes) -> bytes:
+    """An array that claims to hold terabytes."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as source, zipfile.ZipFile(out, "w") as target:
+        for number, name in enumerate(source.namelist()):
+            content = source.read(name)
+            if number == 0:
+                content = content.replace(b"(", b"(99999999999,", 1)
+            target.writestr(name, content)
+    return out.getvalue()
+
+
+BYTES: tuple[Spoil, ...] = (cut_short, flip_bytes, repeat_part, insert_noise, nothing_left)
+BY_KIND: dict[str, tuple[Spoil, ...]] = {
+    "csv": (change_cells, change_cells, change_rows, *BYTES),
+    "npz": (change_archive, change_archive, *BYTES),
+    "parquet": BYTES,
+    "mcap": BYTES,
+    "db3": BYTES,
+    "toml": (change_values, change_values, change_rows, *BYTES),
+    "urdf": (change_values, change_values, change_rows, *BYTES),
+    "json": (change_json, change_json, *BYTES),
+    "safetensors": BYTES,
+}
