@@ -59,9 +59,9 @@ def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
     if len(run) < LEAST_SAMPLES or run.duration <= 0.0:
         return None
     interval = run.sample_interval
-    cutoff = min(cutoff, 0.2 / interval)
     if not interval > 0.0 or run.duration > MOST_GRID * interval * len(run):
         return None  # the clock leaps or falls: nothing even lies over it
+    cutoff = min(cutoff, 0.2 / interval)
     grid = np.arange(run.time[0], run.time[-1], interval)
     edge = int(EDGE_PERIODS / cutoff / interval)
     step = max(1, int(1.0 / (SAMPLES_PER_PERIOD * cutoff * interval)))
