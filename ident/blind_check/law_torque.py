@@ -18,7 +18,7 @@ from ident.effects.rigid_body import point_mass
 from ident.plant.hardware import Hardware
 from ident.plant.loop import fresh_state, friction_torque, records
 from ident.plant.mjcf import AddedBody
-from ident.plant.outside import outside_torque
+from ident.plant.outside import outside_torque, remembered_torque
 from ident.plant.thermal import cool_down, warm_up
 from ident.plant.transmission import hose_torque, ripple_torque
 from ident.trajectories.reference import TICK_S
@@ -93,6 +93,7 @@ def _follow(
             torque[k, j] = rubbing + ripple_torque(drive[j], q[k, j], link[k, j])
             torque[k, j] -= hose_torque(drive[j], q[k, j])
             torque[k, j] -= outside_torque(outside[j], j, q[k], dq[k], k * dt)
+            torque[k, j] -= remembered_torque(outside[j], own, q[k, j], dq[k, j], dt)
 
 
 def rigid_change(hardware: Hardware, path: Track) -> Float[Array, "K n"]:

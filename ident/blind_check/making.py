@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.blind_check.cases import OTHER_EFFECTS_FROM, Slot, draw_case, draw_world_of
+from ident.blind_check.oracle import bound_of
 from ident.blind_check.semi_real import EFFECTS, RealArm, add_effect
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
@@ -41,6 +42,7 @@ class MakeTask:
         stamp: Of the simulating code.
         sources: Folders of real recordings to which the effect is added; empty to simulate.
         worlds: Where the case's world is drawn from; empty for the plant's own.
+        oracle: Whether the bound of single effects is worked out.
     """
 
     slot: Slot
@@ -52,6 +54,7 @@ class MakeTask:
     stamp: str
     sources: tuple[Path, ...] = ()
     worlds: tuple[WorldRange, ...] = ()
+    oracle: bool = True
 
 
 def case_key(seed: int, name: str) -> bytes:
@@ -67,11 +70,12 @@ class Made:
     answer: Answer
     robot: str
     source: int = -1
+    oracle: float | None = None
 
 
 def make(task: MakeTask) -> str:
     """Makes a case and seals its answer; returns its name. Draws again where a size is impossible."""
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
     for attempt in range(MOST_ATTEMPTS):
         try:
             made, excluded = _add_to_real(task, attempt) if task.sources else _simulate(task, attempt)
@@ -89,7 +93,9 @@ def make(task: MakeTask) -> str:
             "robot": made.robot,
             "source": made.source,
             "starts": [float(run.time[0]) for run in made.session.runs],
+            "oracle": made.oracle,
             "seconds": time.perf_counter() - start,
+            "processor_seconds": time.process_time() - used,
             "stamp": task.stamp,
         }
         _write(folder / MADE_NAME, record)
@@ -102,7 +108,12 @@ def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
     joints = ArmModel.load(base.robot).joint_names
     case = draw_case(task.slot, task.number, task.seed, base, joints, attempt)
     simulation = simulate(case.options, task.slot.name)
-    return Made(simulation.session, simulation.answer, base.robot), case.excluded
+    bound = None
+    if task.oracle and task.slot.kind == "single":
+        bound = bound_of(simulation)
+    return Made(
+        simulation.session, simulation.answer, base.robot, oracle=bound.accuracy if bound else None
+    ), case.excluded
 
 
 @lru_cache(maxsize=2)

@@ -48,6 +48,7 @@ class BlindOptions:
         robot: URDF path or name.
         semi_real: Folder of real recordings to which known effects are added, instead of simulated cases.
         runs, duration: Number of runs of each session, and their rough duration [s]; of a world, its own.
+        oracle: Whether the most that anybody can name is worked out, for single effects in worlds.
         worlds: Names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own.
     """
 
@@ -62,6 +63,7 @@ class BlindOptions:
     runs: int = 10
     duration: float = 8.0
     worlds: str = ""
+    oracle: bool = True
 
 
 def run_blind(
@@ -137,7 +139,7 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
         "semi_real": str(options.semi_real) if options.semi_real else None,
         "runs": options.runs,
         "duration": options.duration,
-        **({"worlds": options.worlds} if options.worlds else {}),
+        **({"worlds": options.worlds, "oracle": options.oracle} if options.worlds else {}),
     }
 
 
@@ -157,6 +159,7 @@ def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
             stamp=stamp,
             sources=tuple(source.resolve() for source in sources),
             worlds=worlds,
+            oracle=options.oracle,
         )
         for number, slot in enumerate(_slots(options, seed))
     ]
@@ -237,7 +240,8 @@ def _open(task: MakeTask, made: Mapping[str, Any], results: Mapping[str, Mapping
     slot = task.slot
     answer = open_envelope(task.sealed, case_key(task.seed, slot.name))
     there = results.get(f"untouched_{made['source']}", {}).get("diagnosis")
-    return score_case(slot, answer, results[slot.name], made["starts"], there)
+    outcome = score_case(slot, answer, results[slot.name], made["starts"], there)
+    return replace(outcome, oracle=made.get("oracle"))
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -71,6 +71,7 @@ class Outcome:
         urdf_wrong: Whether the URDF of its world is wrong beyond any tolerance.
         excused: Whether each name is true of the world, though nothing of the kind was hidden.
         refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
+        oracle: Probability that an oracle names the effect; None where it was not asked.
     """
 
     name: str
@@ -96,6 +97,7 @@ class Outcome:
     urdf_wrong: bool = False
     excused: tuple[bool, ...] = ()
     refusal_score: float | None = None
+    oracle: float | None = None
 
     @property
     def false_names(self) -> list[bool]:

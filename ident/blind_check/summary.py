@@ -108,6 +108,19 @@ class BlindReport(Result):
         return find_worst(self.worlds)
 
     @cached_property
+    def efficiency(self) -> dict[str, Score]:
+        """By size: effects named, over those that an oracle would name; the oracle's share is taken as known."""
+        asked = self.of("single", where=lambda one: one.oracle is not None)
+        found = {}
+        for size in sorted({one.amplitude for one in asked}):
+            cases = [one for one in asked if one.amplitude == size]
+            best = sum(one.oracle or 0.0 for one in cases) / len(cases)
+            ours = share([one.strict for one in cases])
+            ends = [None if end is None or best <= 0.0 else end / best for end in (ours.value, ours.low, ours.high)]
+            found[f"{size:g}"] = Score(*ends, len(cases))
+        return found
+
+    @cached_property
     def reliability(self) -> dict[str, Score]:
         """Of each effect, how often its name is true where it is given."""
         found: dict[str, list[bool]] = {}
@@ -175,7 +188,7 @@ class BlindReport(Result):
             "failed": sum(one.verdict == "failed" for one in self.outcomes),
             "seals": self.seals,
             "provenance": self.provenance.to_dict(),
-            "scores": _values(self.scores),
+            "scores": {**_values(self.scores), "efficiency": _values(self.efficiency)},
             "intervals": _intervals(self.scores),
             "counts": {name: score.count for name, score in self.scores.items()},
             "strata": {cell: _full(scores) for cell, scores in self.strata.items()},
@@ -184,6 +197,7 @@ class BlindReport(Result):
             "coverage": _full(self.coverage),
             "worlds": {axis: [one.to_dict() for one in strata] for axis, strata in self.worlds.items()},
             "worst_stratum": _worst(self.worst),
+            "efficiency": _full(self.efficiency),
             "reliability": _full(self.reliability),
             "baselines": {method: _values(scores) for method, scores in self.baselines.items()},
             "confidently_wrong": [one.name for one in self.confidently_wrong],

@@ -12,7 +12,7 @@ from ident.arrays import Array
 from ident.plant.contact import Contact, push
 from ident.plant.friction import bristle, sliding_level, viscous_drag
 from ident.plant.native import call_step, step_address
-from ident.plant.outside import outside_torque
+from ident.plant.outside import outside_torque, remembered_torque
 from ident.plant.thermal import warm_up
 from ident.plant.transmission import hose_torque, ripple_torque, spring_torque
 
@@ -84,6 +84,8 @@ STATE = np.dtype(
             "net",  # of the motor, less what its own friction takes [N m]
             "link",  # torque that acts on the link directly [N m]
             "spring",  # torque between motor and link [N m]
+            "stretched",  # torque of a seal that relaxes [N m]
+            "age",  # of the dry contact [s]
         )
     ]
 )
@@ -179,6 +181,7 @@ def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> N
         own.net = own.torque - rubbing - ripple_torque(drive, own.motor_angle, own.transmitted)
         own.link = hose_torque(drive, engine.qpos[j])
         own.link += outside_torque(laws.outside[j], j, engine.qpos, engine.qvel, elapsed)
+        own.link += remembered_torque(laws.outside[j], own, engine.qpos[j], engine.qvel[j], dt)
         loss = max(rubbing * own.motor_speed, 0.0) + laws.heat[j].copper * own.torque**2
         warm_up(laws.heat[j], own, loss, dt)
     for j in range(n):

@@ -3,6 +3,13 @@
 Cable drag, velocity-product drag and brake drag act here as torques in the loop; the sloshing load is a body
 (`mjcf.Slosh`), the skidding friction a level of the bristles (`friction.FrictionLaw.skid`), and the supply's sag a
 reading of the drive (`sensing.Sensing.sag`).
+
+Laws with a memory or of the mesh act here too: a seal that relaxes (Maxwell's element), dry friction that grows while
+the contact rests (rate and state), teeth whose friction turns round at the pitch point, and a gear's kinematic error,
+which shakes the link the harder the nearer its order comes to the drive's resonance.
+
+Source: Maxwell 1867; Dieterich 1979 and Ruina 1983 (rate and state); Velex and Cahouet 2000 (tooth friction); Tuttle
+and Seering 1996 (kinematic error of a strain-wave gear and its resonance).
 """
 
 from __future__ import annotations
@@ -24,6 +31,11 @@ class OutsideLaw(NamedTuple):
         cable_centre, cable_width: The band's centre and half width [rad].
         product, product_other: Drag per product of two joints' speeds [N m s²/rad²], the other joint.
         brake, brake_decay: Drag of a brake that lets go late [N m], its decay time [s].
+        seal, seal_relaxation: Stiffness of a seal that relaxes [N m/rad], its relaxation time [s].
+        ageing, ageing_slip: Dry friction per e-fold of the contact's age [N m], slip that renews the contact [rad].
+        tooth, tooth_order: Tooth friction per transmitted torque, teeth a joint turn.
+        wobble, wobble_order, wobble_inertia: Kinematic error [rad], its lobes a joint turn, inertia it shakes [kg m²].
+        wobble_resonance: Of the drive that it meets [rad/s].
     """
 
     cable: Array
@@ -35,6 +47,16 @@ class OutsideLaw(NamedTuple):
     product_other: Array
     brake: Array
     brake_decay: Array
+    seal: Array
+    seal_relaxation: Array
+    ageing: Array
+    ageing_slip: Array
+    tooth: Array
+    tooth_order: Array
+    wobble: Array
+    wobble_order: Array
+    wobble_inertia: Array
+    wobble_resonance: Array
 
 
 def nothing_outside(n: int) -> OutsideLaw:
@@ -50,6 +72,16 @@ def nothing_outside(n: int) -> OutsideLaw:
         product_other=np.zeros(n, dtype=np.int64),
         brake=zero.copy(),
         brake_decay=np.full(n, 1.0),
+        seal=zero.copy(),
+        seal_relaxation=np.full(n, 0.3),
+        ageing=zero.copy(),
+        ageing_slip=np.full(n, 5e-3),
+        tooth=zero.copy(),
+        tooth_order=np.full(n, 20.0),
+        wobble=zero.copy(),
+        wobble_order=np.full(n, 100.0),
+        wobble_inertia=zero.copy(),
+        wobble_resonance=np.full(n, 60.0),
     )
 
 
@@ -69,4 +101,38 @@ def outside_torque(joint: Any, j: int, q: Array, v: Array, elapsed: float) -> fl
         torque -= joint.product * v[j] * abs(v[joint.product_other])
     if joint.brake != 0.0:
         torque -= joint.brake * slide * np.exp(-elapsed / joint.brake_decay)
+    return torque
+
+
+# A contact younger than this has no more friction than a fresh one [s].
+YOUNGEST_S = 0.02
+# Damping ratio of the resonance that a kinematic error meets.
+WOBBLE_DAMPING = 0.15
+
+
+@njit(cache=True)
+def remembered_torque(joint: Any, state: Any, angle: float, v: float, dt: float) -> float:
+    """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the memory in place.
+
+    Args:
+        joint: A record of `OutsideLaw`.
+        state: The joint's own, with `stretched` [N m], `age` [s] and `transmitted` [N m].
+        angle, v: Of the joint [rad], [rad/s].
+        dt: Step [s].
+    """
+    torque = 0.0
+    if joint.seal != 0.0:  # d(stretched)/dt = k v - stretched / relaxation, implicit
+        state.stretched = (state.stretched + joint.seal * v * dt) / (1.0 + dt / joint.seal_relaxation)
+        torque -= state.stretched
+    if joint.ageing != 0.0:  # d(age)/dt = 1 - |v| age / slip, implicit
+        state.age = (state.age + dt) / (1.0 + dt * abs(v) / joint.ageing_slip)
+        torque -= joint.ageing * np.log(1.0 + state.age / YOUNGEST_S) * np.tanh(v / 2e-3)
+    if joint.tooth != 0.0:
+        wave = np.sin(joint.tooth_order * angle)
+        torque -= joint.tooth * abs(state.transmitted) * np.tanh(v / 0.01) * np.tanh(4.0 * wave)
+    if joint.wobble != 0.0:
+        pulse = joint.wobble_order * v
+        share = pulse / joint.wobble_resonance
+        growth = 1.0 / np.sqrt((1.0 - share**2) ** 2 + (2.0 * WOBBLE_DAMPING * share) ** 2)
+        torque -= joint.wobble_inertia * joint.wobble * pulse**2 * growth * np.sin(joint.wobble_order * angle)
     return torque

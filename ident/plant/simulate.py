@@ -102,12 +102,18 @@ class Simulation:
         answer: What was wrong.
         hardware: The hidden arm, for tests.
         motions: What it was asked to do.
+        options: What was wanted.
+        meter: What measures how much causes show, on the arm without any.
+        seeds: Of the other parameters of each effect.
     """
 
     session: Session
     answer: Answer
     hardware: Hardware
     motions: tuple[Motion, ...]
+    options: SimulationOptions = SimulationOptions()
+    meter: VisibilityMeter | None = None
+    seeds: tuple[int, ...] = ()
 
 
 def simulate(
@@ -139,8 +145,9 @@ def simulate(
     healthy, channels, floors, band = _surroundings(healthy, options, plans, pauses)
     meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors, band)
     hardware, effects = healthy, []
-    for request, joint in zip(requests, joints, strict=True):
-        hardware, effect = _add_effect(request, joint, hardware, meter, int(effect_rng.integers(2**63)), options)
+    seeds = tuple(int(effect_rng.integers(2**63)) for _ in requests)
+    for request, joint, seed in zip(requests, joints, seeds, strict=True):
+        hardware, effect = _add_effect(request, joint, hardware, meter, seed, options)
         effects.append(effect)
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
     payload = options.payload
@@ -149,7 +156,7 @@ def simulate(
     world = options.world.to_dict() if options.world else {}
     losses = true_losses(healthy) if options.world else {}
     answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, world, losses)
-    return Simulation(session, answer, hardware, plans)
+    return Simulation(session, answer, hardware, plans, options, meter, seeds)
 
 
 def _check(options: SimulationOptions) -> None:

@@ -47,6 +47,7 @@ class VisibleRows:
         torque: Torque as the drives read it [N m], shape (T, n).
         known: Share of it that the model is not free to change [N m], shape (T, n).
         moving: Whether each joint moves, shape (T, n).
+        speed: Of the joints [rad/s], shape (T, n).
         run, time: Number of the run, and time since its start [s], shape (T,).
     """
 
@@ -54,6 +55,7 @@ class VisibleRows:
     torque: Float[Array, "T n"]
     known: Float[Array, "T n"]
     moving: Array
+    speed: Float[Array, "T n"]
     run: Array
     time: Float[Array, " T"]
 
@@ -80,7 +82,7 @@ def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Visib
     known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
     count = np.full(len(times), number)
     torque = _reading(hardware, trace)
-    return VisibleRows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, count, times)
+    return VisibleRows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, dq, count, times)
 
 
 def _sample_times(trace: Trace) -> Float[Array, " T"]:
@@ -142,6 +144,30 @@ def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -
             if own.sum() > 3 * LEAST_FILTERED:
                 kept[own, j] = sosfiltfilt(filter_sos, kept[own, j], padlen=LEAST_FILTERED)
     return kept
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a cause leaves over time after the best ordinary model.
+
+    Attributes:
+        torque: [N m], shape (T, n); zero where a joint stands still.
+        moving: Whether each joint moves, shape (T, n).
+        run: Number of each sample's run, shape (T,).
+        speed: Of the joints without the cause [rad/s], shape (T, n).
+        share: Share of the session's runs that were simulated.
+    """
+
+    torque: Float[Array, "T n"]
+    moving: Array
+    run: Array
+    speed: Float[Array, "T n"]
+    share: float
+
+    def level(self, floor: Float[Array, " n"]) -> float:
+        """Visible amplitude over the noise floor at the joint where that is largest."""
+        counts = np.maximum(self.moving.sum(axis=0), 1)
+        return float((np.sqrt((self.torque**2).sum(axis=0) / counts) / floor).max())
 
 
 class Way(NamedTuple):
@@ -216,6 +242,24 @@ class VisibilityMeter:
             self._seen[key] = freeze(amplitude(after, before, window, self.band))
         return self._seen[key]
 
+    def show(self, cause: Cause, scene: Scene, size: float, seed: int, view: View, all_runs: bool) -> Shown:
+        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones.
+
+        Args:
+            cause, scene, size, seed: As of `measure`.
+            view: What a fit may absorb.
+            all_runs: Whether all of them.
+        """
+        hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
+        elastic = bool(hardware.drive.elastic.any())
+        step = choose_step(hardware if elastic else self.hardware, coarse=True)
+        way = Way(all_runs, step)
+        before, after = self._plain(way, view), self._changed(hardware, way, view)
+        both = after.moving & before.moving
+        left = np.where(both, remainder(after) - remainder(before), 0.0)
+        used = len(self.motions[:: self._skip(way)]) / len(self.motions)
+        return Shown(left, both, before.run, before.speed, used)
+
     def _plain(self, way: Way, view: View) -> VisibleRows:
         """The arm without a cause."""
         if (way, view) not in self._plain_rows:
@@ -233,11 +277,15 @@ class VisibilityMeter:
 
     def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
         """Runs without sensor noise."""
-        total = sum(motion.duration for motion in self.motions)
-        skip = 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
+        skip = self._skip(way)
         silent = hardware.replace(sensing=hardware.sensing.silent())
         simulator = Simulator(silent, np.random.default_rng(self.seed), way.coarse_step)
         return simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
+
+    def _skip(self, way: Way) -> int:
+        """Which runs are simulated: every so many."""
+        total = sum(motion.duration for motion in self.motions)
+        return 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
 
     def share(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
         """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""

@@ -129,11 +129,30 @@ def _disturbance(hardware: Hardware) -> Float[Array, " n"]:
 
 def usable_band(hardware: Hardware, world: World) -> Float[Array, " n"]:
     """Frequency at each joint where encoder noise, as torque, becomes as strong as the torque's noise [Hz]."""
-    sensing, interval = hardware.sensing, 1.0 / world.rate_hz
     highest = max(min(GREATEST_BAND_HZ, 0.4 * world.rate_hz), LEAST_BAND_HZ)
     f = np.geomspace(LEAST_BAND_HZ, highest, 200)[:, None]
-    corner = sensing.corner_hz
-    torque = 2.0 * sensing.white**2 * interval + sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2)
-    encoder = 2.0 * _disturbance(hardware) ** 2 * interval * (2.0 * np.pi * f) ** 4
+    torque, encoder = _torque_density(hardware, world, f), _encoder_density(hardware, world, f)
     below = (encoder < torque).sum(axis=0)
     return f[np.clip(below - 1, 0, len(f) - 1), 0]
+
+
+def _torque_density(hardware: Hardware, world: World, f: Float[Array, "F 1"]) -> Float[Array, "F n"]:
+    """Spectral density, one-sided, of an unloaded joint's torque noise [(N m)²/Hz]."""
+    sensing, corner = hardware.sensing, hardware.sensing.corner_hz
+    white = 2.0 * sensing.white**2 / world.rate_hz
+    return np.asarray(white + sensing.coloured**2 * (2.0 / np.pi) * corner / (corner**2 + f**2))
+
+
+def _encoder_density(hardware: Hardware, world: World, f: Float[Array, "F 1"]) -> Float[Array, "F n"]:
+    """Spectral density, one-sided, of what encoder noise becomes as torque of inertia [(N m)²/Hz]."""
+    return np.asarray(2.0 * _disturbance(hardware) ** 2 / world.rate_hz * (2.0 * np.pi * f) ** 4)
+
+
+def noise_density(hardware: Hardware, world: World, frequencies: Float[Array, " F"]) -> Float[Array, "F n"]:
+    """Spectral density, one-sided, of all noise in a torque residual [(N m)²/Hz].
+
+    Above half of the log rate nothing is seen: the density there is without bound.
+    """
+    f = np.asarray(frequencies, dtype=float)[:, None]
+    density = _torque_density(hardware, world, f) + _encoder_density(hardware, world, f)
+    return np.where(f <= 0.5 * world.rate_hz, density, np.inf)

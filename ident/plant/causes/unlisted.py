@@ -70,6 +70,43 @@ def _sag(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return h.replace(sensing=sensing), {"relative_rise": size, "at_power_W": power}
 
 
+def _seal(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    """A seal winds up with the shaft and relaxes: a spring when quick, viscous when slow."""
+    relaxation = float(np.exp(scene.rng.uniform(np.log(0.1), np.log(0.8))))
+    hardware = scene.hardware.with_laws("outside", scene.joint, seal=size, seal_relaxation=relaxation)
+    return hardware, {"stiffness_Nm_rad": size, "relaxation_s": relaxation}
+
+
+def _ageing(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    """The contact strengthens while it rests, and is renewed by slip."""
+    slip = float(np.exp(scene.rng.uniform(np.log(3e-3), np.log(3e-2))))
+    hardware = scene.hardware.with_laws("outside", scene.joint, ageing=size, ageing_slip=slip)
+    return hardware, {"friction_per_efold_Nm": size, "slip_rad": slip}
+
+
+def _tooth(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    """Planetary or worm teeth slide inwards, then outwards: their friction turns round at every pitch point."""
+    order = float(scene.rng.integers(12, 40))
+    hardware = scene.hardware.with_laws("outside", scene.joint, tooth=size, tooth_order=order)
+    return hardware, {"mu": size, "teeth": order}
+
+
+def _wobble(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+    """A strain-wave gear's kinematic error shakes the link, hardest where it meets the drive's resonance."""
+    h, j = scene.hardware, scene.joint
+    order = float(h.drive.ripple_order[j])
+    resonance = float(2.0 * np.pi * scene.rng.uniform(6.0, 14.0))
+    hardware = h.with_laws(
+        "outside",
+        j,
+        wobble=size,
+        wobble_order=order,
+        wobble_inertia=h.drive.rotor_inertia[j],
+        wobble_resonance=resonance,
+    )
+    return hardware, {"error_rad": size, "order": order, "resonance_Hz": resonance / (2.0 * np.pi)}
+
+
 UNLISTED = (
     Cause("cable_drag", "drag_Nm", lambda s: 0.4 * s.coulomb, _stall, _cable),
     Cause("velocity_product_drag", "drag_Nms2_rad2", lambda s: 1.2 * s.coulomb, lambda s: (0.0, s.rated), _product),
@@ -78,5 +115,17 @@ UNLISTED = (
     ),
     Cause("acceleration_friction", "friction_Nm", lambda s: 0.5 * s.coulomb, _stall, _skid),
     Cause("brake_drag", "drag_Nm", lambda s: 0.8 * s.coulomb, _stall, _brake),
+    Cause(
+        "seal_relaxation",
+        "stiffness_Nm_rad",
+        lambda s: 3.0 * s.coulomb,
+        lambda s: (0.0, 3.0 * s.rated),
+        _seal,
+    ),
+    Cause(
+        "contact_ageing", "friction_per_efold_Nm", lambda s: 0.1 * s.coulomb, lambda s: (0.0, 0.1 * s.rated), _ageing
+    ),
+    Cause("tooth_friction", "mu", lambda s: 0.05, between(0.0, 0.6), _tooth),
+    Cause("kinematic_error", "error_rad", lambda s: 2e-4, between(0.0, 0.02), _wobble),
     Cause("supply_sag", "relative_rise", lambda s: 0.1, between(0.0, 2.0), _sag),
 )
