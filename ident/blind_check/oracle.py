@@ -131,5 +131,6 @@ def _ask(gram: Float[Array, "K K"], rng: np.random.Generator) -> Bound:
     log_likelihood = data[:, :, None] * scaled - 0.5 * scaled**2 * np.diag(gram)[:, None]
     evidence = np.logaddexp.reduce(log_likelihood, axis=2) - np.log(len(sizes))
     best = evidence.argmax(axis=1)
-    some = evidence.max(axis=1) > 0.0
+    # Before the data, none is as probable as all causes together: what does not show is not named.
+    some = evidence.max(axis=1) > np.log(k)
     return Bound(float(np.mean((best == 0) & some)), float(np.mean(some)), k)

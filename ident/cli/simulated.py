@@ -113,6 +113,7 @@ def blind(
         typer.Option(help="Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without)."),
     ] = "",
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
+    oracle: Annotated[bool, typer.Option(help="Work out what an oracle would name (in worlds; takes time).")] = True,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
@@ -130,6 +131,7 @@ def blind(
         semi_real=semi_real,
         worlds=worlds,
         mix=parse_mix(mix) if mix else FULL_MIX,
+        oracle=oracle,
     )
     with progress_bar(console, "blind check", "") as progress:
         report = run_blind(

@@ -85,7 +85,7 @@ class World:
     @property
     def run_duration_s(self) -> float:
         """Rough duration of a run [s]."""
-        return max(self.duration_s / self.runs, SHORTEST_RUN_S)
+        return max(self.duration_s / max(self.runs, 1), SHORTEST_RUN_S)
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)

@@ -274,7 +274,8 @@ def settle(
         velocity: Whether there is a velocity channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
-    world = replace(world, robot=robot or world.robot, runs=runs or world.runs, rate_hz=rate or world.rate_hz)
+    asked = {"robot": robot, "runs": runs, "rate_hz": rate}
+    world = replace(world, **{name: value for name, value in asked.items() if value is not None})
     if run_duration is not None:
         world = replace(world, duration_s=run_duration * world.runs)
     if velocity is not None:
