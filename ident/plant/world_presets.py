@@ -274,8 +274,12 @@ def settle(
         velocity: Whether there is a velocity channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
-    asked = {"robot": robot, "runs": runs, "rate_hz": rate}
-    world = replace(world, **{name: value for name, value in asked.items() if value is not None})
+    world = replace(
+        world,
+        robot=world.robot if robot is None else robot,
+        runs=world.runs if runs is None else runs,
+        rate_hz=world.rate_hz if rate is None else rate,
+    )
     if run_duration is not None:
         world = replace(world, duration_s=run_duration * world.runs)
     if velocity is not None:
