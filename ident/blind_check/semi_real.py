@@ -131,9 +131,10 @@ class RealArm:
                 parts.insert(0, self.arm.regressor(q, dq, ddq))
             columns.append(motion.filtered(np.concatenate(parts, axis=2)))
             filtered.append(motion.filtered(torque))
-        moving = np.concatenate([np.abs(m.dq[m.coarse]) > STILL_RAD_S for m in self.motions])
-        torque, none = np.concatenate(filtered), np.zeros(len(moving))
-        return VisibleRows(np.concatenate(columns), torque, np.zeros_like(torque), moving, run=none, time=none)
+        speed = np.concatenate([motion.dq[motion.coarse] for motion in self.motions])
+        torque, none = np.concatenate(filtered), np.zeros(len(speed))
+        moving = np.abs(speed) > STILL_RAD_S
+        return VisibleRows(np.concatenate(columns), torque, np.zeros_like(torque), moving, speed, run=none, time=none)
 
     @cached_property
     def floor(self) -> Float[Array, " n"]:

@@ -116,8 +116,10 @@ class BlindReport(Result):
             cases = [one for one in asked if one.amplitude == size]
             best = sum(one.oracle or 0.0 for one in cases) / len(cases)
             ours = share([one.strict for one in cases])
-            ends = [None if end is None or best <= 0.0 else end / best for end in (ours.value, ours.low, ours.high)]
-            found[f"{size:g}"] = Score(*ends, len(cases))
+            value, low, high = (
+                None if end is None or best <= 0.0 else end / best for end in (ours.value, ours.low, ours.high)
+            )
+            found[f"{size:g}"] = Score(value, low, high, len(cases))
         return found
 
     @cached_property
