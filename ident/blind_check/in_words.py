@@ -12,13 +12,20 @@ if TYPE_CHECKING:
 
 
 def summary(report: BlindReport) -> str:
-    """Every score with its 95 % interval, a line each."""
+    """Every score with its 95 % interval, a line each; efficiency by size, and the worst stratum of worlds."""
     record = report.to_dict()
     lines = []
     for name, value in record["scores"].items():
+        if isinstance(value, dict):
+            sizes = ", ".join(f"{size}x {one if one is None else round(one, 3)}" for size, one in value.items())
+            lines += [f"  {name}: {sizes}"] if sizes else []
+            continue
         low, high = record["intervals"].get(name, (None, None))
         interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
         lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+    if record["worst_stratum"] is not None:
+        worst = record["worst_stratum"]
+        lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")
     return "\n".join(lines)
 
 

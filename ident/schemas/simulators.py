@@ -71,6 +71,10 @@ class BlindRecord(TypedDict):
     calibration: list[dict[str, Any]]
     coverage: dict[str, dict[str, float | int | None]]
     baselines: dict[str, dict[str, float | None]]
+    worlds: dict[str, list[dict[str, Any]]]
+    worst_stratum: dict[str, Any] | None
+    efficiency: dict[str, dict[str, float | int | None]]
+    reliability: dict[str, dict[str, float | int | None]]
     confidently_wrong: list[str]
     seconds_per_case: float | None
     outcomes: list[dict[str, Any]]

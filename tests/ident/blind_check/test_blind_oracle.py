@@ -54,3 +54,4 @@ def test_efficiency_is_ours_over_the_oracles() -> None:
     report = BlindReport("several", 1, {}, tuple(cases), {})
     assert report.efficiency["3"].value == pytest.approx(0.5 / 0.8)
     assert report.to_dict()["scores"]["efficiency"] == {"3": pytest.approx(0.625)}
+    assert "efficiency: 3x 0.625" in report.summary()
