@@ -59,7 +59,11 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
     lines = _sort_lines(bytes(data), layout)
     if len(lines.numbers) == 0 or len(lines.misshapen) > len(lines.numbers):
         _refuse_shape(path, lines, layout)
-    parsed = _parse(lines.text, layout, chosen)
+    try:
+        parsed = _parse(lines.text, layout, chosen)
+    except pa.ArrowException as error:
+        reason = str(error).partition(":")[0]
+        raise RecordingError(path, f"its rows can't be parted ({reason})", "write the table again") from None
     bad = parsed.text | parsed.missing
     lost, has_text = bad.mean(axis=1) >= MOST_CELLS, parsed.text.any(axis=1)
     truncated = lines.truncated
@@ -97,7 +101,10 @@ def _cells(mask: Bool[Array, "R k"], numbers: Int[Array, " R"]) -> Int[Array, "c
 
 
 def _sort_lines(data: bytes, layout: TextLayout) -> Lines:
-    """Parts the lines by their number of cells; blank lines are skipped."""
+    """Parts the lines by their number of cells; blank lines are skipped.
+
+    A carriage return within a line would part it once more: it is made a letter, which spoils its cell alone.
+    """
     lines = data.split(b"\n")
     separator, expected = layout.separator.encode(), len(layout.names) - 1
     numbers = np.array([number for number in range(layout.first_line, len(lines)) if lines[number].strip()], dtype=int)
@@ -108,7 +115,7 @@ def _sort_lines(data: bytes, layout: TextLayout) -> Lines:
     good = numbers[right]
     misshapen = numbers[~right] + 1
     return Lines(
-        text=b"\n".join([lines[number].rstrip(b"\r") for number in good]),
+        text=b"\n".join([lines[number].rstrip(b"\r").replace(b"\r", b"?") for number in good]),
         numbers=good + 1,
         misshapen=misshapen[misshapen != truncated] if truncated else misshapen,
         truncated=truncated,

@@ -39,8 +39,12 @@ def read_commands(path: str | Path, arm: ArmModel) -> tuple[Motion, ...]:
 
 def _read_one(path: Path, arm: ArmModel) -> Motion:
     table = _table(path)
+    try:
+        names = set(table.column_names)
+    except UnicodeDecodeError:
+        raise RecordingError(path, "a column's name is not UTF-8", "write the file as UTF-8 text") from None
     wanted = ["time", *(f"{name}/position_command" for name in arm.joint_names)]
-    missing = [name for name in wanted if name not in table.column_names]
+    missing = [name for name in wanted if name not in names]
     if missing:
         raise RecordingError(path, f"no column {missing[0]!r}", f"give the columns {', '.join(wanted)}")
     try:
@@ -57,7 +61,7 @@ def _read_one(path: Path, arm: ArmModel) -> Motion:
 def _table(path: Path) -> pa.Table:
     try:
         return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8 is a ValueError
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(path, f"can't be read ({reason})", "give a .csv or .parquet file of commands") from None
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.recordings.load import load_recording
+from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Recording, TelemetryIssue
 
 
@@ -95,3 +95,14 @@ def test_decimal_commas_are_read_in_damaged_tables_too(lines: list[str], run: Re
     found, issues = read(tmp_path / "run.csv", [*rows[:51], "lost;x;x;x;x", *rows[51:]])
     np.testing.assert_allclose(found.effort, run.effort, atol=5.1e-7)
     assert issues[0].issue == "garbage_cells"
+
+
+def test_a_carriage_return_within_a_row_spoils_its_cell_alone(tmp_path: Path) -> None:
+    """Law: a byte that some readers take for a line's end changes no other row."""
+    rows = [f"{0.01 * k:.2f},{0.1 * k:.3f},{0.2 * k:.3f}" for k in range(40)]
+    rows[7] = rows[7].replace(",", ",\r", 1)
+    path = tmp_path / "run.csv"
+    path.write_bytes("\n".join(["time,j/position,j/effort", *rows, ""]).encode())
+    run = load_session(path).runs[0]
+    assert len(run) == 40
+    assert [issue.issue for issue in run.issues] == ["garbage_cells"]
