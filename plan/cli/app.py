@@ -122,6 +122,26 @@ def compare(
 
 
 @app.command()
+def paper(
+    model: ModelFolder = None,
+    out: Annotated[Path, typer.Option(help="Folder for the page and its pictures.")] = Path("out/paper"),
+    epochs: Annotated[int, typer.Option(help="PPO's epochs on Table 3's task (the paper's: 500).", min=1)] = 500,
+    generations: Annotated[int, typer.Option(help="The genetic algorithm's on the obstacle task.", min=1)] = 2000,
+    trials: Annotated[int, typer.Option(help="Trials of each tester and method.", min=1, max=5)] = 5,
+    levels: Annotated[int, typer.Option(help="Values of each variable in the brute force search.", min=2)] = 11,
+) -> None:
+    """The paper's planning tables and figures beside ours, on one page."""
+    from ident.model.hybrid import HybridModel
+    from plan.show.paper_page import write_page
+    from plan.solving.paper import Effort, repeat_paper
+
+    fitted = None if model is None else HybridModel.load(model)
+    with progress_bar(console, "paper") as progress:
+        found = repeat_paper(fitted, Effort(epochs, generations, trials, levels), progress)
+    console.print(f"page written to {write_page(found, out)}")
+
+
+@app.command()
 def excite(
     robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
     separate: Annotated[str | None, typer.Option(help="Effects to tell apart, or one to show: ID,ID.")] = None,

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from plan.dynamics.power import ChainTorque
+from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
 from plan.initial.starts import straight
 from plan.initial.ways import iterate_ways
@@ -27,8 +27,13 @@ FIRST_VIAS, COARSE = 2, 5
 SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
 # Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and on finer ones.
 WIDTHS = ((0.05, 2.0), (0.01, 0.5), (0.003, 0.1))
-# Sections from which on each is looked at in fewer places; and places of a section at which peaks are looked for.
-MANY, DENSE = 12, freeze(np.linspace(0.0, 1.0, 33))
+# Sections from which on each is looked at in fewer places.
+MANY = 12
+# Places of a section at which peaks are looked for: those of the ledger's evaluation among them, and close enough
+# together for the peak where a joint turns round and its friction changes sign.
+DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_nodes()[0]])))
+# Most times that limits are aimed lower because they were passed between the nodes.
+SETTLINGS = 2
 # A start whose cost lies this many times above the best after a third of its steps is given up.
 FAR = 1.25
 # Share of its limit that a search aims at below what the ledger asks for.
@@ -84,13 +89,22 @@ class Sequential(Planner):
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it lies far above the best of the others."""
         course = descend(course, ledger, *bounds(course.local), self.first // 3, 0.3, 1e-4)
-        enter(course, ledger)
+        course, _ = self._settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
         if best < (False, course.look.cost / FAR):
             return course
         course = descend(course, ledger, *bounds(course.local), self.first - self.first // 3, 0.1, 1e-4)
-        enter(course, ledger)
-        return course
+        return self._settle(course, ledger)[0]
+
+    def _settle(self, course: Course, ledger: Ledger) -> tuple[Course, float]:
+        """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
+        cost = enter(course, ledger)
+        for _ in range(SETTLINGS):
+            if ledger.remaining == 0 or not course.kept or not passes_between(course):
+                break
+            course = descend(tightened(course), ledger, *bounds(course.local), self.steps // 4, 0.02, 1e-5)
+            cost = min(cost, enter(course, ledger))
+        return course, cost
 
     def _initial(self, problems: Sequence[PlanningProblem], rng: np.random.Generator) -> Iterator[PlanningProblem]:
         first = problems[0]
@@ -114,10 +128,7 @@ class Sequential(Planner):
             for course, known in zip(courses, costs, strict=True):
                 refined = refine(course, *WIDTHS[min(level + 1, 2)], _nodes(timed, 2 * course.local.grid.sections))
                 refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
-                cost = enter(refined, ledger)
-                if refined.kept and passes_between(refined):
-                    refined = descend(tightened(refined), ledger, *bounds(refined.local), self.steps // 4, 0.02, 1e-5)
-                    cost = min(cost, enter(refined, ledger))
+                refined, cost = self._settle(refined, ledger)
                 if ledger.remaining == 0:
                     return
                 finer.append((cost, refined.rank, known, refined))

@@ -1,0 +1,39 @@
+"""The page that sets the paper's plans beside ours."""
+
+from pathlib import Path
+
+import pytest
+
+from plan.show.paper_page import write_page
+from plan.solving.compare import Comparison
+from plan.solving.paper import PAPER, Effort, Line, Repeat, repeat_paper
+from plan.solving.solve import solve
+from tests.plan.worlds import problem
+
+
+def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
+    """Paper's and our figures stand side by side, a failed trial says so, and every picture named is there."""
+    task = problem()
+    result = solve(task, "reference", gap=False)
+    failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
+    lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0))
+    repeat = Repeat(lines, Comparison("fig. 10", "energy", 100, 1.0, (result,)), {"figure_11": (task, result)})
+    page = write_page(repeat, tmp_path)
+    text = page.read_text()
+    assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
+    assert "can't be repeated" in text
+    for name in ("figure_10.png", "figure_11.png"):
+        assert f"({name})" in text
+        assert (tmp_path / name).is_file()
+    assert "figure_13" not in text
+
+
+@pytest.mark.slow
+def test_every_table_is_run_again() -> None:
+    """With little effort all of Tables 3 to 7 and Figs. 10 and 11 have rows, and brute force lies below the start."""
+    found = repeat_paper(None, Effort(epochs=25, generations=5, trials=1, levels=4))
+    tables = {line.table for line in found.lines}
+    assert tables == {"Table 3", "Table 4", "Table 5", "Table 6", "Table 7", "Fig. 10", "Fig. 11"}
+    first = {line.name: line.ours[0] for line in found.lines if line.table == "Table 3"}
+    assert first["brute force"] <= first["initial"] + 1e-9
+    assert PAPER["brute"] == (45.46,)
