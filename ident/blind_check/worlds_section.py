@@ -41,6 +41,7 @@ CURVES = (
     ("told_gap", "#b45f06", "healthy told a gap"),
     ("false_alarm", "#990000", "healthy with a name"),
 )
+SLANT, STEEP = 20, 50  # of the names of strata, a few and many [deg]
 TITLE_SHARE = 0.07  # of a panel's height for its title
 SHIFT = 0.06  # of a panel's width between two intervals at one place
 
@@ -73,7 +74,11 @@ def _label(one: Stratum) -> str:
 
 
 def _place(one: Stratum) -> str:
-    return one.value or (f"{one.low:.3g}" if one.low == one.high else f"{one.low:.3g} to {one.high:.3g}")
+    return one.value or (_short(one.low) if one.low == one.high else f"{_short(one.low)} to {_short(one.high)}")
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.2g}"
 
 
 def _row(one: Stratum) -> dict[str, Any]:
@@ -97,11 +102,23 @@ def draw_axis(axis: str, strata: Sequence[Stratum]) -> Any:
         y = np.array([score.value for _, score in told], dtype=float)
         low, high = (np.array([getattr(score, end) for _, score in told], dtype=float) for end in ("low", "high"))
         reach = np.maximum([y - low, high - y], 0.0)
-        axes.errorbar(x, y, yerr=reach, fmt="o-", color=colour, markersize=3.5, linewidth=0.8, alpha=0.9)
+        axes.errorbar(
+            x,
+            y,
+            yerr=reach,
+            fmt="o" if strata[0].value else "o-",
+            color=colour,
+            markersize=3.5,
+            linewidth=0.8,
+            alpha=0.9,
+        )
     turned = len(strata) > 4 or any(len(_place(one)) > 10 for one in strata)
     axes.set_xticks(places, [_place(one) for one in strata])
     if turned:
-        axes.tick_params(axis="x", labelrotation=25)
+        axes.tick_params(axis="x", labelrotation=STEEP if len(strata) > 6 else SLANT)
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right")
+            label.set_rotation_mode("anchor")
     axes.set_xlim(-0.5, len(strata) - 0.5)
     axes.set_ylim(-0.03, 1.03)
     axes.set_title(AXIS_NAMES[axis], fontsize=8, loc="left", pad=3)
