@@ -17,6 +17,8 @@ from plan.spline import Splines
 
 # The walk is given up where it would have to be finer than this [s].
 FINEST = 1e-6
+# Pairs that are known to be so much farther apart than the target are not looked at closer [m].
+NEAR = 0.2
 # How far below the smallest distance seen the proven clearance may lie [m].
 SLACK = 2e-4
 
@@ -56,9 +58,7 @@ def prove_clearance(scene: Scene, splines: Splines, samples: int = 200) -> Clear
     if len(scene.pairs) == 0:
         return Clearance(1.0, 1.0, 0.0, "nothing to hit", 0)
     times = np.linspace(0.0, total, samples)
-    distances = np.array([scene.proximity.distances(q) for q in splines.at(times)[0]])
-    place, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
-    seen, when, name = float(distances[place, pair]), float(times[place]), scene.pair_name(int(pair))
+    seen, when, name = _least(scene, splines, times)
     checks = samples
     while seen > 0.0:
         target = max(seen - SLACK, 0.5 * seen)
@@ -68,6 +68,20 @@ def prove_clearance(scene: Scene, splines: Splines, samples: int = 200) -> Clear
             return Clearance(float(target), min(seen, least), when, name, checks)
         seen, when, name = least, where, scene.pair_name(worst)
     return Clearance(min(seen, 0.0), seen, when, name, checks)
+
+
+def _least(scene: Scene, splines: Splines, times: Float[Array, " T"]) -> tuple[float, float, str]:
+    """Smallest distance at some times [m], when, and of which pair; the start is looked at inside of meshes too."""
+    positions = splines.at(times)[0]
+    distances = scene.distances(positions[0])
+    pair = int(np.argmin(distances))
+    seen, when, which = float(distances[pair]), float(times[0]), pair
+    for time, q in zip(times[1:], positions[1:], strict=True):
+        distances = scene.proximity.near_distances(q, max(seen, 0.0))
+        pair = int(np.argmin(distances))
+        if distances[pair] < seen:
+            seen, when, which = float(distances[pair]), float(time), pair
+    return seen, when, scene.pair_name(which)
 
 
 def _walk(scene: Scene, splines: Splines, target: float) -> tuple[float, float, int, int]:
@@ -84,7 +98,7 @@ def _walk(scene: Scene, splines: Splines, target: float) -> tuple[float, float, 
     while True:
         section = min(int(np.searchsorted(knots, t, side="right")) - 1, len(rates) - 1)
         q: Float[Array, " n"] = splines.at(np.array([t]))[0][0]
-        distances = scene.proximity.distances(q)
+        distances = scene.proximity.near_distances(q, target + NEAR)
         count += 1
         if distances.min() < least:
             least, where, worst = float(distances.min()), t, int(np.argmin(distances))

@@ -47,6 +47,8 @@ class Proximity:
             request.gjk_tolerance = TOLERANCE
             request.gjk_max_iterations = 500
         self._pool: pin.GeometryPool | None = None
+        self._radius = np.array([box.solid.radius for box in self._boxes])
+        self._half = np.array([box.half for box in self._boxes]).reshape(-1, 3)
 
     @property
     def geometry(self) -> pin.GeometryModel:
@@ -57,6 +59,27 @@ class Proximity:
         """Signed distance of every pair at one position [m]."""
         pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float))
         return np.array([result.min_distance for result in self._geometry_data.distanceResults])
+
+    def bounds(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
+        """Lower bounds of the distances [m]: of the ball round the second shape of a pair from the first one's box."""
+        pin.updateGeometryPlacements(
+            self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
+        )
+        places = [self._geometry_data.oMg[i] for i in range(len(self._boxes))]
+        rotation = np.array([place.rotation for place in places]).reshape(-1, 3, 3)
+        centre = np.array([place.translation for place in places]).reshape(-1, 3)
+        first, second = self._pairs.T
+        local = np.einsum("pji,pj->pi", rotation[first], centre[second] - centre[first])
+        outside = np.maximum(np.abs(local) - self._half[first], 0.0)
+        return np.linalg.norm(outside, axis=1) - self._radius[second]
+
+    def near_distances(self, q: Float[Array, " n"], beyond: float) -> Float[Array, " P"]:
+        """Signed distance of the pairs that may be nearer than a given distance, a lower bound of the others' [m]."""
+        found = self.bounds(q)
+        for pair in np.flatnonzero(found < beyond):
+            pin.computeDistance(self._geometry, self._geometry_data, int(pair))
+            found[pair] = self._geometry_data.distanceResults[int(pair)].min_distance
+        return found
 
     def clearance(self, q: Float[Array, " n"]) -> float:
         """Smallest signed distance at one position [m]; a metre where there is nothing to hit."""

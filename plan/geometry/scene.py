@@ -2,26 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, StandIn, arm_shapes
 from plan.geometry.boxes import Box
+from plan.geometry.compiled import Bodies, Tree, build_tree, compile_bodies
+from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
-from plan.geometry.separation import gaps_of_states, sweep
+from plan.geometry.sweep import gaps_of_states, least_of_states, sweep
 from plan.spline import Splines
 
 # A pair of links that overlaps in most positions is an overlap of the shapes, not of the arm.
 ALWAYS = 0.5
 PROBES = 500
+# Name of the obstacle on which the arm may stand.
+FLOOR = "floor"
 # Joints closer than this meet in one point [m].
 HUB = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What the arm's last link carries.
+
+    Attributes:
+        link: That link.
+        boxes: Shapes in its frame.
+        touches: Links that they may touch.
+    """
+
+    link: str
+    boxes: tuple[Box, ...]
+    touches: tuple[str, ...] = ()
+
+    def placed(self, arm: ArmModel, links: Sequence[Box]) -> list[Box]:
+        """The shapes in the frame of the joint that carries them.
+
+        Raises:
+            RobotError: A link that they may touch is none of the arm's.
+        """
+        unknown = [name for name in self.touches if name not in {box.name for box in links}]
+        if unknown:
+            known = ", ".join(dict.fromkeys(box.name for box in links))
+            raise RobotError(arm.source or arm.name, f"touches: no link {unknown[0]!r} with a shape", f"links: {known}")
+        frame = arm.model.frames[arm.model.getFrameId(self.link, pin.FrameType.BODY)]
+        turn, place = frame.placement.rotation, frame.placement.translation
+        last = max(box.body for box in links)
+        return [
+            Box(b.name, frame.parentJoint, turn @ b.rotation, turn @ b.centre + place, b.half, last + 1, b.solid)
+            for b in self.boxes
+        ]
+
+    def allowed(self) -> dict[frozenset[str], str]:
+        """Pairs that may touch."""
+        return {frozenset((b.name, name)): "it may touch what is carried" for b in self.boxes for name in self.touches}
 
 
 @dataclass(frozen=True)
@@ -74,6 +117,8 @@ class Scene:
         obstacles: Sequence[Box] = (),
         self_collision: bool = True,
         stand_in: StandIn | None = None,
+        carried: Carried | None = None,
+        disabled: Mapping[frozenset[str], str] | None = None,
     ) -> Scene:
         """Sets up the pairs: link against link unless they are neighbours, and every link against every obstacle.
 
@@ -82,20 +127,29 @@ class Scene:
             obstacles: Shapes fixed to the world.
             self_collision: Whether link pairs are checked.
             stand_in: What stands in for links that the URDF gives no shape.
+            carried: What the last link carries.
+            disabled: Pairs of links to leave out, by name, with the reason.
 
         Raises:
             RobotError: A link has no shape and nothing stands in.
         """
         shapes = arm_shapes(arm, stand_in)
-        links = shapes.boxes
+        links = shapes.boxes if carried is None else (*shapes.boxes, *carried.placed(arm, shapes.boxes))
         pairs, unchecked = _link_pairs(arm, links)
+        left_out = {**(disabled or {}), **({} if carried is None else carried.allowed())}
+        unchecked += [
+            _unchecked(links, pair, left_out[key]) for pair in pairs if (key := _names(links, pair)) in left_out
+        ]
+        pairs = [pair for pair in pairs if _names(links, pair) not in left_out]
         if not self_collision:
             unchecked += [_unchecked(links, pair, "self-collision is not asked for") for pair in pairs]
             pairs = []
         kept, always = _drop_always(arm, links, pairs)
         unchecked += [_unchecked(links, pair, "their shapes overlap in most positions") for pair in always]
         moving = [i for i, box in enumerate(links) if box.joint > 0]
-        outside = [(len(links) + k, i) for k in range(len(obstacles)) for i in moving]
+        standing = _standing(arm, links, obstacles)
+        unchecked += [Unchecked((links[i].name, obstacles[k].name), "it stands there") for k, i in standing]
+        outside = [(len(links) + k, i) for k in range(len(obstacles)) for i in moving if (k, i) not in standing]
         every = np.array([*kept, *outside], dtype=np.int64).reshape(-1, 2)
         every.setflags(write=False)
         return cls(arm, (*links, *obstacles), every, tuple(dict.fromkeys(unchecked)), shapes)
@@ -111,23 +165,38 @@ class Scene:
         return f"{self.boxes[second].name} and {self.boxes[first].name}"
 
     def gaps(self, q: Float[Array, "T n"]) -> Float[Array, "T P"]:
-        """Signed separation of every pair, by separating axes [m]; at most the distance, equal under 5 cm."""
-        return gaps_of_states(*self._arrays, self.pairs, np.ascontiguousarray(q, dtype=float))  # type: ignore[call-arg]
+        """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm."""
+        return gaps_of_states(*self._world, self.pairs, self._tree, _rows(q))
 
     def separation(self, q: Float[Array, "T n"]) -> Float[Array, " T"]:
         """Smallest gap at each position [m]; a metre where there is nothing to hit."""
-        return np.min(self.gaps(q), axis=1, initial=1.0)
+        found = least_of_states(*self._world, self._between, self._moving, self._tree, _rows(q))
+        return np.asarray(found)
 
     def sweep(self, splines: Splines, margin: float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
         """Smallest gap along each trajectory and the mean shortfall from the margin, both [m].
 
-        Skips ahead where boxes are far apart; where a gap is at the margin, no step changes it by more than 2 mm.
+        Skips ahead where shapes are far apart; where a gap is at the margin, no step changes it by more than 2 mm.
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
         parts = (splines.points, splines.slopes, splines.durations, splines.section_speeds)
-        found = sweep(*self._arrays, self.pairs, self.levers, *parts, float(margin))  # type: ignore[call-arg]
+        found = sweep(*self._world, self._between, self._moving, self._tree, self._sweep_levers, parts, float(margin))
         return np.minimum(found[:, 0], 1.0), found[:, 1]
+
+    def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
+        """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
+        found = self.proximity.distances(q)
+        for pair in self._surfaces:
+            if found[pair] > 0.0 and self._engulfed(q, pair):
+                found[pair] = -found[pair]
+        return found
+
+    def tight(self, q: Float[Array, " n"], pair: int) -> tuple[Float[Array, " 3"], list[Box]]:
+        """The normal between a pair's nearest points, and boxes that reach along it just as far as the shapes do."""
+        found = self.proximity.witness(q, pair)
+        sides = ((found.first, found.normal), (found.second, -found.normal))
+        return found.normal, [self._tight(int(i), q, *side) for i, side in zip(self.pairs[pair], sides, strict=True)]
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:
@@ -150,18 +219,71 @@ class Scene:
         return Chain.from_arm(self.arm)
 
     @cached_property
-    def _arrays(self) -> tuple[Array, ...]:
-        return (*self.chain.kinematics, *box_arrays(self.boxes))
+    def _surfaces(self) -> list[int]:
+        """Pairs with a closed mesh, which has an inside that its surface alone does not know."""
+        return [i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind == "surface"]
+
+    def _engulfed(self, q: Array, pair: int) -> bool:
+        """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
+        mesh, link = (self.boxes[i] for i in self.pairs[pair])
+        rotation, at = self._frame(q, link.joint)
+        point = at + rotation @ link.centre
+        return holds(mesh.solid, mesh.rotation.T @ (point - mesh.centre))
+
+    def _frame(self, q: Array, joint: int) -> tuple[Array, Array]:
+        if joint == 0:
+            return np.eye(3), np.zeros(3)
+        data = self.arm.model.createData()
+        pin.forwardKinematics(self.arm.model, data, np.asarray(q, dtype=float))
+        return data.oMi[joint].rotation.copy(), data.oMi[joint].translation.copy()
+
+    def _tight(self, number: int, q: Array, point: Array, normal: Array) -> Box:
+        box = self.boxes[number]
+        if box.solid.kind == "box":
+            return box
+        rotation, at = self._frame(q, box.joint)
+        if box.solid.kind == "surface":
+            return replace(box, centre=rotation.T @ (point - at), half=np.zeros(3))
+        local = (rotation @ box.rotation).T @ normal
+        return replace(box, half=box.half * (box.solid.reach(local) / max(float(np.abs(local) @ box.half), 1e-9)))
+
+    @cached_property
+    def _links(self) -> int:
+        """Number of the arm's shapes, which come first."""
+        return sum(box.body >= 0 for box in self.boxes)
+
+    @cached_property
+    def _bodies(self) -> Bodies:
+        return compile_bodies(self.boxes)
+
+    @cached_property
+    def _world(self) -> tuple[tuple[Array, ...], Bodies, int]:
+        return self.chain.kinematics, self._bodies, self._links
+
+    @cached_property
+    def _tree(self) -> Tree:
+        return build_tree(self._bodies, len(self.boxes), self._links)
+
+    @cached_property
+    def _between(self) -> Int[Array, "p 2"]:
+        """Pairs of links."""
+        return np.ascontiguousarray(self.pairs[self.pairs[:, 0] < self._links])
+
+    @cached_property
+    def _moving(self) -> Int[Array, " m"]:
+        """Links that are checked against what stands in the world."""
+        return np.unique(self.pairs[self.pairs[:, 0] >= self._links, 1])
+
+    @cached_property
+    def _sweep_levers(self) -> Float[Array, "c n"]:
+        """Levers of the pairs of links, then of each link against the world."""
+        reach = _reaches(self.arm, self.boxes)
+        alone = np.where(np.arange(self.arm.n) < np.array([[self.boxes[m].joint] for m in self._moving]), 1.0, 0.0)
+        return np.concatenate([self.levers[: len(self._between)], reach[self._moving] * alone.reshape(-1, self.arm.n)])
 
 
-def box_arrays(boxes: Sequence[Box]) -> tuple[Array, Array, Array, Array]:
-    """Carrying joints, rotations, centres and half lengths of boxes, as arrays."""
-    return (
-        np.array([box.joint for box in boxes], dtype=np.int64),
-        np.array([box.rotation for box in boxes]).reshape(-1, 3, 3),
-        np.array([box.centre for box in boxes]).reshape(-1, 3),
-        np.array([box.half for box in boxes]).reshape(-1, 3),
-    )
+def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
+    return np.ascontiguousarray(q, dtype=float)
 
 
 def _link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, int]], list[Unchecked]]:
@@ -185,6 +307,19 @@ def _link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, in
     return pairs, unchecked
 
 
+def _names(links: Sequence[Box], pair: tuple[int, int]) -> frozenset[str]:
+    return frozenset((links[pair[0]].name, links[pair[1]].name))
+
+
+def _standing(arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box]) -> set[tuple[int, int]]:
+    """Floors, by number, and links that overlap with them wherever the arm is: those that turn on the base."""
+    floors = [k for k, box in enumerate(obstacles) if box.name == FLOOR]
+    near = [i for i, box in enumerate(links) if box.joint == 1]
+    pairs = [(k, i) for k in floors for i in near]
+    gaps = _probe(arm, (*links, *obstacles), len(links), [(len(links) + k, i) for k, i in pairs])
+    return {pair for k, pair in enumerate(pairs) if (gaps[:, k] < 0.0).all()}
+
+
 def _unchecked(links: Sequence[Box], pair: tuple[int, int], reason: str) -> Unchecked:
     return Unchecked((links[pair[0]].name, links[pair[1]].name), reason)
 
@@ -193,15 +328,21 @@ def _drop_always(
     arm: ArmModel, links: Sequence[Box], pairs: list[tuple[int, int]]
 ) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
     """Parts the pairs into those to check and those whose shapes overlap in half of 500 fixed positions."""
-    if not pairs:
-        return [], []
+    share = (_probe(arm, links, len(links), pairs) < 0).mean(axis=0)
+    kept = [pair for pair, often in zip(pairs, share, strict=True) if often < ALWAYS]
+    return kept, [pair for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS]
+
+
+def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]) -> Float[Array, "500 p"]:
+    """Gaps of some pairs at fixed positions [m]."""
     rng = np.random.default_rng(0)  # fixed: which pairs are checked must not depend on the run's seed
     low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
     q = rng.uniform(low, high, (PROBES, arm.n))
-    arrays = (*Chain.from_arm(arm).kinematics, *box_arrays(links))
-    share = (gaps_of_states(*arrays, np.array(pairs, dtype=np.int64), q) < 0).mean(axis=0)
-    kept = [pair for pair, often in zip(pairs, share, strict=True) if often < ALWAYS]
-    return kept, [pair for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS]
+    if not pairs:
+        return np.empty((PROBES, 0))
+    bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
+    tree = build_tree(bodies, len(boxes), links)
+    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, numbers, tree, q))
 
 
 def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:

@@ -46,8 +46,7 @@ def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: f
         if gaps[place, pair] > 2 * NEAR:
             break
         section, step = divmod(int(place), len(WATCHED))
-        normal = problem.scene.proximity.witness(q[place], int(pair)).normal
-        boxes = [problem.scene.boxes[i] for i in problem.scene.pairs[pair]]
+        normal, boxes = problem.scene.tight(q[place], int(pair))
         out[:, slot] = _slot(problem, section, WATCHED[step], normal, margin, boxes)
     return out
 

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.robot.urdf import rpy_to_matrix
+from ident.recordings.recording import Payload
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
+from plan.problem.obstacle_tables import floor_box, read_shape
 
 KEYS = {
-    "": {"robot", "task", "limits", "obstacle", "trial"},
+    "": {"robot", "task", "limits", "obstacle", "attached", "floor", "payload", "srdf", "trial"},
     "task": {
         "start_deg",
         "goal_deg",
@@ -30,8 +31,10 @@ KEYS = {
         "times_s",
     },
     "limits": {"torque_Nm", "speed_deg_s"},
-    "obstacle": {"name", "size_m", "xyz_m", "rpy_rad"},
+    "floor": {"height_m"},
+    "payload": {"mass_kg", "com_m"},
 }
+LISTS = ("obstacle", "attached")
 DEFAULT_CLEARANCE = 0.005
 DEFAULT_REACH_DEG = 90.0
 
@@ -65,7 +68,11 @@ class Task:
         clearance: Distance to keep [m].
         reach: How far a via angle may go from the initial one [rad].
         torque, speed: Limits other than the robot's [N m, rad/s]; None for the robot's.
-        obstacles: Boxes in the base frame.
+        obstacles: Shapes in the base frame, the floor among them.
+        attached: Shapes that the last link carries, in its frame.
+        touches: Links that what is carried may touch.
+        payload: Mass that the last link carries.
+        srdf: File that names pairs of links to leave out of checks.
         taught: Via points of the file itself.
     """
 
@@ -81,6 +88,10 @@ class Task:
     torque: Float[Array, " n"] | None = None
     speed: Float[Array, " n"] | None = None
     obstacles: tuple[Box, ...] = ()
+    attached: tuple[Box, ...] = ()
+    touches: tuple[str, ...] = ()
+    payload: Payload | None = None
+    srdf: Path | None = None
     taught: tuple[Trial, ...] = field(default_factory=tuple)
 
     @property
@@ -97,7 +108,7 @@ def load_task(path: str | Path) -> Task:
     """
     file = Path(path)
     document = _read(file)
-    reader = _Reader(file)
+    reader = Reader(file)
     reader.known("", document)
     task = reader.table(document, "task")
     limits = document.get("limits", {})
@@ -117,7 +128,11 @@ def load_task(path: str | Path) -> Task:
         reach=math.radians(reader.number(task, "task.reach_deg", DEFAULT_REACH_DEG, least=1e-3)),
         torque=None if "torque_Nm" not in limits else reader.positive(limits, "limits.torque_Nm", count),
         speed=None if "speed_deg_s" not in limits else np.radians(reader.positive(limits, "limits.speed_deg_s", count)),
-        obstacles=tuple(_obstacle(reader, entry, i) for i, entry in enumerate(document.get("obstacle", []), start=1)),
+        obstacles=read_obstacles(reader, document),
+        attached=tuple(read_shape(reader, *item, {"touches"}) for item in _numbered(reader, document, "attached")),
+        touches=tuple(name for item, _ in _numbered(reader, document, "attached") for name in _names(reader, item)),
+        payload=_payload(reader, document),
+        srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
     )
 
@@ -129,18 +144,18 @@ def load_trials(path: str | Path, joints: int) -> list[Trial]:
         SceneError: Not such a file.
     """
     file = Path(path)
-    document, reader = _read(file), _Reader(file)
+    document, reader = _read(file), Reader(file)
     entries = document.get("trial")
     if not isinstance(entries, list) or not entries:
         raise SceneError(file, "it has no [[trial]] table", "give one [[trial]] with via_points_deg a taught motion")
     return [_trial(reader, entry, f"trial {i}", joints) for i, entry in enumerate(entries, start=1)]
 
 
-def _taught(reader: _Reader, task: Mapping[str, Any], joints: int) -> tuple[Trial, ...]:
+def _taught(reader: Reader, task: Mapping[str, Any], joints: int) -> tuple[Trial, ...]:
     return (_trial(reader, task, "task", joints),) if "via_points_deg" in task else ()
 
 
-def _trial(reader: _Reader, entry: Any, name: str, joints: int) -> Trial:
+def _trial(reader: Reader, entry: Any, name: str, joints: int) -> Trial:
     if not isinstance(entry, dict) or "via_points_deg" not in entry:
         raise SceneError(reader.file, f"{name} has no via_points_deg", "give rows of joint angles in degrees")
     rows = entry["via_points_deg"]
@@ -155,19 +170,36 @@ def _trial(reader: _Reader, entry: Any, name: str, joints: int) -> Trial:
     return Trial(str(entry.get("name", name)), np.radians(np.array(vias)), times)
 
 
-def _obstacle(reader: _Reader, entry: Any, number: int) -> Box:
-    key = f"obstacle {number}"
-    if not isinstance(entry, dict):
-        raise SceneError(reader.file, f"{key} is not a table", "write [[obstacle]] and its keys")
-    reader.known("obstacle", entry, key)
-    size = reader.numbers(entry, f"{key}.size_m", 3)
-    if np.any(size <= 0):
-        raise SceneError(
-            reader.file, f"{key}: size_m {size.tolist()} has a side that is not above zero", "give lengths"
-        )
-    rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
-    centre = reader.numbers(entry, f"{key}.xyz_m", 3)
-    return Box(str(entry.get("name", key)), 0, rotation, centre, size / 2)
+def read_obstacles(reader: Reader, document: Mapping[str, Any]) -> tuple[Box, ...]:
+    """The obstacles of a scene file, and its floor as one more."""
+    found = [read_shape(reader, *item) for item in _numbered(reader, document, "obstacle")]
+    if "floor" in document:
+        found.append(floor_box(reader.number(document["floor"], "floor.height_m", 0.0, least=-10.0)))
+    return tuple(found)
+
+
+def _numbered(reader: Reader, document: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
+    """The tables of a list, each with what it is called in messages."""
+    entries = document.get(name, [])
+    if not isinstance(entries, list):
+        raise SceneError(reader.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
+    return [(entry, f"{name} {i}") for i, entry in enumerate(entries, start=1)]
+
+
+def _names(reader: Reader, entry: Mapping[str, Any]) -> list[str]:
+    """Links that what is carried may touch."""
+    names = entry.get("touches", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise SceneError(reader.file, f"touches is {names!r}, not a list of links", 'give touches = ["link", …]')
+    return names
+
+
+def _payload(reader: Reader, document: Mapping[str, Any]) -> Payload | None:
+    table = document.get("payload")
+    if table is None:
+        return None
+    com = reader.numbers(table, "payload.com_m", 3, np.zeros(3))
+    return Payload(reader.number(table, "payload.mass_kg"), (float(com[0]), float(com[1]), float(com[2])))
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -182,7 +214,7 @@ def _read(file: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Reader:
+class Reader:
     """Reads keys with a message that names file and key."""
 
     file: Path
@@ -194,9 +226,17 @@ class _Reader:
             raise SceneError(
                 self.file, f"{place}unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(KEYS[table]))}"
             )
-        for inner in ("task", "limits"):
-            if table == "" and isinstance(entry.get(inner), dict):
+        for inner in ("task", "limits", "floor", "payload"):
+            if table == "" and inner in entry:
+                if not isinstance(entry[inner], dict):
+                    raise SceneError(self.file, f"{inner} is not a table", f"write [{inner}] and its keys")
                 self.known(inner, entry[inner])
+
+    def only(self, entry: Mapping[str, Any], keys: set[str], name: str) -> None:
+        """Raises SceneError for a key that is not among some."""
+        unknown = sorted(set(entry) - keys)
+        if unknown:
+            raise SceneError(self.file, f"{name}: unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(keys))}")
 
     def table(self, entry: Mapping[str, Any], key: str) -> dict[str, Any]:
         found = entry.get(key)

@@ -13,7 +13,8 @@ from plan.dynamics.power import METRICS, Metric
 from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
 from plan.geometry.arm_shapes import StandIn
-from plan.geometry.scene import Scene
+from plan.geometry.scene import Carried, Scene
+from plan.geometry.srdf import read_disabled
 from plan.initial.starts import straight
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
 from plan.problem.task_file import Task
@@ -55,6 +56,9 @@ def set_up(
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
+    if task.payload is not None:
+        robot = robot.with_payload(task.payload)
+        model = None if model is None else _loaded(model, task)
     arm, held = _moving_arm(task, robot)
     torque = (
         torque_of_robot(arm)
@@ -63,7 +67,13 @@ def set_up(
     )
     vias = straight(task.start, task.goal, task.via_points)
     return PlanningProblem(
-        scene=Scene.build(arm, task.obstacles, stand_in=stand_in),
+        scene=Scene.build(
+            arm,
+            task.obstacles,
+            stand_in=stand_in,
+            carried=Carried(robot.links[-1], task.attached, task.touches) if task.attached else None,
+            disabled=None if task.srdf is None else read_disabled(task.srdf, robot),
+        ),
         model=torque,
         limits=_limits(task, arm),
         start=task.start,
@@ -93,7 +103,7 @@ def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
             )
         if len(scene.pairs) == 0:
             continue
-        distances = scene.proximity.distances(q)
+        distances = scene.distances(q)
         pair = int(np.argmin(distances))
         if distances[pair] <= 0.0:
             raise TaskError(
@@ -112,8 +122,9 @@ def find_obstruction(problem: PlanningProblem) -> str:
     for name, q in zip(("start", "goal"), ends, strict=True):
         if np.any(q < limits.lower) or np.any(q > limits.upper):
             return f"the {name} is out of the position limits"
-        if problem.scene.proximity.clearance(q) <= 0.0:
-            pair = int(np.argmin(problem.scene.proximity.distances(q)))
+        distances = problem.scene.distances(q)
+        if distances.min(initial=1.0) <= 0.0:
+            pair = int(np.argmin(distances))
             return f"the {name} is in collision: {problem.scene.pair_name(pair)}"
     need = float(np.max(np.abs(problem.goal - problem.start) / limits.speed))
     if problem.objective == "energy" and duration < need:
@@ -148,6 +159,14 @@ def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
     if np.any(held < robot.lower[task.n :]) or np.any(held > robot.upper[task.n :]):
         raise TaskError(task.source, "task.wrist_deg is out of the limits", "stay within the robot's limits")
     return reduce_arm(robot, task.n, list(held)), np.array(held)
+
+
+def _loaded(model: HybridModel, task: Task) -> HybridModel:
+    """The model with the task's payload on its arm."""
+    if len(model.joint_names) < model.robot.n:
+        what = f"[payload] hangs on the last link, the model knows {len(model.joint_names)} of {model.robot.n} joints"
+        raise TaskError(task.source, what, "fit a model of all joints (--links 6)")
+    return replace(model, arm=model.arm.with_payload(task.payload))
 
 
 def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:

@@ -1,0 +1,282 @@
+"""Gaps of whole scenes, compiled: for positions, and swept along trajectories.
+
+What stands still is searched by a tree: for a link of the arm, only the bodies are looked at whose boxes come nearer
+than what was found so far. So a scene of a hundred obstacles costs little more than one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from plan.geometry.separation import body_gap
+
+# Steps through a collision: a section's share at most, so that its depth is felt.
+STEPS = 24
+# Where a gap is at its margin, a step changes it by this at most [m].
+FINE = 2e-3
+# Inside the margin no step is shorter than this share of the longest: there only the mean shortfall counts.
+SHORTEST = 0.3
+# Gaps beyond this are all the same: there is nothing to hit [m].
+FAR = 1.0
+# Deepest tree that can be searched.
+DEEPEST = 128
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
+    """World placement of every joint frame for one position; frame 0 is the world."""
+    rot, off, axes, sliding = chain
+    for k in range(3):
+        frame_at[0, k] = 0.0
+        for m in range(3):
+            frame_rot[0, k, m] = 1.0 if k == m else 0.0
+    r = np.empty((3, 3))
+    p = np.empty(3)
+    for i in range(q.shape[0]):
+        slides = sliding[i] > 0.5
+        s = 0.0 if slides else math.sin(q[i])
+        c = 0.0 if slides else 1.0 - math.cos(q[i])
+        for k in range(3):
+            p[k] = off[i, k]
+            for m in range(3):
+                r[k, m] = rot[i, 0, k, m] + s * rot[i, 1, k, m] + c * rot[i, 2, k, m]
+                if slides:
+                    p[k] += rot[i, 0, k, m] * axes[i, m] * q[i]
+        for k in range(3):
+            frame_at[i + 1, k] = frame_at[i, k]
+            for m in range(3):
+                frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
+                frame_rot[i + 1, k, m] = (
+                    frame_rot[i, k, 0] * r[0, m] + frame_rot[i, k, 1] * r[1, m] + frame_rot[i, k, 2] * r[2, m]
+                )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-untyped-def]
+    """World placement of the bodies from `start` up to `stop`."""
+    for b in range(start, stop):
+        f = bodies.carrier[b]
+        for k in range(3):
+            out_at[b, k] = frame_at[f, k]
+            for m in range(3):
+                out_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
+                out_rot[b, k, m] = (
+                    frame_rot[f, k, 0] * bodies.rot[b, 0, m]
+                    + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
+                    + frame_rot[f, k, 2] * bodies.rot[b, 2, m]
+                )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ignore[no-untyped-def]
+    """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
+
+    The body that was nearest last time, `hint`, is looked at first, from its direction then, `warm`: that spares most
+    of the others.
+    """
+    if root < 0:
+        return most
+    known = hint[0]
+    low, high = np.empty(3), np.empty(3)
+    for k in range(3):
+        extent = 0.0
+        for m in range(3):
+            extent += abs(rot[link, k, m]) * bodies.half[link, m]
+        low[k], high[k] = at[link, k] - extent, at[link, k] + extent
+    stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
+    stack[0], bounds[0], top, best = root, -1e300, 1, most
+    if known >= 0:
+        best = min(best, body_gap(known, link, rot, at, bodies, warm))
+    while top > 0:
+        top -= 1
+        if bounds[top] >= best:
+            continue
+        node = stack[top]
+        if tree.left[node] < 0:
+            body = tree.body[node]
+            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3))
+            if gap < best:
+                best, hint[0] = gap, body
+            continue
+        a, b = tree.left[node], tree.right[node]
+        near_a, near_b = _box_distance(a, tree, low, high), _box_distance(b, tree, low, high)
+        if near_a < near_b:  # the nearer child is put on top
+            a, b, near_a, near_b = b, a, near_b, near_a
+        stack[top], bounds[top] = a, near_a
+        stack[top + 1], bounds[top + 1] = b, near_b
+        top += 2
+    return best
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _box_distance(node, tree, low, high):  # type: ignore[no-untyped-def]
+    """Distance of two boxes along the axes; minus infinity where they overlap."""
+    square = 0.0
+    for k in range(3):
+        apart = max(max(tree.low[node, k] - high[k], low[k] - tree.high[node, k]), 0.0)
+        square += apart * apart
+    return math.sqrt(square) if square > 0.0 else -1e300
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_at, bodies):  # type: ignore[no-untyped-def]
+    """Most that a link's points can move in a second against a frame, until they have moved by `spare` [m/s].
+
+    A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
+    """
+    rate = 1e-9
+    for j in range(low, bodies.carrier[link]):
+        if sliding[j] > 0.5:
+            rate += peaks[j]
+            continue
+        along, square = 0.0, 0.0
+        for k in range(3):
+            axis = (
+                frame_rot[j + 1, k, 0] * axes[j, 0]
+                + frame_rot[j + 1, k, 1] * axes[j, 1]
+                + frame_rot[j + 1, k, 2] * axes[j, 2]
+            )
+            away = at[link, k] - frame_at[j + 1, k]
+            along += axis * away
+            square += away * away
+        arm = math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare
+        rate += peaks[j] * min(levers[j], arm)
+    return rate
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _scratch(n, bodies):  # type: ignore[no-untyped-def]
+    """Room for placements, the bodies of the world already placed (they come last and never move)."""
+    count = bodies.carrier.shape[0]
+    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    rot, at = bodies.rot.copy(), bodies.at.copy()
+    return frame_rot, frame_at, rot, at, count
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def gaps_of_states(chain, bodies, links, pairs, tree, q):  # type: ignore[no-untyped-def]
+    """Signed separation of every pair at every position, shape (T, P) [m].
+
+    Args:
+        chain: The arm's kinematics.
+        bodies: Links first, then what stands in the world.
+        links: Number of links' bodies.
+        pairs: Pairs of shapes; the first of a pair with the world is the world's, its number counted from the links.
+        tree: Of the world.
+        q: Positions, shape (T, n) [rad].
+    """
+    frame_rot, frame_at, rot, at, _ = _scratch(q.shape[1], bodies)
+    out = np.empty((q.shape[0], pairs.shape[0]))
+    for t in range(q.shape[0]):
+        place_frames(chain, q[t], frame_rot, frame_at)
+        place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+        for p in range(pairs.shape[0]):
+            a, b = pairs[p, 0], pairs[p, 1]
+            if a < links:
+                out[t, p] = body_gap(a, b, rot, at, bodies, np.zeros(3))
+            else:
+                out[t, p] = world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, np.full(1, -1), np.zeros(3))
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def least_of_states(chain, bodies, links, pairs, moving, tree, q):  # type: ignore[no-untyped-def]
+    """Smallest gap at every position, a metre at most, shape (T,) [m].
+
+    Args:
+        chain, bodies, links, tree, q: As in `gaps_of_states`.
+        pairs: Pairs of links.
+        moving: Links that are checked against the world.
+    """
+    frame_rot, frame_at, rot, at, _ = _scratch(q.shape[1], bodies)
+    out, root, hints = np.empty(q.shape[0]), tree.root[-1], np.full((links + 1, 1), -1)
+    warm = np.zeros((pairs.shape[0] + links + 1, 3))
+    for t in range(q.shape[0]):
+        place_frames(chain, q[t], frame_rot, frame_at)
+        place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+        least = FAR
+        for p in range(pairs.shape[0]):
+            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p]))
+        for m in moving:
+            least = world_gap(m, root, tree, rot, at, bodies, least, hints[m], warm[pairs.shape[0] + m])
+        out[t] = least
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def sweep(chain, bodies, links, pairs, moving, tree, levers, splines, margin):  # type: ignore[no-untyped-def]
+    """Smallest gap along each trajectory, skipping ahead as far as the gap and the top speed allow.
+
+    Args:
+        chain, bodies, links, tree: As in `gaps_of_states`.
+        pairs: Pairs of links.
+        moving: Links that are checked against the world, each as a whole.
+        levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
+        splines: Knots, velocities there, section durations, and top speed in each section.
+        margin: Gap that counts as violated below [m].
+
+    Returns:
+        Smallest gap seen [m] and the mean of max(margin − gap, 0) over time [m], shape (B, 2).
+    """
+    points, slopes, h, peaks = splines
+    batch, sections, n = peaks.shape
+    frame_rot, frame_at, rot, at, _ = _scratch(n, bodies)
+    between, count, root = pairs.shape[0], pairs.shape[0] + moving.shape[0], tree.root[-1]
+    q, clear, hints = np.empty(n), np.empty(count), np.full((links + 1, 1), -1)
+    warm, out = np.zeros((count, 3)), np.empty((batch, 2))
+    for b in range(batch):
+        least, violation, total = 1e9, 0.0, 0.0
+        for k in range(sections):
+            duration = h[b, k]
+            total += duration
+            for p in range(count):
+                clear[p] = 0.0
+            coarse, t = duration / STEPS, 0.0
+            while True:
+                s = t / duration
+                for j in range(n):
+                    q0, q1 = points[b, k, j], points[b, k + 1, j]
+                    v0, v1 = slopes[b, k, j] * duration, slopes[b, k + 1, j] * duration
+                    d = q1 - q0
+                    q[j] = q0 + s * (v0 + s * (3.0 * d - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * d)))
+                place_frames(chain, q, frame_rot, frame_at)
+                place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+                worst, ahead = 1e9, duration
+                for p in range(count):
+                    if clear[p] <= t:
+                        if p < between:
+                            low, link = bodies.carrier[pairs[p, 0]], pairs[p, 1]
+                            gap = body_gap(pairs[p, 0], link, rot, at, bodies, warm[p])
+                        else:
+                            low, link = 0, moving[p - between]
+                            gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], warm[p])
+                        worst = min(worst, gap)
+                        # The gap reaches its margin no sooner than this, from either side.
+                        spare = max(abs(gap - margin), FINE)
+                        rate = _rate(
+                            link,
+                            low,
+                            spare,
+                            levers[p],
+                            peaks[b, k],
+                            chain[2],
+                            chain[3],
+                            frame_rot,
+                            at,
+                            frame_at,
+                            bodies,
+                        )
+                        ahead_p = spare / rate
+                        clear[p] = t + (ahead_p if gap > margin else min(max(ahead_p, SHORTEST * coarse), coarse))
+                    ahead = min(ahead, clear[p])
+                least = min(least, worst)
+                step = ahead - t
+                violation += max(margin - worst, 0.0) * step
+                if t >= duration:
+                    break
+                t = min(t + step, duration)
+        out[b, 0], out[b, 1] = least, violation / total
+    return out

@@ -1,0 +1,82 @@
+"""The tables of a scene file that hold shapes: obstacles, the floor, and what the arm carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.robot.urdf import rpy_to_matrix
+from plan.errors import SceneError
+from plan.geometry.boxes import Box
+from plan.geometry.mesh_obstacles import read_mesh
+from plan.geometry.solids import Solid
+
+if TYPE_CHECKING:
+    from plan.problem.task_file import Reader
+
+# What each shape needs beside name and place.
+SHAPE_KEYS: dict[str, set[str]] = {
+    "box": {"size_m"},
+    "sphere": {"radius_m"},
+    "capsule": {"radius_m", "length_m"},
+    "cylinder": {"radius_m", "length_m"},
+    "mesh": {"file", "scale", "hull"},
+}
+PLACE_KEYS = {"name", "shape", "xyz_m", "rpy_rad"}
+# A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom: half lengths [m].
+FLOOR_HALF = (50.0, 50.0, 1.0)
+
+
+def read_shape(reader: Reader, entry: Any, key: str, extra: set[str] | None = None) -> Box:
+    """A shape and its place, from one table.
+
+    Args:
+        reader: Of the scene file.
+        entry: The table.
+        key: Its name in messages.
+        extra: Keys that it may have beside those of its shape.
+
+    Raises:
+        SceneError: A key is missing, unknown or of the wrong kind, or a mesh can't be used.
+    """
+    if not isinstance(entry, dict):
+        raise SceneError(reader.file, f"{key} is not a table", "write [[obstacle]] and its keys")
+    kind = entry.get("shape", "mesh" if "file" in entry else "box")
+    if kind not in SHAPE_KEYS:
+        raise SceneError(reader.file, f"{key}: shape is {kind!r}", f"use one of: {', '.join(SHAPE_KEYS)}")
+    reader.only(entry, PLACE_KEYS | SHAPE_KEYS[kind] | (extra or set()), key)
+    rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
+    centre = reader.numbers(entry, f"{key}.xyz_m", 3)
+    solid, middle = _solid(reader, entry, key, kind)
+    return Box.around(str(entry.get("name", key)), solid, 0, rotation, centre + rotation @ middle)
+
+
+def _solid(reader: Reader, entry: Mapping[str, Any], key: str, kind: str) -> tuple[Solid, Array]:
+    middle = np.zeros(3)
+    if kind == "box":
+        size = reader.numbers(entry, f"{key}.size_m", 3)
+        if np.any(size <= 0):
+            what = f"{key}: size_m {size.tolist()} has a side that is not above zero"
+            raise SceneError(reader.file, what, "give lengths")
+        return Solid.simple("box", *(size / 2)), middle
+    if kind == "mesh":
+        file = reader.text(entry, "file")
+        given = entry.get("scale", 1.0)
+        scale = reader.positive({"scale": given if isinstance(given, list) else [given] * 3}, f"{key}.scale", 3)
+        hull = entry.get("hull", False)
+        if not isinstance(hull, bool):
+            raise SceneError(reader.file, f"{key}.hull is {hull!r}", "give true or false")
+        return read_mesh(reader.file.parent / file, scale, hull)
+    radius = float(reader.positive({"radius_m": [entry.get("radius_m")]}, f"{key}.radius_m", 1)[0])
+    if kind == "sphere":
+        return Solid.simple("sphere", radius), middle
+    length = float(reader.positive({"length_m": [entry.get("length_m")]}, f"{key}.length_m", 1)[0])
+    return Solid.simple("capsule" if kind == "capsule" else "cylinder", radius, length / 2), middle
+
+
+def floor_box(height: float) -> Box:
+    """The floor at a height above the base's origin [m]."""
+    return Box("floor", 0, np.eye(3), np.array([0.0, 0.0, height - FLOOR_HALF[2]]), np.array(FLOOR_HALF))
