@@ -159,6 +159,11 @@ class Scene:
         """Shapes of the obstacles."""
         return tuple(box for box in self.boxes if box.body < 0)
 
+    @property
+    def in_the_way(self) -> tuple[Box, ...]:
+        """The obstacles that a way leads round: all but the floor, which has no sides."""
+        return tuple(box for box in self.obstacles if box.name != FLOOR)
+
     def pair_name(self, pair: int) -> str:
         """The two shapes of a pair, in words."""
         first, second = self.pairs[pair]

@@ -140,7 +140,7 @@ def midplane_of(problem: PlanningProblem) -> list[list[tuple[str, Float[Array, "
     """The nine points of a task, at one, two and three girths from the obstacles' hull."""
     tip, width = _Tip(problem.scene.arm), girth(problem.scene)
     ends = tip.place(problem.start), tip.place(problem.goal)
-    return [midplane_targets(*ends, problem.scene.obstacles, share * width) for share in INFLATIONS]
+    return [midplane_targets(*ends, problem.scene.in_the_way, share * width) for share in INFLATIONS]
 
 
 def iterate_seeds(
