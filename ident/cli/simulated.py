@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ident.cli.shared import JsonFile, app, console, write_json
+from ident.errors import InputError
 from ident.files import deliver
 from ident.ownership import SESSION_KIND, check_outputs
 from ident.provenance import Provenance
@@ -27,6 +28,9 @@ def simulate(
     motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
     commands: Annotated[
         Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
+    ] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Run this plan instead (as of plan solve --json), so many times as --runs says.")
     ] = None,
     runs: Annotated[int | None, typer.Option(help="Number of runs; 10 if not given.")] = None,
     duration: Annotated[float | None, typer.Option(help="Rough duration of a run [s]; 8 if not given.")] = None,
@@ -48,13 +52,18 @@ def simulate(
     from ident.plant.world_presets import find_world, settle
     from ident.robot.arm import ArmModel
     from ident.trajectories.command_files import read_commands
+    from ident.trajectories.plan_files import read_plan
 
+    if plan is not None and commands is not None:
+        raise InputError("--plan", "given beside --commands", "give one of them")
     whole = {} if recipe else {"--out": (out, SESSION_KIND)}
-    check_outputs([commands, robot, world], {"--json": json_file}, whole)
+    check_outputs([commands, plan, robot, world], {"--json": json_file}, whole)
     drawn = None if world is None else settle(find_world(world), seed, robot, runs, duration, rate, velocity)
     robot = drawn.robot if drawn else robot or "tm5-900"
     runs = drawn.runs if drawn else 10 if runs is None else runs
     given = None if commands is None else read_commands(commands, ArmModel.load(robot))
+    if plan is not None:
+        given = (read_plan(plan, ArmModel.load(robot)),) * runs
     total = runs if given is None else len(given)
     with progress_bar(console, "simulation", "") as progress:
         finished = count()

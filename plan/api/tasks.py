@@ -12,6 +12,7 @@ from ident.model.hybrid import HybridModel
 from plan.errors import MethodError, SceneError
 from plan.planners import METHODS, Budget, default_budget, make_planner
 from plan.planners.base import Planner, Progress
+from plan.problem.execution import execute
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, Trial, load_task, load_trials
@@ -101,7 +102,7 @@ def save_outputs(
     """Writes what was asked for; pictures only of a motion."""
     if json_file is not None:
         result.save(json_file)
-    if result.splines is None:
+    if result.splines is None or result.stands:
         return
     if picture is not None:
         from plan.show.pictures import draw_motion, save_figure
@@ -111,6 +112,16 @@ def save_outputs(
         from plan.show.timeline import save_timeline
 
         save_timeline(opened.problem, result, rrd)
+
+
+def save_motion(result: PlanResult, out: Path | None, rate: float) -> str | None:
+    """Writes the motion for a controller; what was written, in words, or nothing."""
+    if out is None or result.splines is None or not result.solved:
+        return None
+    execution = execute(result, rate)
+    execution.save(out)
+    longer = f", {execution.ramp:.3f} s longer than planned to start and end at rest" if execution.ramp else ""
+    return f"motion written to {out}: {len(execution.times)} points, {execution.duration:.4f} s{longer}"
 
 
 def compare_task(

@@ -77,17 +77,27 @@ def solve(
     json_file: JsonFile = None,
     picture: Annotated[Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG).")] = None,
     rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the motion for a controller: .csv, .parquet, or .yaml (JointTrajectory).")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Rate of that file [Hz].")] = 250.0,
 ) -> None:
     """Finds one trajectory and certifies it."""
     from plan.api.planning import origin
-    from plan.api.tasks import open_task, save_outputs, solve_task
+    from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
+    from plan.problem.execution import require_writable
 
+    if out is not None:
+        require_writable(out, rate)
     opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
-    print_result(console, result)
     save_outputs(opened, result, json_file, picture, rrd)
+    written = save_motion(result, out, rate)
+    print_result(console, result)
+    if written is not None:
+        console.print(written, soft_wrap=True, highlight=False)
 
 
 @app.command()

@@ -17,7 +17,7 @@ from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
 from plan.geometry.scene import Unchecked, limits_of_proof
-from plan.problem.problem import PlanningProblem
+from plan.problem.problem import TICK, PlanningProblem
 from plan.spline import Splines
 
 SCHEMA = "plan.result/1"
@@ -26,6 +26,9 @@ Status = Literal["solved", "infeasible", "budget_spent"]
 ROUNDING = 1e-9
 # Clearance may fall short of what was asked for by this [m].
 CLEARANCE_SHORT = 5e-4
+# Time in which an executed motion gets going, and comes to rest: at most this [s], and this share of the plan. A motion
+# with less acceleration at its ends needs none [rad/s²].
+RAMP_S, RAMP_SHARE, AT_REST = 0.05, 0.2, 0.5
 # Quadrature points a section of the certificate: friction that turns round inside a section needs many.
 FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
@@ -40,6 +43,7 @@ class Certificate:
     Attributes:
         energy: Energy by every metric [J], and N² m² s for copper.
         torque_share, speed_share: Peak of each joint as a share of its limit.
+        acceleration_share, jerk_share: The same; None where there is no limit.
         position_margin: Smallest distance to a position limit [rad].
         clearance: Proven clearance.
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
@@ -55,6 +59,18 @@ class Certificate:
     asked_clearance: float = 0.0
     unchecked: tuple[Unchecked, ...] = ()
     shapes: ArmShapes = NO_SHAPES
+    acceleration_share: Float[Array, " n"] | None = None
+    jerk_share: Float[Array, " n"] | None = None
+
+    @property
+    def shares(self) -> dict[str, Float[Array, " n"] | None]:
+        """Peak of each joint as a share of its limit, by what is limited; None without a limit."""
+        return {
+            "speed": self.speed_share,
+            "acceleration": self.acceleration_share,
+            "jerk": self.jerk_share,
+            "torque": self.torque_share,
+        }
 
     @property
     def limits_of_proof(self) -> list[str]:
@@ -65,8 +81,8 @@ class Certificate:
     def broken(self) -> list[str]:
         """What the motion breaks, in words; empty if nothing."""
         found = []
-        for name, share in (("torque", self.torque_share), ("speed", self.speed_share)):
-            for joint, value in enumerate(share, start=1):
+        for name, share in self.shares.items():
+            for joint, value in enumerate([] if share is None else share, start=1):
                 if value > 1.0 + ROUNDING:
                     found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit")
         if self.position_margin < -ROUNDING:
@@ -97,7 +113,38 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         asked_clearance=problem.margin,
         unchecked=problem.scene.unchecked,
         shapes=problem.scene.shapes,
+        acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
+        jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
     )
+
+
+def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
+    """The plan of zero length for a start that is the goal, and what it was found to be."""
+    ends = np.stack([problem.start, problem.start])[None]
+    distances, limits = problem.scene.distances(problem.start), problem.limits
+    pair = int(np.argmin(distances)) if len(distances) else 0
+    least = float(distances.min(initial=1.0))
+    name = problem.scene.pair_name(pair) if len(distances) else "nothing to hit"
+    still = np.zeros((1, 1, problem.n))
+    torque = np.abs(problem.model.torque(problem.start[None, None], still, still)[0, 0])
+    rest = np.zeros(problem.n)
+    return Splines(ends, np.zeros((1, 1))), Certificate(
+        energy=dict.fromkeys(METRICS, 0.0),
+        torque_share=torque / limits.torque,
+        speed_share=rest,
+        position_margin=float(np.minimum(problem.start - limits.lower, limits.upper - problem.start).min()),
+        clearance=Clearance(least, least, 0.0, name, int(len(distances) > 0)),
+        asked_clearance=problem.margin,
+        unchecked=problem.scene.unchecked,
+        shapes=problem.scene.shapes,
+        acceleration_share=None if limits.acceleration is None else rest,
+        jerk_share=None if limits.jerk is None else rest,
+    )
+
+
+def _jerk(splines: Splines) -> Float[Array, " n"]:
+    """Largest jerk of each joint, that of getting going within a controller's tick too [rad/s³]."""
+    return np.maximum(splines.top_jerk[0], splines.end_acceleration[0] / TICK)
 
 
 def _torque_share(problem: PlanningProblem, splines: Splines) -> Float[Array, " n"]:
@@ -159,6 +206,18 @@ class PlanResult(Result):
     held: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def stands(self) -> bool:
+        """Whether the plan is one of zero length."""
+        return self.splines is not None and float(self.splines.total[0]) <= 0.0
+
+    @property
+    def ramp(self) -> float:
+        """Time by which the motion is executed longer than planned, to get going without a jump of acceleration [s]."""
+        if self.splines is None or self.stands or float(self.splines.end_acceleration.max()) <= AT_REST:
+            return 0.0
+        return min(RAMP_S, RAMP_SHARE * float(self.splines.total[0]))
+
+    @property
     def solved(self) -> bool:
         """Whether there is a certified plan."""
         return self.status == "solved"
@@ -200,13 +259,19 @@ class PlanResult(Result):
         if self.splines is None or self.certificate is None:
             return {}
         certificate, points = self.certificate, self.splines.points[0]
-        energy = certificate.energy
+        energy, rest = certificate.energy, [0.0] * points.shape[1]
         return {
             "energy_J": {metric: energy[metric] for metric in METRICS if metric != "copper"},
             "copper_N2m2s": energy["copper"],
             "duration_s": float(self.splines.total[0]),
             "peak_torque_share": certificate.torque_share.tolist(),
             "peak_speed_share": certificate.speed_share.tolist(),
+            "limits": {
+                name: None if share is None else float(share.max()) for name, share in certificate.shares.items()
+            },
+            "peak_acceleration_rad_s2": rest if self.stands else self.splines.top_acceleration[0].tolist(),
+            "peak_jerk_rad_s3": rest if self.stands else self.splines.top_jerk[0].tolist(),
+            "execution": {"ramp_s": self.ramp, "duration_s": float(self.splines.total[0]) + self.ramp},
             "collision_free": certificate.clearance.collision_free,
             "clearance_m": certificate.clearance.proven if certificate.clearance.checked else None,
             "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},

@@ -30,7 +30,7 @@ KEYS = {
         "via_points_deg",
         "times_s",
     },
-    "limits": {"torque_Nm", "speed_deg_s"},
+    "limits": {"torque_Nm", "speed_deg_s", "acceleration_deg_s2", "jerk_deg_s3"},
     "floor": {"height_m"},
     "payload": {"mass_kg", "com_m"},
 }
@@ -68,6 +68,7 @@ class Task:
         clearance: Distance to keep [m].
         reach: How far a via angle may go from the initial one [rad].
         torque, speed: Limits other than the robot's [N m, rad/s]; None for the robot's.
+        acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None for none.
         obstacles: Shapes in the base frame, the floor among them.
         attached: Shapes that the last link carries, in its frame.
         touches: Links that what is carried may touch.
@@ -87,6 +88,8 @@ class Task:
     reach: float = math.radians(DEFAULT_REACH_DEG)
     torque: Float[Array, " n"] | None = None
     speed: Float[Array, " n"] | None = None
+    acceleration: Float[Array, " n"] | None = None
+    jerk: Float[Array, " n"] | None = None
     obstacles: tuple[Box, ...] = ()
     attached: tuple[Box, ...] = ()
     touches: tuple[str, ...] = ()
@@ -127,7 +130,9 @@ def load_task(path: str | Path) -> Task:
         clearance=reader.number(task, "task.clearance_m", DEFAULT_CLEARANCE),
         reach=math.radians(reader.number(task, "task.reach_deg", DEFAULT_REACH_DEG, least=1e-3)),
         torque=None if "torque_Nm" not in limits else reader.positive(limits, "limits.torque_Nm", count),
-        speed=None if "speed_deg_s" not in limits else np.radians(reader.positive(limits, "limits.speed_deg_s", count)),
+        speed=reader.rates(limits, "limits.speed_deg_s", count),
+        acceleration=reader.rates(limits, "limits.acceleration_deg_s2", count),
+        jerk=reader.rates(limits, "limits.jerk_deg_s3", count),
         obstacles=read_obstacles(reader, document),
         attached=tuple(read_shape(reader, *item, {"touches"}) for item in _numbered(reader, document, "attached")),
         touches=tuple(name for item, _ in _numbered(reader, document, "attached") for name in _names(reader, item)),
@@ -285,3 +290,7 @@ class Reader:
                 self.file, f"{key} {values.tolist()} is not above zero throughout", "give positive numbers"
             )
         return values
+
+    def rates(self, entry: Mapping[str, Any], key: str, count: int) -> Float[Array, " k"] | None:
+        """Positive numbers in degrees, as radians; None where the key is not there."""
+        return None if key.rsplit(".", 1)[-1] not in entry else np.radians(self.positive(entry, key, count))

@@ -55,6 +55,9 @@ def print_result(console: Console, result: PlanResult) -> None:
     colour = "green" if result.solved else "red"
     spent = f"{result.evaluations} evaluations, {result.seconds:.2f} s"
     console.print(f"[{colour}]{result.status}[/] by {result.method}, {spent}")
+    held = ", ".join(f"{name} at {value:g}" for name, value in result.held.items())
+    moved = f"{result.robot}: {', '.join(result.joints)}" + (f"; held: {held}" if held else "")
+    console.print(escape(moved), soft_wrap=True, highlight=False)
     if result.reason:
         console.print(f"reason: {escape(result.reason)}", soft_wrap=True)
     _print_starts(console, result)
@@ -64,7 +67,9 @@ def print_result(console: Console, result: PlanResult) -> None:
     energy = ", ".join(f"{name} {value:.2f}" for name, value in certificate.energy.items() if name != "copper")
     console.print(f"energy [J]: {energy}; copper {certificate.energy['copper']:.1f} N² m² s")
     console.print(f"duration: {float(splines.total[0]):.4f} s")
-    for name, share in (("torque", certificate.torque_share), ("speed", certificate.speed_share)):
+    for name, share in certificate.shares.items():
+        if share is None:
+            continue
         console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
     _print_clearance(console, certificate)
     if result.reference_gap is not None and result.method != "sqp":

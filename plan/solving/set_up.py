@@ -187,4 +187,6 @@ def _limits(task: Task, arm: ArmModel) -> Limits:
         arm.velocity_limit if task.speed is None else task.speed,
         arm.effort_limit if task.torque is None else task.torque,
         task.clearance,
+        task.acceleration,
+        task.jerk,
     )

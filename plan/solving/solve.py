@@ -18,7 +18,7 @@ from plan.planners.compression import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
-from plan.problem.result import Certificate, PlanResult, Status, certify
+from plan.problem.result import Certificate, PlanResult, Status, certify, certify_standing
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
 from plan.solving.set_up import find_obstruction, with_energy
@@ -149,6 +149,8 @@ def solve(
         "joints": problem.scene.arm.joint_names,
         "held": problem.scene.arm.locked_joints,
     }
+    if np.array_equal(problem.start, problem.goal):
+        return _standing(problem, head)
     reason = find_obstruction(problem)
     if reason:
         return PlanResult("infeasible", reason=reason, **head)
@@ -179,6 +181,15 @@ def solve(
     if gap and result.solved:
         result = replace(result, reference_gap=_gap(result, method, starts, rng))
     return result
+
+
+def _standing(problem: PlanningProblem, head: dict[str, Any]) -> PlanResult:
+    """Start and goal are the same: a plan of zero length, unless the arm can't stay there."""
+    splines, certificate = certify_standing(problem)
+    if certificate.broken:
+        return PlanResult("infeasible", reason="; ".join(certificate.broken), **head)
+    note = "start and goal are the same: a plan of zero length"
+    return PlanResult("solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=(note,), **head)
 
 
 def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:

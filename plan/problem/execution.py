@@ -1,0 +1,134 @@
+"""A plan as a controller takes it: sampled at its rate, from rest to rest without a jump of the acceleration.
+
+A clamped cubic spline starts with an acceleration, which no drive can have at once. So the plan is begun and ended a
+little slower: the same path, passed along it with a time s(t) whose rate rises from 0 to 1 by a smooth step of
+fifth order. Then position, velocity and acceleration start at rest, and the jerk is bounded everywhere.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from ident.arrays import Array, Float
+from ident.files import atomic_write
+from plan.errors import MethodError
+from plan.problem.result import PlanResult
+from plan.spline import Splines
+
+SUFFIXES = (".csv", ".yaml", ".yml", ".parquet")
+DEFAULT_RATE = 250.0
+RATES = (10.0, 10_000.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """A sampled motion.
+
+    Attributes:
+        joints: Names of the joints, those that move first, then those that are held.
+        times: From 0 to the end [s].
+        q, dq, ddq: Position [rad], velocity [rad/s], acceleration [rad/s²].
+        ramp: Time in which the motion gets going [s].
+    """
+
+    joints: tuple[str, ...]
+    times: Float[Array, " T"]
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    ramp: float
+
+    @property
+    def duration(self) -> float:
+        """Whole duration [s]."""
+        return float(self.times[-1])
+
+    def save(self, path: Path) -> None:
+        """Writes the motion in the format of the path's suffix, whole or not at all."""
+        with atomic_write(path) as part:
+            if path.suffix == ".parquet":
+                pq.write_table(self.table(), part)
+            elif path.suffix == ".csv":
+                pacsv.write_csv(self.table(), part)
+            else:
+                part.write_text(self.yaml(), encoding="utf-8")
+
+    def table(self) -> pa.Table:
+        """Commands in the native columns."""
+        columns: dict[str, Array] = {"time": self.times}
+        for j, name in enumerate(self.joints):
+            columns[f"{name}/position_command"] = self.q[:, j]
+            columns[f"{name}/velocity_command"] = self.dq[:, j]
+            columns[f"{name}/acceleration_command"] = self.ddq[:, j]
+        return pa.table(columns)
+
+    def yaml(self) -> str:
+        """The message `trajectory_msgs/JointTrajectory` of ROS 2."""
+        lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps(list(self.joints))}"]
+        lines.append("points:")
+        for k, time in enumerate(self.times):
+            second, nano = divmod(round(float(time) * 1e9), 1_000_000_000)
+            lines.append(f"- positions: {_row(self.q[k])}")
+            lines.append(f"  velocities: {_row(self.dq[k])}")
+            lines.append(f"  accelerations: {_row(self.ddq[k])}")
+            lines.append("  effort: []")
+            lines.append(f"  time_from_start: {{sec: {second}, nanosec: {nano}}}")
+        return "\n".join(lines) + "\n"
+
+
+def _row(values: Float[Array, " n"]) -> str:
+    return json.dumps([round(float(value), 9) + 0.0 for value in values])
+
+
+def require_writable(path: Path, rate: float) -> None:
+    """Raises MethodError for a format or a rate that no motion can be written in."""
+    if path.suffix not in SUFFIXES:
+        raise MethodError("--out", f"{path.name!r} is no motion's name", f"end it in one of: {', '.join(SUFFIXES)}")
+    if not RATES[0] <= rate <= RATES[1]:
+        raise MethodError("--rate", f"{rate:g} Hz", f"give {RATES[0]:g} to {RATES[1]:g} Hz")
+
+
+def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:
+    """The motion of a solved plan at a rate [Hz]; the last sample lies at the end, however short its step."""
+    assert result.splines is not None
+    total = float(result.splines.total[0])
+    ramp = result.ramp
+    if total > 0.0:
+        times = np.append(np.arange(0.0, total + ramp - 0.5 / rate, 1.0 / rate), total + ramp)
+    else:
+        times = np.zeros(1)
+    q, dq, ddq = ramped(result.splines, times, ramp)
+    held = np.repeat(np.array(list(result.held.values()))[None], len(times), axis=0).reshape(len(times), -1)
+    still = np.zeros_like(held)
+    q, dq, ddq = (np.concatenate(pair, axis=1) for pair in ((q, held), (dq, still), (ddq, still)))
+    return Execution((*result.joints, *result.held), times, q, dq, ddq, ramp)
+
+
+def ramped(splines: Splines, times: Float[Array, " T"], ramp: float) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration of a plan that gets going, and comes to rest, within the ramp."""
+    if float(splines.total[0]) <= 0.0:
+        q = np.repeat(splines.points[0, :1], len(times), axis=0)
+        return q, np.zeros_like(q), np.zeros_like(q)
+    if ramp <= 0.0:
+        return splines.at(np.minimum(times, float(splines.total[0])))
+    s, ds, dds = warp(times, float(splines.total[0]), ramp)
+    q, dq, ddq = splines.at(s)
+    return q, dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None]
+
+
+def warp(times: Float[Array, " T"], total: float, ramp: float) -> tuple[Array, Array, Array]:
+    """Time of the plan, its rate, and that one's rate [1/s] at times of its execution, which takes a ramp longer."""
+    late = times > (total + ramp) / 2
+    x = np.clip(np.where(late, total + ramp - times, times) / ramp, 0.0, 1.0)
+    begun = np.where(late, total + ramp - times, times)
+    s = np.where(begun < ramp, ramp * x**4 * (2.5 - 3.0 * x + x**2), begun - ramp / 2)
+    ds = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    dds = 30.0 * x**2 * (1.0 - x) ** 2 / ramp
+    return np.where(late, total - s, s), ds, np.where(late, -dds, dds)
