@@ -43,6 +43,7 @@ from ident.motion.out_of_core import runs_recorded
 from ident.recordings.recording import TelemetryIssue
 from ident.results import Result
 from ident.robot.arm import ArmModel
+from ident.robot.urdf import robot_argument
 
 SCHEMA = "ident.diagnosis/1"
 
@@ -111,6 +112,7 @@ class Diagnosis(Result):
         extra: Further figures.
         catalogue: The effects that were asked for.
         settings: The numbers by which it was decided.
+        robot_option: What `--robot` takes for the robot.
     """
 
     robot: str
@@ -127,6 +129,7 @@ class Diagnosis(Result):
     extra: dict[str, Any] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = CATALOGUE
     settings: DiagnosisSettings = USUAL
+    robot_option: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -143,7 +146,10 @@ class Diagnosis(Result):
             "not_testable": list(self.not_testable),
             "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": next_experiment(
-                [one.to_dict() for one in self.findings], self.not_testable, self.catalogue
+                [one.to_dict() for one in self.findings],
+                self.not_testable,
+                self.catalogue,
+                self.robot_option or self.robot,
             ),
             **self.extra,
             "provenance": self.provenance.to_dict(),
@@ -214,6 +220,7 @@ def diagnose(
     places = map_gap(series, arm.joint_names, evidence.whitening, rng)
     diagnosis = Diagnosis(
         robot=arm.name,
+        robot_option=robot_argument(arm.name, arm.source),
         joints=arm.joint_names,
         verdict=decide(found, left, judged, tolerance),
         session=_session_facts(motions),

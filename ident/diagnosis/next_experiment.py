@@ -21,6 +21,7 @@ def next_experiment(
     findings: Sequence[Mapping[str, Any]],
     not_testable: Sequence[Mapping[str, Any]],
     known: Sequence[Effect] = CATALOGUE,
+    robot: str = "tm5-900",
 ) -> dict[str, Any] | None:
     """The motion that parts the first tied class; else the one that shows most of what could not be tested.
 
@@ -28,17 +29,18 @@ def next_experiment(
         findings: Findings of `ident.diagnosis/1`, in their order.
         not_testable: Its effects that could not be tested.
         known: The effects that were asked for.
+        robot: What `--robot` takes for the arm: a command that is shown runs as it stands.
 
     Returns:
         `separates`, `motion` and `minutes`; None if nothing is open that a motion could tell.
     """
     for finding in findings:
         if len(finding["class"]) > 1:
-            return _for_tied(list(finding["class"]), finding["joints"][0], known)
-    return _for_unseen([one for one in not_testable if _is_of_motion(one)], known)
+            return _for_tied(list(finding["class"]), finding["joints"][0], known, robot)
+    return _for_unseen([one for one in not_testable if _is_of_motion(one)], known, robot)
 
 
-def _for_tied(effects: list[str], joint: str, known: Sequence[Effect]) -> dict[str, Any]:
+def _for_tied(effects: list[str], joint: str, known: Sequence[Effect], robot: str) -> dict[str, Any]:
     advice = setup_for(effects, known)
     if advice is not None:
         motion = f"Motion alone hardly tells these apart. {advice[0].upper()}{advice[1:]}"
@@ -46,12 +48,12 @@ def _for_tied(effects: list[str], joint: str, known: Sequence[Effect]) -> dict[s
     family = family_for(effects, known)
     return {
         "separates": effects,
-        "motion": f"{_sentence(family, joint)}; {_command(effects, joint)}",
+        "motion": f"{_sentence(family, joint)}; {_command(effects, joint, robot)}",
         "minutes": SHOWINGS[family].minutes,
     }
 
 
-def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect]) -> dict[str, Any] | None:
+def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect], robot: str) -> dict[str, Any] | None:
     """The kind of motion that shows the most effects, and the joint that lacks it most."""
     shown_by = {effect.id: effect.shown_by for effect in known}
     families = {one["effect"]: shown_by[one["effect"]] for one in entries if one["effect"] in shown_by}
@@ -63,7 +65,7 @@ def _for_unseen(entries: Sequence[Mapping[str, Any]], known: Sequence[Effect]) -
     joint = joints.most_common(1)[0][0]
     return {
         "separates": effects,
-        "motion": f"{_sentence(family, joint)}; {_command(effects, joint)}",
+        "motion": f"{_sentence(family, joint)}; {_command(effects, joint, robot)}",
         "minutes": SHOWINGS[family].minutes,
     }
 
@@ -73,8 +75,9 @@ def _sentence(family: str, joint: str) -> str:
     return words if words.startswith(joint) else words[0].upper() + words[1:]
 
 
-def _command(effects: Sequence[str], joint: str) -> str:
-    return f"`plan excite --separate {','.join(effects)} --joint {shlex.quote(joint)}` works it out and writes it"
+def _command(effects: Sequence[str], joint: str, robot: str) -> str:
+    command = f"plan excite --robot {robot} --separate {','.join(effects)} --joint {shlex.quote(joint)}"
+    return f"`{command} --out next_motion` works it out and writes it"
 
 
 def _is_of_motion(entry: Mapping[str, Any]) -> bool:

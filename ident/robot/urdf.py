@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shlex
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
@@ -62,6 +63,12 @@ def find_urdf(robot: str | Path) -> Path:
     if path.is_file():
         return path
     raise RobotError(name, "no such URDF file or robot", f"give a URDF path or one of: {', '.join(robot_names())}")
+
+
+def robot_argument(name: str, source: Path | None) -> str:
+    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF."""
+    known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
+    return known or shlex.quote(name if source is None else str(source))
 
 
 def parse_urdf(text: str, where: str) -> ET.Element:

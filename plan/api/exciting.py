@@ -11,6 +11,7 @@ from ident.diagnosis.diagnose import Diagnosis
 from ident.opening import Robot, load_robot
 from ident.provenance import Provenance
 from plan.experiment import design
+from plan.experiment.around import surroundings_of
 from plan.experiment.design import Tell
 from plan.experiment.question import ask
 from plan.experiment.result import Excitation
@@ -27,6 +28,9 @@ def excite(
     evaluations: int = 120,
     seed: int = 0,
     shapes: str | None = None,
+    scene: str | Path | None = None,
+    floor: str = "0",
+    top_speed: float | None = None,
     progress: Tell | None = None,
 ) -> Excitation:
     """The motion that tells two effects apart, in the fewest minutes.
@@ -41,15 +45,21 @@ def excite(
         evaluations: Most motions that the search judges.
         seed: Of all randomness.
         shapes: What stands in for links without a collision shape: `visual`, `capsules` or `boxes`.
+        scene: Scene file: obstacles, floor, what is carried, limits; its task is left aside.
+        floor: Height of the floor above the base [m], or `none`; a scene's own floor counts instead.
+        top_speed: Top speed of every joint [deg/s].
         progress: Called after each evaluation.
 
     Raises:
         InputError: Unknown effects or joint, or a diagnosis of another arm.
     """
     arm = load_robot(robot, ())
+    around = surroundings_of(arm, None if scene is None else Path(scene), floor, top_speed)
+    arm = arm.with_payload(around.payload)
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     question = ask(arm, separate, joint, record, gather_effects(catalogue))
-    found = design.excite(arm, question, minutes, evaluations, seed, progress, shapes)  # type: ignore[arg-type]
+    kind: Any = shapes
+    found = design.excite(arm, question, minutes, evaluations, seed, progress, kind, around)
     settings = {
         "robot": arm.name,
         "separate": separate,
@@ -59,5 +69,8 @@ def excite(
         "evaluations": evaluations,
         "seed": seed,
         "shapes": shapes,
+        "scene": None if scene is None else str(scene),
+        "floor": floor,
+        "top_speed_deg_s": top_speed,
     }
     return found.with_provenance(Provenance("plan excite", settings=settings))

@@ -165,6 +165,14 @@ def excite(
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
     shapes: Shapes = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."),
+    ] = None,
+    floor: Annotated[
+        str, typer.Option(help="Height of the floor above the base [m], or none; a scene's own floor counts instead.")
+    ] = "0",
+    top_speed: Annotated[float | None, typer.Option(help="Top speed of every joint [deg/s].", min=1e-3)] = None,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
     json_file: JsonFile = None,
@@ -187,13 +195,18 @@ def excite(
             evaluations=evaluations,
             seed=seed,
             shapes=shapes,
+            scene=scene,
+            floor=floor,
+            top_speed=top_speed,
             progress=progress,
         )
-    print_excitation(console, found)
     if out is not None:
         found.write(out)
-        console.print(f"motion written to {out}")
     save_record(found, json_file)
+    print_excitation(console, found)
+    console.print(
+        "nothing written: give --out FOLDER for the motion's files" if out is None else f"motion written to {out}"
+    )
 
 
 @app.command()

@@ -14,6 +14,7 @@ AIMS = {"separate": "tells {effects} apart", "show": "shows {effects}", "identif
 
 def print_excitation(console: Console, found: Excitation) -> None:
     """The set-up where it must change, the motion, what it tells, and what random motion would."""
+    console.print(f"{escape(found.robot)}: {escape(', '.join(found.noise))}", soft_wrap=True, highlight=False)
     effects = " and ".join(found.effects)
     set_up = escape(found.set_up or "")
     if found.status == "needs_set_up":
@@ -41,7 +42,8 @@ def print_excitation(console: Console, found: Excitation) -> None:
         console.print(f"surer still: {set_up}", soft_wrap=True)
     console.print(f"  noise: {found.sources['noise']}", soft_wrap=True)
     clear = "nothing was looked at" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
-    console.print(f"  distance of the arm from itself: {clear}", soft_wrap=True)
+    around = " and ".join(["itself", *found.obstacles]) if found.obstacles else "itself; no obstacle was named"
+    console.print(f"  distance of the arm from {escape(around)}: {clear}", soft_wrap=True)
     for line in limits_of_proof(found.shapes, found.unchecked):
         console.print(f"  {escape(line)}", soft_wrap=True)
 

@@ -22,6 +22,7 @@ from plan.experiment.random_motions import random_runs
 from plan.experiment.result import Excitation, Status, minutes_to_odds
 from plan.experiment.search import BASELINE, ProgrammeSearch, Tell
 from plan.geometry.arm_shapes import StandIn
+from plan.problem.task_file import Surroundings
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
 FEWEST_RUNS, MOST_RUNS = 6, 60
@@ -45,6 +46,7 @@ def excite(
     seed: int = 0,
     tell: Tell | None = None,
     stand_in: StandIn | None = None,
+    around: Surroundings | None = None,
 ) -> Excitation:
     """The motion that answers a question best.
 
@@ -56,12 +58,13 @@ def excite(
         seed: Of everything.
         tell: Called after each evaluation with evaluations, allowed, best score.
         stand_in: What stands in for links without collision geometry.
+        around: What stands around the arm, and limits inside the robot's.
 
     Raises:
         RobotError: No motion of this arm keeps its limits and its distance from itself, or a link has no shape.
     """
     began = time.perf_counter()
-    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm, stand_in)
+    eye, feasible = Eye.of(arm, question.noise), Feasibility(arm, stand_in, around)
     question = replace(question, tellable=_tellable(eye, feasible, question, seed))
     if question.tellable == ():
         programmes = [_general(feasible, question, seed)]
@@ -88,6 +91,7 @@ def excite(
         clearance=min(map(feasible.clearance, runs)) if len(feasible.scene.pairs) else None,
         unchecked=feasible.scene.unchecked,
         shapes=feasible.scene.shapes,
+        obstacles=tuple(box.name for box in feasible.scene.obstacles),
         set_up=setup_for(question.ids, question.asked),
         evaluations=0 if question.tellable == () else evaluations,
         seconds=time.perf_counter() - began,
@@ -159,7 +163,8 @@ def _of_length(
         wanted = RESERVE * (needed or USUAL_MINUTES)
     count = int(np.ceil(60.0 * wanted / (duration_of(trial) / len(trial))))
     low = LEAST_RUNS if minutes is not None else FEWEST_RUNS
-    return _proven(programme, int(np.clip(count, low, MOST_RUNS)), feasible)
+    most = MOST_RUNS if minutes is None else max(count, low)  # a length that was asked for is kept
+    return _proven(programme, int(np.clip(count, low, most)), feasible)
 
 
 def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Motion]:

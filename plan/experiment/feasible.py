@@ -8,8 +8,11 @@ from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import Limits, thin
 from ident.trajectories.reference import Motion
+from plan.errors import SceneError
 from plan.geometry.arm_shapes import StandIn
-from plan.geometry.scene import Scene
+from plan.geometry.scene import Carried, Scene
+from plan.geometry.srdf import read_disabled
+from plan.problem.task_file import Surroundings
 
 # Links keep this distance [m]: an arm under test doesn't follow its commands to the millimetre.
 MARGIN = 0.01
@@ -25,14 +28,26 @@ class Feasibility:
     Args:
         arm: The arm.
         stand_in: What stands in for links without collision geometry.
+        around: Obstacles, the floor, what is carried, and limits inside the robot's; none if not given.
 
     Raises:
         RobotError: A link has no collision geometry and nothing stands in: then nothing can be proven.
+        SceneError: What stands around is no scene of this arm.
     """
 
-    def __init__(self, arm: ArmModel, stand_in: StandIn | None = None) -> None:
+    def __init__(self, arm: ArmModel, stand_in: StandIn | None = None, around: Surroundings | None = None) -> None:
         self.limits = Limits(arm)
-        self.scene = Scene.build(arm, stand_in=stand_in)
+        if around is None:
+            self.scene = Scene.build(arm, stand_in=stand_in)
+            return
+        _narrow(self.limits, around)
+        self.scene = Scene.build(
+            arm,
+            around.obstacles,
+            stand_in=stand_in,
+            carried=Carried(arm.links[-1], around.attached, around.touches) if around.attached else None,
+            disabled=None if around.srdf is None else read_disabled(around.srdf, arm),
+        )
 
     def allows(self, motion: Motion) -> bool:
         """Whether a motion keeps all limits and, by the quick check, its distance from itself."""
@@ -51,11 +66,27 @@ class Feasibility:
         """
         if len(self.scene.pairs) == 0:
             return 1.0
+        if self.scene.distances(motion.q[0]).min() <= 0.0:  # inside a closed mesh, too
+            return 0.0
         travel = np.concatenate([np.zeros((1, motion.q.shape[1])), np.cumsum(np.abs(np.diff(motion.q, axis=0)), 0)])
         for target in (MARGIN, 0.5 * MARGIN, 0.1 * MARGIN):
             if _walk(self.scene, motion.q, travel, target):
                 return target
         return 0.0
+
+
+def _narrow(limits: Limits, around: Surroundings) -> None:
+    """Takes the limits of a scene file where they are narrower than the arm's."""
+    if around.lower is not None:
+        limits.lower = np.maximum(limits.lower, around.lower)
+    if around.upper is not None:
+        limits.upper = np.minimum(limits.upper, around.upper)
+    if around.speed is not None:
+        limits.speed = np.minimum(limits.speed, around.speed)
+    if np.any(limits.lower >= limits.upper):
+        j = int(np.flatnonzero(limits.lower >= limits.upper)[0])
+        what = f"[limits] leave {limits.arm.joint_names[j]} no room inside the robot's own limits"
+        raise SceneError(around.source, what, "widen lower_deg and upper_deg")
 
 
 def _walk(scene: Scene, q: Float[Array, "K n"], travel: Float[Array, "K n"], target: float) -> bool:

@@ -119,6 +119,9 @@ def _read(diagnosis: Mapping[str, Any] | str | Path, arm: ArmModel) -> dict[str,
         raise InputError(path, f"can't be read ({error})", "give the file of `ident diagnose --json`") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise InputError(path, f"is no {SCHEMA}", "give the file of `ident diagnose --json`")
+    robot = record.get("robot", arm.name)
+    if robot != arm.name:
+        raise InputError(path, f"it is of {robot!r}, the robot is {arm.name!r}", "give --robot as for `ident diagnose`")
     unknown = [name for name in record["joints"] if name not in arm.joint_names]
     if unknown:
         raise InputError(path, f"it speaks of {unknown[0]}, which {arm.name} lacks", "give the robot that it is of")

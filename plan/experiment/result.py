@@ -69,6 +69,7 @@ class Excitation(Result):
         evaluations, seconds, seed: Of the search.
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
+        obstacles: Names of what stands around the arm.
     """
 
     SHOWN_BY = "plan.show.results"
@@ -93,6 +94,7 @@ class Excitation(Result):
     seed: int
     unchecked: tuple[Unchecked, ...] = ()
     shapes: ArmShapes = NO_SHAPES
+    obstacles: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -129,6 +131,7 @@ class Excitation(Result):
                 "clearance_m": self.clearance,
             },
             "joints": list(self.noise),
+            "obstacles": list(self.obstacles),
             "unchecked_pairs": [pair.to_dict() for pair in self.unchecked],
             **self.shapes.to_dict(),
             "distance": {

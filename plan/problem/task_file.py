@@ -30,7 +30,7 @@ KEYS = {
         "via_points_deg",
         "times_s",
     },
-    "limits": {"torque_Nm", "speed_deg_s", "acceleration_deg_s2", "jerk_deg_s3"},
+    "limits": {"lower_deg", "upper_deg", "torque_Nm", "speed_deg_s", "acceleration_deg_s2", "jerk_deg_s3"},
     "floor": {"height_m"},
     "payload": {"mass_kg", "com_m"},
 }
@@ -68,6 +68,7 @@ class Task:
         clearance: Distance to keep [m].
         reach: How far a via angle may go from the initial one [rad].
         torque, speed: Limits other than the robot's [N m, rad/s]; None for the robot's.
+        lower, upper: Position limits inside the robot's [rad]; None for the robot's.
         acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None for none.
         obstacles: Shapes in the base frame, the floor among them.
         attached: Shapes that the last link carries, in its frame.
@@ -88,6 +89,8 @@ class Task:
     reach: float = math.radians(DEFAULT_REACH_DEG)
     torque: Float[Array, " n"] | None = None
     speed: Float[Array, " n"] | None = None
+    lower: Float[Array, " n"] | None = None
+    upper: Float[Array, " n"] | None = None
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
     obstacles: tuple[Box, ...] = ()
@@ -131,6 +134,8 @@ def load_task(path: str | Path) -> Task:
         reach=math.radians(reader.number(task, "task.reach_deg", DEFAULT_REACH_DEG, least=1e-3)),
         torque=None if "torque_Nm" not in limits else reader.positive(limits, "limits.torque_Nm", count),
         speed=reader.rates(limits, "limits.speed_deg_s", count),
+        lower=reader.bounds(limits, count)[0],
+        upper=reader.bounds(limits, count)[1],
         acceleration=reader.rates(limits, "limits.acceleration_deg_s2", count),
         jerk=reader.rates(limits, "limits.jerk_deg_s3", count),
         obstacles=read_obstacles(reader, document),
@@ -139,6 +144,57 @@ def load_task(path: str | Path) -> Task:
         payload=_payload(reader, document),
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What stands round an arm that is only to be moved about, and what it may do there.
+
+    Attributes:
+        source: The file.
+        robot: The robot that it names, if any.
+        obstacles: Shapes in the base frame, the floor among them if the file has one.
+        attached, touches: What the last link carries, and links that this may touch.
+        payload: Mass that the last link carries.
+        srdf: File that names pairs of links to leave out of checks.
+        lower, upper, speed: Limits inside the robot's [rad, rad/s]; None for the robot's.
+    """
+
+    source: Path
+    robot: str | None = None
+    obstacles: tuple[Box, ...] = ()
+    attached: tuple[Box, ...] = ()
+    touches: tuple[str, ...] = ()
+    payload: Payload | None = None
+    srdf: Path | None = None
+    lower: Float[Array, " n"] | None = None
+    upper: Float[Array, " n"] | None = None
+    speed: Float[Array, " n"] | None = None
+
+
+def load_surroundings(path: str | Path, joints: int) -> Surroundings:
+    """Reads a scene file for an arm of so many joints; its task, if it has one, is left aside.
+
+    Raises:
+        SceneError: As `load_task`.
+    """
+    file = Path(path)
+    document, reader = _read(file), Reader(file)
+    reader.known("", document)
+    limits = document.get("limits", {})
+    low, high = reader.bounds(limits, joints)
+    return Surroundings(
+        source=file,
+        robot=None if "robot" not in document else reader.text(document, "robot"),
+        obstacles=read_obstacles(reader, document),
+        attached=tuple(read_shape(reader, *item, {"touches"}) for item in _numbered(reader, document, "attached")),
+        touches=tuple(name for item, _ in _numbered(reader, document, "attached") for name in _names(reader, item)),
+        payload=_payload(reader, document),
+        srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
+        lower=low,
+        upper=high,
+        speed=reader.rates(limits, "limits.speed_deg_s", joints),
     )
 
 
@@ -294,3 +350,17 @@ class Reader:
     def rates(self, entry: Mapping[str, Any], key: str, count: int) -> Float[Array, " k"] | None:
         """Positive numbers in degrees, as radians; None where the key is not there."""
         return None if key.rsplit(".", 1)[-1] not in entry else np.radians(self.positive(entry, key, count))
+
+    def bounds(
+        self, limits: Mapping[str, Any], count: int
+    ) -> tuple[Float[Array, " k"] | None, Float[Array, " k"] | None]:
+        """Lower and upper position limits [rad]; None where they are not there."""
+        low, high = (
+            None if key not in limits else np.radians(self.numbers(limits, f"limits.{key}", count))
+            for key in ("lower_deg", "upper_deg")
+        )
+        if low is not None and high is not None and np.any(low >= high):
+            j = int(np.flatnonzero(low >= high)[0])
+            what = f"limits.lower_deg {np.degrees(low[j]):g} is not below limits.upper_deg {np.degrees(high[j]):g}"
+            raise SceneError(self.file, what, "correct one of them")
+        return low, high

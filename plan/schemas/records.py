@@ -41,6 +41,14 @@ class ResultRecord(TypedDict):
     peak_speed_share: NotRequired[list[float]]
     collision_free: NotRequired[bool]
     clearance_m: NotRequired[float | None]
+    robot: NotRequired[str]
+    joints: NotRequired[list[str]]
+    held: NotRequired[dict[str, float]]
+    limits: NotRequired[dict[str, float | None]]
+    execution: NotRequired[dict[str, float]]
+    unchecked_pairs: NotRequired[list[dict[str, Any]]]
+    stand_in: NotRequired[dict[str, Any]]
+    issues: NotRequired[list[dict[str, Any]]]
     via_points_rad: NotRequired[list[list[float]]]
     times_s: NotRequired[list[float]]
 
@@ -74,6 +82,10 @@ class ExcitationRecord(TypedDict):
     odds: float
     odds_random: float
     noise_Nm: dict[str, float]
+    obstacles: NotRequired[list[str]]
+    unchecked_pairs: NotRequired[list[dict[str, Any]]]
+    stand_in: NotRequired[dict[str, Any]]
+    issues: NotRequired[list[dict[str, Any]]]
     evaluations: int
     seconds: float
     seed: int

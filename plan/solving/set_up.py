@@ -182,8 +182,8 @@ def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
 
 def _limits(task: Task, arm: ArmModel) -> Limits:
     return Limits(
-        arm.lower,
-        arm.upper,
+        arm.lower if task.lower is None else np.maximum(arm.lower, task.lower),
+        arm.upper if task.upper is None else np.minimum(arm.upper, task.upper),
         arm.velocity_limit if task.speed is None else task.speed,
         arm.effort_limit if task.torque is None else task.torque,
         task.clearance,

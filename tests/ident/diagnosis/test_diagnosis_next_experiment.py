@@ -42,7 +42,7 @@ def test_first_tied_class_is_parted() -> None:
     assert found is not None
     assert found["separates"] == ["joint_elasticity", "torque_delay"]
     assert "swept in frequency" in found["motion"]
-    assert "--separate joint_elasticity,torque_delay --joint joint_3" in found["motion"]
+    assert "--robot tm5-900 --separate joint_elasticity,torque_delay --joint joint_3 --out" in found["motion"]
     assert found["minutes"] > 0
 
 

@@ -1,0 +1,56 @@
+"""What stands round an arm that is to be excited: a scene file, the floor, a top speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ident.robot.arm import ArmModel
+from ident.robot.urdf import find_urdf
+from plan.errors import MethodError, SceneError
+from plan.geometry.scene import FLOOR
+from plan.problem.obstacle_tables import floor_box
+from plan.problem.task_file import Surroundings, load_surroundings
+
+HIGHEST_FLOOR = 10.0
+
+
+def surroundings_of(arm: ArmModel, scene: Path | None, floor: str, top_speed: float | None) -> Surroundings:
+    """The surroundings that options name; without a word of a floor, nothing goes below the base plane.
+
+    Args:
+        arm: The arm.
+        scene: Scene file.
+        floor: Height of the floor [m], or `none`.
+        top_speed: Of every joint [deg/s].
+
+    Raises:
+        MethodError: The floor's height is no number.
+        SceneError: The scene file is at fault, or another robot's.
+    """
+    around = Surroundings(Path("--scene")) if scene is None else load_surroundings(scene, arm.n)
+    if (
+        around.robot is not None
+        and arm.source is not None
+        and find_urdf(around.robot).resolve() != arm.source.resolve()
+    ):
+        raise SceneError(around.source, f"it is for {around.robot!r}, the robot is {arm.name!r}", "give its --robot")
+    if floor != "none" and all(box.name != FLOOR for box in around.obstacles):
+        around = replace(around, obstacles=(*around.obstacles, floor_box(_height(floor))))
+    if top_speed is not None:
+        given = np.full(arm.n, math.radians(top_speed))
+        around = replace(around, speed=given if around.speed is None else np.minimum(given, around.speed))
+    return around
+
+
+def _height(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= HIGHEST_FLOOR:
+        raise MethodError("--floor", f"{text!r} is no height", f"give metres within {HIGHEST_FLOOR:g}, or none")
+    return value
