@@ -13,6 +13,7 @@ from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.motion.motion import Motion
 from ident.opening import Opened, Robot, Sources, open_sessions
+from ident.patches.best import best_of, tell_choice, write_best
 from ident.patches.bodies import Links, change_links, tuned_arm
 from ident.patches.change import Change, Diagnosed, Tuning
 from ident.patches.expressed import FORMATS, express, untold
@@ -80,6 +81,8 @@ def write_patch(
                 "tuned": write_before(arm, diagnosed.alone, Path(spare) / "tuned"),
             }
             record["heldout"] = _measure(before, after, motions)
+            record["written"] = write_best(record["heldout"]["gaps"], before, folder)
+            record["told"] += tell_choice(record["written"], record["heldout"]["best"])
         record["provenance"] = (provenance or Provenance("ident patch")).to_dict()
         (folder / "patch.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return record
@@ -187,9 +190,11 @@ def _told(arm: ArmModel, diagnosed: Diagnosed, links: Links) -> list[str]:
 
 
 def _measure(before: Mapping[str, WrittenPatch], after: WrittenPatch, motions: Sequence[Motion]) -> dict[str, Any]:
-    gaps = compare(before, after, motions)
     joints = motions[0].joints
+    found = compare(before, after, motions)
+    gaps = {form: {when: gap.to_dict(joints) for when, gap in one.items()} for form, one in found.items()}
     return {
+        "best": {form: best_of(one) for form, one in gaps.items()},
         "runs": [motion.name for motion in motions],
         "window_s": WINDOW,
         "most_windows": MOST_WINDOWS,
@@ -197,5 +202,5 @@ def _measure(before: Mapping[str, WrittenPatch], after: WrittenPatch, motions: S
         "tuned": "inertias and losses tuned without the effects",
         "after": "the written file",
         "after_with_module": "the written file and the module's missing_torque; for the URDF also its log",
-        "gaps": {form: {when: gap.to_dict(joints) for when, gap in found.items()} for form, found in gaps.items()},
+        "gaps": gaps,
     }

@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ident.arrays import Array, Float
 from ident.errors import RobotError
@@ -45,7 +46,11 @@ def write_mjcf(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> str:
         root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=_text(_gravity(arm, changes))
     )
     parent = ET.SubElement(root, "worldbody")
-    shapes = _shapes(arm)
+    shapes, hulls = _shapes(arm)
+    if hulls:
+        assets = ET.SubElement(root, "asset")
+        for name, corners in hulls.items():
+            ET.SubElement(assets, "mesh", name=name, vertex=_text(corners.reshape(-1)))
     _add_shapes(parent, shapes.get(0, []))
     figures = joint_figures(arm, losses, changes)
     for j in range(arm.n):
@@ -144,19 +149,24 @@ def _add_drives(root: ET.Element, figures: Sequence[JointFigures]) -> None:
             sensor.set("cutoff", repr(item.cutoff))
 
 
-def _shapes(arm: ArmModel) -> dict[int, list[dict[str, str]]]:
-    """Simple shapes of the collision geometry by the joint that moves them; meshes are left out."""
+def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, Float[Array, "k 3"]]]:
+    """The collision geometry by the joint that moves it, and the corners of its meshes' hulls [m]."""
     found: dict[int, list[dict[str, str]]] = {}
+    hulls: dict[str, Float[Array, "k 3"]] = {}
     try:
         objects = arm.geometry.geometryObjects
     except RobotError:
-        return found
-    for item in objects:
+        return found, hulls
+    for number, item in enumerate(objects):
         size = _size(item.geometry)
+        if size is None and hasattr(item.geometry, "vertices"):
+            corners = np.array(item.geometry.vertices())
+            hulls[f"hull_{number}"] = corners[ConvexHull(corners).vertices]
+            size = {"type": "mesh", "mesh": f"hull_{number}"}
         if size is not None:
             pose = {"pos": _text(item.placement.translation), "quat": _text(quaternion(item.placement.rotation))}
             found.setdefault(int(item.parentJoint), []).append({**size, **pose})
-    return found
+    return found, hulls
 
 
 def _size(shape: object) -> dict[str, str] | None:
@@ -165,6 +175,8 @@ def _size(shape: object) -> dict[str, str] | None:
         return {"type": "box", "size": _text(shape.halfSide)}  # type: ignore[attr-defined]
     if kind == "Cylinder":
         return {"type": "cylinder", "size": _text([shape.radius, shape.halfLength])}  # type: ignore[attr-defined]
+    if kind == "Capsule":
+        return {"type": "capsule", "size": _text([shape.radius, shape.halfLength])}  # type: ignore[attr-defined]
     if kind == "Sphere":
         return {"type": "sphere", "size": _text([shape.radius])}  # type: ignore[attr-defined]
     return None

@@ -41,6 +41,8 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
         console.print(f"  {form}: loads, {said}")
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
+        for form, when in record["heldout"]["best"].items():
+            console.print(f"  {form}: measures best {WHEN[when]}; written: {WHEN[record['written'][form]]}")
     console.print(f"patch written to {out}")
 
 
