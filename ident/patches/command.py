@@ -61,7 +61,8 @@ def write_patch(
     with atomic_folder(out, PATCH_KIND) as folder, tempfile.TemporaryDirectory() as spare:
         after = _write_after(diagnosed, arm, folder)
         _, links = tuned_arm(arm, diagnosed)
-        record = {
+        told = _told(arm, diagnosed, links)
+        record: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": arm.name,
             "joints": list(arm.joint_names),
@@ -72,7 +73,7 @@ def write_patch(
             else "not in the diagnosis: losses and tuned inertias are zero",
             "files": list(FILES),
             "effects": [_describe(change) for change in diagnosed.changes],
-            "told": _told(arm, diagnosed, links),
+            "told": told,
             "structure": check_structure(after, _exactly_expressed(diagnosed.changes)),
         }
         if motions:
@@ -80,9 +81,10 @@ def write_patch(
                 "before": write_before(arm, diagnosed.urdf, Path(spare) / "urdf"),
                 "tuned": write_before(arm, diagnosed.alone, Path(spare) / "tuned"),
             }
-            record["heldout"] = _measure(before, after, motions)
-            record["written"] = write_best(record["heldout"]["gaps"], before, folder)
-            record["told"] += tell_choice(record["written"], record["heldout"]["best"])
+            measured = _measure(before, after, motions)
+            written = write_best(measured["gaps"], before, folder)
+            told += tell_choice(written, measured["best"])
+            record |= {"heldout": measured, "written": written}
         record["provenance"] = (provenance or Provenance("ident patch")).to_dict()
         (folder / "patch.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return record
