@@ -283,8 +283,9 @@ class Scene:
     def _sweep_levers(self) -> Float[Array, "c n"]:
         """Levers of the pairs of links, then of each link against the world."""
         reach = _reaches(self.arm, self.boxes)
-        alone = np.where(np.arange(self.arm.n) < np.array([[self.boxes[m].joint] for m in self._moving]), 1.0, 0.0)
-        return np.concatenate([self.levers[: len(self._between)], reach[self._moving] * alone.reshape(-1, self.arm.n)])
+        carrier = np.array([box.joint for box in self.boxes], dtype=np.int64)[self._moving]
+        alone = np.arange(self.arm.n) < carrier[:, None]  # no joint beyond a link moves it
+        return np.concatenate([self.levers[: len(self._between)], reach[self._moving] * alone])
 
 
 def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
