@@ -83,6 +83,12 @@ class HybridModel:
     def joint_names(self) -> tuple[str, ...]:
         return self.arm.joint_names
 
+    @property
+    def rungs(self) -> tuple[str, ...]:
+        """Names of the ladder's rungs, from the URDF up."""
+        inertia = ("inertia",) if self.inertia != "nominal" else ()
+        return ("analytic", *inertia, "loss", *(("net",) if self.net is not None else ()))
+
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
     ) -> Float[Array, "T n"]:

@@ -1,0 +1,93 @@
+"""The commands that take an identified arm on: `ident export` and `ident verify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.shared import Cutoff, JsonFile, SessionFile, Sessions, Topic, app, console, write_json
+from ident.files import deliver
+from ident.ownership import check_outputs
+
+# Exit status where a limit is not kept.
+NOT_PASSED = 3
+Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
+
+
+@app.command()
+def export(
+    model: Model,
+    out: Annotated[Path, typer.Option(help="Folder of the export.")],
+    form: Annotated[
+        list[str] | None, typer.Option("--format", help="urdf, mjcf, toml, python or isaaclab; all if not given.")
+    ] = None,
+    nearest: Annotated[bool, typer.Option(help="Write links that no body could be as the nearest bodies.")] = False,
+    on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure the files on.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    json_file: JsonFile = None,
+) -> None:
+    """What was identified, for others: URDF, MJCF, TOML, Python, Isaac Lab; each loaded back."""
+    from ident.model.hybrid import HybridModel
+    from ident.opening import open_for_model
+    from ident.patches.export import EXPORT_KIND, FILES, write_export
+
+    check_outputs([model, *(on or ()), session_file], {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
+    loaded = HybridModel.load(model)
+    motions = open_for_model(on, loaded, topic, session_file).motions if on else ()
+    record = write_export(loaded, out, tuple(form or FILES), nearest, motions)
+
+    def show() -> None:
+        for name, found in record["loaded_back"].items():
+            error = found.get("torque_difference_Nm")
+            told = "" if error is None else f", torque within {error:.1e} N m of the model's"
+            console.print(f"{FILES[name]}: loaded back{told}", highlight=False)
+        for name, error in record.get("torque_rmse_Nm", {}).items():
+            console.print(f"{FILES[name]}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
+        if record["changed_links"]:
+            console.print(f"nearest bodies written for: {', '.join(record['changed_links'])}", markup=False)
+        for line in record["left_out"]:
+            console.print(f"left out: {line}")
+        console.print(f"written to {out}", markup=False, soft_wrap=True)
+
+    deliver(show, lambda: write_json(json_file, record))
+
+
+@app.command()
+def verify(
+    model: Model,
+    sessions: Sessions,
+    limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    json_file: JsonFile = None,
+) -> None:
+    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not."""
+    from ident.model.evaluation import evaluate
+    from ident.model.hybrid import HybridModel
+    from ident.model.limits import SCHEMA, load_limits
+    from ident.opening import open_for_model
+
+    check_outputs([model, *sessions, limits, session_file], {"--json": json_file})
+    loaded = HybridModel.load(model)
+    wanted = load_limits(limits, loaded.joint_names, loaded.rungs)
+    opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
+    scores = evaluate(loaded, opened.groups, model.name).sessions
+    checks = [check for score in scores for check in wanted.check(score)]
+    passed = all(check.passed for check in checks)
+    record = {"schema": SCHEMA, "model": model.name, "passed": passed, "checks": [check.to_dict() for check in checks]}
+
+    def show() -> None:
+        for check in checks:
+            value = "not told by these recordings" if check.value is None else f"{check.value:.4g}"
+            place = f"{check.session}: {check.limit.figure} {check.limit.joint}"
+            mark = "kept" if check.passed else "NOT KEPT"
+            console.print(f"{place}: {value}, limit {check.limit.bound:g}: {mark}", markup=False, highlight=False)
+        console.print("passed" if passed else "not passed")
+
+    deliver(show, lambda: write_json(json_file, record))
+    if not passed:
+        raise typer.Exit(NOT_PASSED)

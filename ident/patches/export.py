@@ -1,0 +1,226 @@
+"""What was identified, in the files of others: URDF, MJCF, TOML, a Python module, figures for Isaac Lab.
+
+Only bodies that can exist are written: an integrator makes motion of them. Every file is loaded back by its consumer
+before the folder appears, and its torque compared with the model's.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.files import atomic_folder
+from ident.model.consistency import nearest_consistent
+from ident.model.hybrid import HybridModel
+from ident.model.inertia import parameter_scale
+from ident.motion.motion import Motion
+from ident.patches.bodies import is_body
+from ident.patches.mjcf import write_mjcf
+from ident.patches.module import write_module
+from ident.patches.standalone.motion import Losses
+from ident.patches.urdf import write_urdf
+from ident.patches.verify import Written, load_module, random_states
+from ident.robot.arm import ArmModel
+
+SCHEMA = "ident.export/1"
+EXPORT_KIND = "export"
+FILES = {
+    "urdf": "robot.urdf",
+    "mjcf": "robot.xml",
+    "toml": "parameters.toml",
+    "python": "torque_model.py",
+    "isaaclab": "isaaclab.py",
+}
+# Formats that a simulator loads back; the others are read as they are.
+LOADED = ("urdf", "mjcf")
+
+
+def write_export(
+    model: HybridModel,
+    out: Path,
+    formats: Sequence[str] = tuple(FILES),
+    nearest: bool = False,
+    motions: Sequence[Motion] = (),
+) -> dict[str, Any]:
+    """Writes an identified arm.
+
+    Args:
+        model: The fitted model.
+        out: Folder; an earlier export there is replaced.
+        formats: Which of `FILES`.
+        nearest: Whether links that no body could be are written as the nearest bodies.
+        motions: Recordings on which each file's torque error is measured, before and after.
+
+    Returns:
+        What `export.json` holds.
+
+    Raises:
+        InputError: An unknown format, or links that no body could be.
+    """
+    unknown = [name for name in formats if name not in FILES]
+    if unknown:
+        raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
+    arm, changed = _physical(model, nearest)
+    losses = _losses(model)
+    with atomic_folder(out, EXPORT_KIND) as folder:
+        for name in formats:
+            (folder / FILES[name]).write_text(_text(name, model, arm, losses), encoding="utf-8")
+        written = Written(folder, model.nominal, tuple(model.nominal.locked_joints), dict.fromkeys(LOADED, losses))
+        record = {
+            "schema": SCHEMA,
+            "robot": model.robot.name,
+            "joints": list(model.joint_names),
+            "files": [FILES[name] for name in formats],
+            "changed_links": changed,
+            "left_out": _left_out(model),
+            "loaded_back": {name: _loaded_back(name, written, arm, losses) for name in formats if name != "isaaclab"},
+        }
+        if motions:
+            record["torque_rmse_Nm"] = _errors([name for name in formats if name in LOADED], written, model, motions)
+        (folder / "export.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    return record
+
+
+def _physical(model: HybridModel, nearest: bool) -> tuple[ArmModel, list[str]]:
+    """The identified arm with links that are bodies, and which were changed for it."""
+    numbers = model.arm.inertial_parameters
+    links = model.arm.links
+    # A link that the URDF itself leaves without extent is written as it is.
+    given = model.nominal.inertial_parameters.reshape(-1, 10)
+    wrong = [
+        links[j]
+        for j, row in enumerate(numbers.reshape(-1, 10))
+        if not is_body(row) and not np.array_equal(row, given[j])
+    ]
+    if not wrong:
+        return model.arm, []
+    if not nearest:
+        raise InputError(
+            "the model",
+            f"its {', '.join(wrong)} could be no real body",
+            "give --nearest to write the nearest bodies, or fit with --inertia consistent",
+        )
+    mended = nearest_consistent(numbers, parameter_scale(model.nominal))
+    return model.arm.with_inertial_parameters(mended), wrong
+
+
+def _losses(model: HybridModel) -> Losses:
+    loss = model.loss
+    widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, 1e-6)
+    return Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(model.arm.n))
+
+
+def _text(name: str, model: HybridModel, arm: ArmModel, losses: Losses) -> str:
+    if name == "urdf":
+        change = (arm.inertial_parameters - model.nominal.inertial_parameters).reshape(-1, 10)
+        # The model's own copy of the URDF, not the file it was read from: that may have changed since.
+        return write_urdf(replace(model.nominal, source=None), losses, change, ())
+    if name == "mjcf":
+        return write_mjcf(arm, losses, ())
+    if name == "python":
+        nothing: dict[str, list[int]] = {form: [] for form in LOADED}
+        return write_module(arm, losses, [], nothing, dict.fromkeys(LOADED, losses))
+    return _parameters(model, arm) if name == "toml" else _isaaclab(model)
+
+
+def _parameters(model: HybridModel, arm: ArmModel) -> str:
+    """Figures with their intervals, by joint, and link inertias."""
+    joints: dict[str, dict[str, Any]] = {name: {} for name in model.joint_names}
+    for figure in model.figures:
+        joints[figure.joint][figure.name] = {
+            "value": figure.value,
+            "low": figure.low,
+            "high": figure.high,
+            "unit": figure.unit,
+        }
+    for name, width in zip(model.joint_names, model.loss.transition_speed, strict=True):
+        joints[name]["transition_speed"] = {"value": float(width), "unit": "rad/s"}
+    links = zip(arm.links, arm.inertial_parameters.reshape(-1, 10), strict=True)
+    record = {
+        "robot": model.robot.name,
+        "joints": joints,
+        "link_order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
+        "links": {name: row.tolist() for name, row in links},
+    }
+    return tomli_w.dumps(record)
+
+
+def _isaaclab(model: HybridModel) -> str:
+    """Keyword arguments of an actuator configuration; Isaac Lab itself is not needed to read them."""
+    loss, names = model.loss, model.joint_names
+
+    def table(values: Float[Array, " n"]) -> str:
+        return "{" + ", ".join(f"{name!r}: {float(value)!r}" for name, value in zip(names, values, strict=True)) + "}"
+
+    return (
+        '"""Figures for Isaac Lab: ImplicitActuatorCfg(**ACTUATOR, stiffness=…, damping=…).\n\n'
+        "Beside robot.urdf, whose link inertias are the identified ones. Frictions are efforts [N m], as\n"
+        "Isaac Sim 5 and later take them (before, a share of the load); armature is rotor inertia at the joint\n"
+        '[kg m²].\n"""\n\n'
+        f"ROBOT = {model.robot.name!r}\n"
+        "ACTUATOR = {\n"
+        f'    "joint_names_expr": {list(names)!r},\n'
+        f'    "armature": {table(loss.motor_inertia)},\n'
+        f'    "friction": {table(loss.coulomb)},\n'
+        f'    "dynamic_friction": {table(loss.coulomb)},\n'
+        f'    "viscous_friction": {table(loss.viscous)},\n'
+        "}\n"
+    )
+
+
+def _left_out(model: HybridModel) -> list[str]:
+    """What no file says."""
+    told = ["a URDF has no place for rotor inertia, nor for the speed over which dry friction turns round"]
+    if np.any(model.loss.offset != 0.0):
+        told.append("torque offsets are in parameters.toml alone")
+    if model.net is not None:
+        told.append("the residual net is in the model folder alone")
+    return told
+
+
+def _loaded_back(name: str, written: Written, arm: ArmModel, losses: Losses) -> dict[str, Any]:
+    """Largest torque difference between the loaded file and the model, net and offsets aside [N m]."""
+    path = written.folder / FILES[name]
+    if name == "toml":
+        return {"loads": bool(_read_toml(path)["joints"])}
+    q, dq, ddq = random_states(written.arm, np.random.default_rng(0))
+    wanted = arm.inverse_dynamics(q, dq, ddq) + losses.torque(dq, ddq, np.tanh(dq / losses.transition))
+    if name == "python":
+        torque = load_module(path).modelled_torque(q, dq, ddq)
+    else:
+        torque = written.load(name).joint_torque(q, dq, ddq, 0.0)
+    return {"loads": True, "torque_difference_Nm": float(np.max(np.abs(torque - wanted)))}
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    import tomllib
+
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _errors(
+    formats: Sequence[str], written: Written, model: HybridModel, motions: Sequence[Motion]
+) -> dict[str, dict[str, float]]:
+    """Torque error of each loaded file on recordings, where joints move, and of the URDF as it was given [N m]."""
+    squares: dict[str, float] = dict.fromkeys(["before", *formats], 0.0)
+    count = 0
+    for motion in motions:
+        own = motion.select(model.joint_names)
+        states = (own.q, own.dq, own.ddq)
+        torques = {"before": model.nominal.with_payload(own.payload).inverse_dynamics(*states)}
+        for name in formats:
+            torques[name] = written.load(name, own.payload).joint_torque(*states, own.interval)
+        count += int(own.moving.sum())
+        for name, torque in torques.items():
+            squares[name] += float(np.sum(np.where(own.moving, own.tau_filtered - own.filtered(torque), 0.0) ** 2))
+    before = math.sqrt(squares["before"] / max(1, count))
+    return {name: {"before": before, "after": math.sqrt(squares[name] / max(1, count))} for name in formats}

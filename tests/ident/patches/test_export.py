@@ -1,0 +1,108 @@
+"""Laws of exported models and of the gate."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError
+from ident.model.evaluation import evaluate
+from ident.model.hybrid import HybridModel
+from ident.model.limits import load_limits
+from ident.model.loss import LossParameters
+from ident.patches.export import FILES, write_export
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import made_motions
+
+LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
+
+
+@pytest.fixture(scope="module")
+def model() -> HybridModel:
+    arm = ArmModel.load("tm5-900")
+    heavier = arm.with_inertial_parameters(1.1 * arm.inertial_parameters)
+    return HybridModel(arm, arm, heavier, LOSS, inertia="consistent")
+
+
+def test_every_file_carries_the_model_s_torque(model: HybridModel, tmp_path: Path) -> None:
+    """URDF in Pinocchio, MJCF in MuJoCo and the Python module give the model's torque to 1e-9, with less error."""
+    motions = made_motions(model.robot, model.torque, [1], 3.0)
+    record = write_export(model, tmp_path / "export", motions=motions)
+    assert {path.name for path in (tmp_path / "export").iterdir()} >= {*FILES.values(), "export.json"}
+    for name in ("urdf", "mjcf", "python"):
+        assert record["loaded_back"][name]["torque_difference_Nm"] < 1e-9
+    for error in record["torque_rmse_Nm"].values():
+        assert error["after"] < 0.2 * error["before"]
+
+
+def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -> None:
+    """The file is plain Python: one dictionary of figures by joint."""
+    write_export(model, tmp_path / "export", ("isaaclab",))
+    tree = ast.parse((tmp_path / "export" / "isaaclab.py").read_text(encoding="utf-8"))
+    found = ast.literal_eval(
+        next(
+            node.value
+            for node in tree.body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ACTUATOR"
+        )
+    )
+    assert found["armature"] == dict.fromkeys(model.joint_names, 0.1)
+    assert found["viscous_friction"] == dict.fromkeys(model.joint_names, 8.0)
+
+
+def test_what_no_body_could_be_is_refused_and_the_nearest_offered(model: HybridModel, tmp_path: Path) -> None:
+    """A negative moment of inertia ends in one line with the remedy; with it, only that link changes much."""
+    numbers = np.array(model.arm.inertial_parameters)
+    numbers[14] = -0.5
+    broken = replace(model, arm=model.robot.with_inertial_parameters(numbers), inertia="base")
+    with pytest.raises(InputError, match=r"link_2 could be no real body; give --nearest"):
+        write_export(broken, tmp_path / "export", ("urdf",))
+    assert not (tmp_path / "export").exists()
+    record = write_export(broken, tmp_path / "export", ("urdf",), nearest=True)
+    assert record["changed_links"] == ["link_2"]
+    assert record["loaded_back"]["urdf"]["torque_difference_Nm"] < 1e-9
+
+
+def test_an_unknown_format_is_refused(model: HybridModel, tmp_path: Path) -> None:
+    """The message lists the formats."""
+    with pytest.raises(InputError, match="'sdf' is unknown; use one of: urdf"):
+        write_export(model, tmp_path / "export", ("sdf",))
+
+
+def test_limits_are_kept_or_not(model: HybridModel, tmp_path: Path) -> None:
+    """Limits above the error pass, below it they don't; R² is a least value; a chosen rung is judged."""
+    motions = made_motions(model.robot, lambda *states: model.torque(*states) + 1.0, [2], 4.0)
+    score = evaluate(model, [("E", motions)]).pooled
+    file = tmp_path / "limits.toml"
+    file.write_text("[torque_rmse_Nm]\njoint_1 = 1.1\njoint_2 = 0.9\ntotal = 1.1\n[r2_moving]\njoint_2 = 0.9\n")
+    checks = load_limits(file, model.joint_names, model.rungs).check(score)
+    assert [check.passed for check in checks] == [True, False, True, True]
+    file.write_text('rung = "analytic"\n[torque_rmse_Nm]\njoint_1 = 1.1\n')
+    assert not load_limits(file, model.joint_names, model.rungs).check(score)[0].passed
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "holds no limit"),
+        ("[torque_rmse_Nm", "not TOML"),
+        ("[speed]\nx = 1", "no such figure"),
+        ("torque_rmse_Nm = 1", "is no table"),
+        ("[r2_moving]\ntotal = 1", "no such joint"),
+        ("[torque_rmse_Nm]\njoint_9 = 1", "no such joint"),
+        ("[torque_rmse_Nm]\njoint_1 = nan", "is no number"),
+        ("[torque_rmse_Nm]\njoint_1 = true", "is no number"),
+        ('rung = "top"\n[torque_rmse_Nm]\ntotal = 1', "is no rung"),
+    ],
+)
+def test_a_bad_file_of_limits_is_refused_with_its_place(
+    text: str, what: str, model: HybridModel, tmp_path: Path
+) -> None:
+    """What is unknown or no number is named, with what would do."""
+    file = tmp_path / "limits.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=what) as error:
+        load_limits(file, model.joint_names, model.rungs)
+    assert "limits.toml" in error.value.where
