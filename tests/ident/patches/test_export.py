@@ -41,13 +41,8 @@ def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -
     """The file is plain Python: one dictionary of figures by joint."""
     write_export(model, tmp_path / "export", ("isaaclab",))
     tree = ast.parse((tmp_path / "export" / "isaaclab.py").read_text(encoding="utf-8"))
-    found = ast.literal_eval(
-        next(
-            node.value
-            for node in tree.body
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "ACTUATOR"
-        )
-    )
+    values = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
+    found = ast.literal_eval(values["ACTUATOR"])
     assert found["armature"] == dict.fromkeys(model.joint_names, 0.1)
     assert found["viscous_friction"] == dict.fromkeys(model.joint_names, 8.0)
 
