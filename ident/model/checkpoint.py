@@ -76,7 +76,9 @@ class Training:
 
         figures = [record[name] for name in FIGURES]
         best, least, now = part("best."), tensors["least"], part("now.")
-        if least.shape != self.least.shape or {*best} != {*self.best} or not all(map(_is_finite, tensors.values())):
+        # A dense net has no best weights before it was better than nothing.
+        known = {*best} <= {*now} and {*best} >= {*self.best}
+        if least.shape != self.least.shape or not known or not all(map(_is_finite, tensors.values())):
             raise ValueError("a checkpoint of another net")
         self.network.load_state_dict(now)
         state = self.optimiser.state_dict()

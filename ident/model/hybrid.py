@@ -355,7 +355,8 @@ def _fit_net(
     ]
     moving = None if options.net == "paper" else [m.moving for m in motions]
     seeded = type(preset)(**{**vars(preset), "seed": options.seed})
-    return fit_residual_net(states, left, moving, seeded, progress, checkpoint)
+    interval = motions[0].interval * motions[0].lowpass.factor
+    return fit_residual_net(states, left, moving, seeded, progress, checkpoint, interval)
 
 
 def _figures(loss: LossResults) -> tuple[LossFigure, ...]:
@@ -390,6 +391,7 @@ def _provenance(
         "tied": [{"figures": [one, other], "correlation": value} for one, other, value in found.tied],
         "through_reversals": list(found.through_reversals),
         "net_parameters": net.parameters if net else 0,
+        "net_gate": [gate.to_dict() for gate in net.gate] if net else [],
         "data": list(data),
         "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
         "versions": {name: _version(name) for name in LIBRARIES} | {"python": platform.python_version()},

@@ -34,6 +34,8 @@ from ident.robot.arm import ArmModel
 
 # Figures whose estimates are correlated beyond this are told as a pair that the recordings can't tell apart.
 TIED = 0.95
+# Pairs that are told in words; all stand in the model.
+MOST_TIED = 4
 # A base parameter of whose prior variance the data take away less than this rests on the URDF.
 INFORMED = 0.5
 # An estimate this near to zero, in standard deviations, lies on its bound.
@@ -256,6 +258,27 @@ def _inertia_figures(inertia: InertiaResults, found: JointEstimate) -> tuple[Ine
         InertiaFigure(name, float(value), float(value - half), float(value + half), float(informed))
         for name, value, half, informed in zip(base.names, values, reach, inertia.informed, strict=True)
     )
+
+
+def describe(found: Identified) -> list[str]:
+    """What a person should know of an identification beside its figures, a line each."""
+    condition = f"condition number of the motions: {found.inertia.condition_number:.0f}"
+    lines = [condition, f"the URDF's inertias are off by about {100 * found.urdf_share:.1f} % of each link's scale"]
+    if found.estimate.runs > 1:
+        joints = zip(found.loss.joints, 100 * found.spread, strict=True)
+        told = ", ".join(f"{name} {viscous:.1f} / {coulomb:.1f}" for name, (viscous, coulomb) in joints)
+        lines.append(f"friction changes from run to run by (viscous / Coulomb, %): {told}")
+    else:
+        lines.append(
+            "of one run nothing is known of repeats: the intervals leave out how friction changes between runs"
+        )
+    if found.tied:
+        told = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
+        more = len(found.tied) - MOST_TIED
+        lines.append(f"can't be told apart by these motions: {told}" + (f", and {more} more pairs" if more > 0 else ""))
+    if found.through_reversals:
+        lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")
+    return lines
 
 
 def tied_figures(

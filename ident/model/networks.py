@@ -61,5 +61,12 @@ class JointNets(torch.nn.Module):
         for name, value in self.state_dict().items():
             best.setdefault(name, torch.zeros_like(value))[which] = value[which]
 
+    def silence(self, joints: Sequence[int]) -> None:
+        """Makes the nets of some joints give nothing."""
+        with torch.no_grad():
+            for value in self.parameters():
+                for member in range(self.members):
+                    value[[member * self.joints + joint for joint in joints]] = 0.0
+
 
 Network = DenseNet | JointNets

@@ -6,8 +6,9 @@ Two presets. `paper` is the paper's net: 256-512-1024-512-256 tanh, dropout 0.5,
 70 % of the samples for training. `default` has about 1/90 of its parameters and a lower held-out error: a small net a
 joint that sees the joint's own speed, acceleration, direction of motion at two scales, and the rigid torque that the
 joint carries (itself a function of q, dq, ddq); four members, each trained without another quarter of the recorded
-time (neighbouring samples are copies of each other, so a random split can't tell fitting from memorising), each joint
-stopped by its own held-back error, and silent where it never beats "no residual".
+runs (neighbouring samples are copies of each other, so a random split can't tell fitting from memorising), each joint
+stopped by its own held-back error, and silent where it doesn't beat "no residual" in torque and energy on the runs that
+its members never saw.
 
 Source: paper, eq. 4 and 6 and section 4.1.
 """
@@ -26,10 +27,15 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
+<<<<<<< HEAD
 from ident.model.checkpoint import Training, save_tensors
+=======
+from ident.model.checkpoint import Training
+from ident.model.net_gate import JointGate, judge_net
+>>>>>>> 61c397e (Keep a net only where it helps on runs held back, in torque and energy; tell run-to-run friction, the URDF's error and tied figures; a dense net's training resumes again)
 from ident.model.networks import DenseNet, JointNets, Network
 from ident.reading import read_json, require_regular
 
@@ -114,6 +120,7 @@ class ResidualNet:
         input_mean, input_std: Standardisation of the features, shape (f,) for the dense net, (n, f) for a net a joint.
         output_std: Scale of each joint's output [N m], shape (n,).
         history: Errors while training, if it was trained here.
+        gate: What the net did on runs that it never saw, joint by joint, if it was trained here.
     """
 
     options: NetOptions
@@ -122,6 +129,7 @@ class ResidualNet:
     input_std: Float[Array, "..."]
     output_std: Float[Array, " n"]
     history: TrainingHistory | None = None
+    gate: tuple[JointGate, ...] = ()
 
     @property
     def n(self) -> int:
@@ -240,16 +248,29 @@ class _Data:
         return squares.sum(dim=1) / weight.sum(dim=1).clamp(min=1.0)
 
 
-def _held_back(samples: int, options: NetOptions, rng: np.random.Generator) -> Bool[Array, "members T"]:
-    """What each member does not train on."""
+def _groups(lengths: Sequence[int], options: NetOptions) -> Int[Array, " T"]:
+    """What is held back as a whole: runs, or stretches of them where there are fewer runs than members."""
+    if len(lengths) >= 2 * options.members:
+        return np.repeat(np.arange(len(lengths)), lengths)
+    samples = sum(lengths)
+    return np.arange(samples) // min(STRETCH, max(1, samples // (2 * options.members)))
+
+
+def _held_back(groups: Int[Array, " T"], options: NetOptions, rng: np.random.Generator) -> Bool[Array, "members T"]:
+    """What each member does not train on: parts of about the same size, or single samples as in the paper."""
+    samples = len(groups)
     if options.validation_share > 0:
         held = np.zeros((options.members, samples), dtype=bool)
         held[:, rng.permutation(samples)[: int(options.validation_share * samples)]] = True
         return held
-    length = min(STRETCH, max(1, samples // (2 * options.members)))
-    stretches = np.arange(samples) // length
-    part = rng.permutation(stretches[-1] + 1) % max(2, options.members)
-    return part[stretches][None, :] == np.arange(options.members)[:, None]
+    sizes = np.bincount(groups)
+    order = rng.permutation(len(sizes))
+    order = order[np.argsort(-sizes[order], kind="stable")]
+    filled, part = np.zeros(max(2, options.members)), np.zeros(len(sizes), dtype=int)
+    for group in order:
+        part[group] = int(np.argmin(filled))
+        filled[part[group]] += sizes[group]
+    return part[groups][None, :] == np.arange(options.members)[:, None]
 
 
 def fit_residual_net(
@@ -259,8 +280,9 @@ def fit_residual_net(
     options: NetOptions | None = None,
     progress: Progress | None = None,
     checkpoint: Path | None = None,
+    interval: float = 1.0,
 ) -> ResidualNet:
-    """Trains a net on what a model leaves.
+    """Trains a net on what a model leaves, and silences it where it would not help on runs that it never saw.
 
     Args:
         states: (q, dq, ddq, rigid torque) of every run, each of shape (T, n).
@@ -270,6 +292,7 @@ def fit_residual_net(
         options: Preset or own options.
         progress: Called after each epoch with (epoch, epochs, held-back error).
         checkpoint: Folder for checkpoints; a training of the same data and options goes on where it stopped.
+        interval: Time between two samples of a run [s]; gives the gate's energies their unit.
 
     Returns:
         The net of the best epoch (the last one where `patience` is zero). Same seed, same weights.
@@ -282,7 +305,8 @@ def fit_residual_net(
     mask = np.ones_like(y) if moving is None else np.concatenate(list(moving)).astype(float)
     mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
     scale = np.maximum(np.sqrt((mask * y**2).sum(axis=0) / np.maximum(mask.sum(axis=0), 1.0)), 1e-9)
-    held = _held_back(len(y), options, np.random.default_rng(options.seed))
+    groups = _groups([len(part) for part in residuals], options)
+    held = _held_back(groups, options, np.random.default_rng(options.seed))
     data = _Data(*(torch.from_numpy(part.astype(np.float32)) for part in ((x - mean) / std, y / scale, mask, held)))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
@@ -295,7 +319,19 @@ def fit_residual_net(
         network.load_state_dict(training.best)
     network.eval()
     history = TrainingHistory(tuple(training.train), tuple(training.validation), training.best_epoch)
-    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), history)
+    gate: tuple[JointGate, ...] = ()
+    if isinstance(network, JointNets):
+        travel = interval * np.concatenate([state[1] for state in states])
+        gate = judge_net(scale * _unseen(network, data), y, mask > 0.0, travel, groups)
+        network.silence([j for j, one in enumerate(gate) if not one.kept])
+    return ResidualNet(options, network, freeze(mean), freeze(std), freeze(scale), history, gate)
+
+
+def _unseen(network: JointNets, data: _Data) -> Float[Array, "T n"]:
+    """Prediction of every sample by the members that did not see it, in units of the targets."""
+    with torch.inference_mode():
+        weight = data.held[:, :, None] / data.held.sum(dim=0).clamp(min=1.0)[None, :, None]
+        return np.asarray((weight * network(data.inputs)).sum(dim=0).numpy(), dtype=float)
 
 
 @contextmanager

@@ -47,6 +47,8 @@ class ParameterSection(Section):
             ],
             "inertia": describe_inertia(self.source.model),
             "links": link_rows(self.source.model),
+            "base": base_rows(self.source.model),
+            "tied": tied_pairs(self.source.model),
         }
 
 
@@ -107,6 +109,23 @@ def link_rows(model: HybridModel) -> list[dict[str, str]]:
         }
         for link, old, new in zip(model.nominal.links, before, after, strict=True)
     ]
+
+
+def base_rows(model: HybridModel) -> list[dict[str, str]]:
+    """Base parameters with their intervals, and how much of each the recordings tell."""
+    return [
+        {
+            "name": figure.name,
+            "value": f"{significant(figure.value, 3)} [{significant(figure.low, 3)}, {significant(figure.high, 3)}]",
+            "informed": f"{100 * figure.informed:.0f} %",
+        }
+        for figure in model.inertias
+    ]
+
+
+def tied_pairs(model: HybridModel) -> list[str]:
+    """Figures that the training motions can't tell apart."""
+    return [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])]
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> str:
