@@ -128,13 +128,7 @@ def fit(
     """Fits analytic + loss + residual net."""
     from ident.api.fitting import fit_hybrid
     from ident.model.checkpoint import remove_checkpoint
-<<<<<<< HEAD
     from ident.model.hybrid import MODEL_KIND, FitOptions
-=======
-    from ident.model.hybrid import MODEL_KIND, FitOptions, fit_hybrid
-    from ident.model.identification import describe
-    from ident.model.net_gate import describe_gate
->>>>>>> 61c397e (Keep a net only where it helps on runs held back, in torque and energy; tell run-to-run friction, the URDF's error and tied figures; a dense net's training resumes again)
     from ident.opening import open_sessions
 
     options = FitOptions(links, inertia, net, offset, robust, seed)  # type: ignore[arg-type]
@@ -146,16 +140,7 @@ def fit(
         results = fit_hybrid(opened, options=options, progress=progress, checkpoint=checkpoint)
 
     def show() -> None:
-<<<<<<< HEAD
         console.print(results.summary(), soft_wrap=True)
-=======
-        console.print(results.loss.summary(), soft_wrap=True)
-        for line in describe(results.identified):
-            console.print(line, soft_wrap=True, markup=False, highlight=False)
-        if results.model.net is not None and results.model.net.gate:
-            told = describe_gate(results.model.net.gate, results.model.joint_names)
-            console.print(told, soft_wrap=True, markup=False, highlight=False)
->>>>>>> 61c397e (Keep a net only where it helps on runs held back, in torque and energy; tell run-to-run friction, the URDF's error and tied figures; a dense net's training resumes again)
         console.print(f"model written to {out}")
 
     deliver(show, lambda: write_json(json_file, results.to_dict()), lambda: results.model.save(out))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,6 +83,17 @@ class Identified:
     urdf_share: float
     through_reversals: tuple[str, ...]
     estimate: JointEstimate
+
+    def record(self) -> dict[str, Any]:
+        """What a model keeps of it beside its figures."""
+        return {
+            "residual_rms_Nm": self.loss.residual_rms.tolist(),
+            "condition_number": self.inertia.condition_number,
+            "friction_spread": {"viscous": self.spread[:, 0].tolist(), "coulomb": self.spread[:, 1].tolist()},
+            "urdf_share": self.urdf_share,
+            "tied": [{"figures": [one, other], "correlation": value} for one, other, value in self.tied],
+            "through_reversals": list(self.through_reversals),
+        }
 
 
 def identify(

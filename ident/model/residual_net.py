@@ -30,12 +30,8 @@ from safetensors.torch import load_file
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-<<<<<<< HEAD
 from ident.model.checkpoint import Training, save_tensors
-=======
-from ident.model.checkpoint import Training
 from ident.model.net_gate import JointGate, judge_net
->>>>>>> 61c397e (Keep a net only where it helps on runs held back, in torque and energy; tell run-to-run friction, the URDF's error and tied figures; a dense net's training resumes again)
 from ident.model.networks import DenseNet, JointNets, Network
 from ident.reading import read_json, require_regular
 

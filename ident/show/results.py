@@ -12,6 +12,8 @@ from rich.console import Console
 from ident.diagnosis.diagnose import Diagnosis
 from ident.model.evaluation import Evaluation
 from ident.model.hybrid import FitResults
+from ident.model.identification import describe
+from ident.model.net_gate import describe_gate
 from ident.results import Result
 from ident.show.console import ladder_table, print_issues
 from ident.show.palette import MEASURED, rung_colours
@@ -78,7 +80,10 @@ def _(result: Evaluation) -> Figure:
 
 @summary.register(FitResults)
 def _(result: FitResults) -> str:
-    return f"{result.loss.summary()}\ncondition number of the motions: {result.inertia.condition_number:.0f}"
+    lines = [result.loss.summary(), *describe(result.identified)]
+    if result.model.net is not None and result.model.net.gate:
+        lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
+    return "\n".join(lines)
 
 
 @draw.register(FitResults)
