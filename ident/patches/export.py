@@ -28,7 +28,7 @@ from ident.patches.mjcf import write_mjcf
 from ident.patches.module import write_module
 from ident.patches.standalone.motion import Losses
 from ident.patches.urdf import write_urdf
-from ident.patches.verify import Written, load_module, random_states
+from ident.patches.verify import WrittenPatch, load_module, random_states
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.export/1"
@@ -74,7 +74,7 @@ def write_export(
     with atomic_folder(out, EXPORT_KIND) as folder:
         for name in formats:
             (folder / FILES[name]).write_text(_text(name, model, arm, losses), encoding="utf-8")
-        written = Written(folder, model.nominal, tuple(model.nominal.locked_joints), dict.fromkeys(LOADED, losses))
+        written = WrittenPatch(folder, model.nominal, tuple(model.nominal.locked_joints), dict.fromkeys(LOADED, losses))
         record = {
             "schema": SCHEMA,
             "robot": model.robot.name,
@@ -187,7 +187,7 @@ def _left_out(model: HybridModel) -> list[str]:
     return told
 
 
-def _loaded_back(name: str, written: Written, arm: ArmModel, losses: Losses) -> dict[str, Any]:
+def _loaded_back(name: str, written: WrittenPatch, arm: ArmModel, losses: Losses) -> dict[str, Any]:
     """Largest torque difference between the loaded file and the model, net and offsets aside [N m]."""
     path = written.folder / FILES[name]
     if name == "toml":
@@ -208,7 +208,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _errors(
-    formats: Sequence[str], written: Written, model: HybridModel, motions: Sequence[Motion]
+    formats: Sequence[str], written: WrittenPatch, model: HybridModel, motions: Sequence[Motion]
 ) -> dict[str, dict[str, float]]:
     """Torque error of each loaded file on recordings, where joints move, and of the URDF as it was given [N m]."""
     squares: dict[str, float] = dict.fromkeys(["before", *formats], 0.0)
