@@ -127,7 +127,6 @@ def fit(
 ) -> None:
     """Fits analytic + loss + residual net."""
     from ident.api.fitting import fit_hybrid
-    from ident.model.checkpoint import remove_checkpoint
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
@@ -144,7 +143,10 @@ def fit(
         console.print(f"model written to {out}")
 
     deliver(show, lambda: write_json(json_file, results.to_dict()), lambda: results.model.save(out))
-    remove_checkpoint(checkpoint)
+    if net != "none":  # it loads torch
+        from ident.model.checkpoint import remove_checkpoint
+
+        remove_checkpoint(checkpoint)
 
 
 @app.command()
