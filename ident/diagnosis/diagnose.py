@@ -27,6 +27,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Named, Search, SearchResults
+from ident.diagnosis.selection.urdf_share import SCALES, scale_evidence
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
@@ -199,14 +200,15 @@ def diagnose(
     prior = Prior.of(evidence, baseline.prior)
     sure = _settle(Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings), session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
-    evidence = search.evidence
+    evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
     fixed = project(gram, evidence, search.fixed.prior)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
+    steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(
-        measure_ceiling(series, j) if stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
+        measure_ceiling(steady, j) if stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
     left, noise = find_unexplained(found, ceilings, evidence)
@@ -276,15 +278,39 @@ def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sur
     spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
     for _ in range(settings.most_settling):
         evidence = evidence.with_run_spread(spread)
-        search = replace(search, evidence=evidence, held_out=HeldOut(evidence, prior))
+        search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
+        wider = _wider_belief(search, sure.found)
         model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
         smaller = np.minimum(spread, estimate_run_spread(evidence, model))
-        if not sure.found.named or np.all(smaller > settings.settled_share * spread):
+        if wider == 1.0 and (not sure.found.named or np.all(smaller > settings.settled_share * spread)):
             break
-        spread = smaller
+        spread, prior = smaller, prior.tightened(1.0 / wider)
     return sure
+
+
+def _wider_belief(search: Search, found: SearchResults) -> float:
+    """By how much the URDF's tolerance must be widened before names of the inertias' kind can be judged: mostly 1.
+
+    Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
+    and the tuned inertias lie beyond the tolerance.
+    """
+    evidence, prior, gram = search.evidence, search.prior, search.evidence.gram()
+    groups = [item.group for item in found.named]
+    others = [item.group for item in found.named if not item.absorbed]
+    model = project(gram, evidence, prior, groups)
+    spare = inflation(evidence, model)
+    if len(others) == len(groups) and not measure_tolerance(evidence, prior, model, spare).exceeded:
+        return 1.0
+    without = scale_evidence(gram, evidence, prior, others, spare)
+    if len(others) < len(groups):
+        beside = scale_evidence(gram, evidence, prior, groups, spare)
+        # Where the URDF is wrong even beside the names, it also holds what looks like more names.
+        needed = search.settings.absorbed_nats * (len(groups) - len(others)) * SCALES[np.argmax(beside)]
+        if beside.max() - without.max() >= needed:
+            return 1.0
+    return float(SCALES[np.argmax(without)])
 
 
 def _sure(search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()) -> _Sure:

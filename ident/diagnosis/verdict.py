@@ -44,10 +44,11 @@ def find_unexplained(
 ) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
     """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
-    colour = found.ladder[-1].rms / np.maximum(whitening.innovation, 1e-12)
+    typical = np.minimum(found.ladder[-1].rms, found.ladder[-1].typical_rms)
+    colour = typical / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
-    much = found.ladder[-1].rms ** 2 > MUCH_LEFT * evidence.floor**2
+    much = typical**2 > MUCH_LEFT * evidence.floor**2
     left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
     return left, np.minimum(evidence.floor, usual * whitening.innovation)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,24 @@ class RunResidual:
     unseen_before: Float[Array, "t n"]
     unseen_after: Float[Array, "t n"]
     counts: Bool[Array, "t n"]
+
+    def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
+        """The same with the run's own friction level, and its drift, taken out of what is left after the names.
+
+        Args:
+            spread: Relative standard deviation of each joint's friction from run to run.
+        """
+        after = self.after.copy()
+        friction = self.run.friction[self.run.motion.coarse]
+        drift = 2.0 * (self.time - self.time[0]) / max(self.time[-1] - self.time[0], 1e-9) - 1.0
+        for j in range(after.shape[1]):
+            columns = np.stack([friction[:, j], friction[:, j] * drift], axis=1)
+            x, y = columns[self.counts[:, j]], after[self.counts[:, j], j]
+            noise = float(np.mean(y**2)) if len(y) else 0.0
+            if noise > 0.0 and spread[j] > 0.0:
+                level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(2), x.T @ y)
+                after[:, j] -= columns @ level
+        return replace(self, after=after)
 
     @property
     def time(self) -> Float[Array, " t"]:

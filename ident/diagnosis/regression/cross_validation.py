@@ -34,6 +34,13 @@ class HeldOutScore:
         """Root mean square over all folds, joint by joint [N m]."""
         return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.weights.sum(axis=0), 1.0))
 
+    @property
+    def typical_rms(self) -> Float[Array, " n"]:
+        """Root of the median over the folds that have samples: one fold of a kind of its own doesn't move it [N m]."""
+        each = np.where(self.weights > 0, self.squares / np.maximum(self.weights, 1.0), np.nan)
+        known = (self.weights > 0).any(axis=0)
+        return np.sqrt([float(np.nanmedian(each[:, j])) if known[j] else 0.0 for j in range(len(known))])
+
     def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
         """Gain of log score over another model, and its standard error over the folds."""
         gains = 0.5 * (other.misfit - self.misfit).sum(axis=1)

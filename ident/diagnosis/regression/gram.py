@@ -44,6 +44,7 @@ NOISE_SAMPLES = 15_000
 MOST_BLOCKS = 128
 # Runs that have blocks of their own; of more than this, several share one.
 MOST_LONE_RUNS = 256
+STRETCH = 12.0  # [s], about the length of a run, over which friction keeps its level
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
 # Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
 FRICTION = slice(1, LOSS_FIGURES)
@@ -70,16 +71,16 @@ class Whitening:
 
 @dataclass(frozen=True, eq=False)
 class FrictionSums:
-    """Whitened sums of each run's two friction columns with all columns, by the blocks that the run lies in.
+    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in.
 
     Attributes:
-        run, block: Of each piece of a run.
+        stretch, block: Of each piece: a stretch is a run, or some seconds of a long one.
         sums: For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
         level: Scaled viscous and Coulomb coefficient of each joint.
         rank: Number of base parameters, before the joint's loss columns.
     """
 
-    run: Int[Array, " K"]
+    stretch: Int[Array, " K"]
     block: Int[Array, " K"]
     sums: tuple[Float[Array, "K 2 p"], ...]
     level: Float[Array, "n 2"]
@@ -91,14 +92,14 @@ class FrictionSums:
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
     def tied(self, joint: int, spread: float, blocks: int) -> Float[Array, "B p p"]:
-        """What freeing every run's friction level takes off the sums of each block."""
+        """What freeing every stretch's friction level takes off the sums of each block."""
         sums = self.sums[joint]
         found = np.zeros((blocks, sums.shape[2], sums.shape[2]))
         sizes = spread * self.level[joint]
         if not sizes.any():
             return found
-        for run in np.unique(self.run):
-            pieces = np.flatnonzero(self.run == run)
+        for stretch in np.unique(self.stretch):
+            pieces = np.flatnonzero(self.stretch == stretch)
             whole = sums[pieces].sum(axis=0)
             inner = np.eye(2) + sizes[:, None] * whole[:, self.columns] * sizes
             slope = sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole)
@@ -108,14 +109,14 @@ class FrictionSums:
         return found
 
     def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
-        """How far each run's friction is from the model's, as a share, and the variance of that by whitened noise of 1.
+        """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.
 
         Args:
             joint: The joint.
             weights: What the model leaves of a row is their product.
         """
-        runs, level = np.unique(self.run), self.level[joint]
-        whole = np.stack([self.sums[joint][self.run == run].sum(axis=0) for run in runs])
+        stretches, level = np.unique(self.stretch), self.level[joint]
+        whole = np.stack([self.sums[joint][self.stretch == stretch].sum(axis=0) for stretch in stretches])
         power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
         seen = power > 1e-9
         return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]
@@ -200,13 +201,18 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     recorded = np.cumsum(~continues) - 1
     if len(lengths) > MOST_LONE_RUNS:
         block, run_of_block = _share_blocks(recorded)
-        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds))
+        alone = np.arange(len(run_of_block))
+        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds), alone)
     target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
     starts = tuple(
         np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
     )
-    return Partition(starts, np.cumsum(counts) - counts, _deal_folds(np.repeat(recorded, counts), folds))
+    # Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
+    parts = np.maximum(1, np.round(lengths * steps / STRETCH)).astype(int)
+    stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
+    stretches += np.repeat(np.cumsum(parts) - parts, counts)
+    return Partition(starts, np.cumsum(counts) - counts, _deal_folds(np.repeat(recorded, counts), folds), stretches)
 
 
 def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
@@ -228,10 +234,12 @@ def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Arr
 
 
 def _deal_folds(run_of_block: Int[Array, " B"], folds: int) -> Int[Array, " B"]:
-    """Fold of each block: that of its recorded run, or, where runs are few, that of its neighbours in time."""
+    """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
     runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
     if runs < 5:
-        return np.arange(total) * min(folds, total) // total
+        # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would be judged by a model
+        # that never saw such motion.
+        return np.arange(total) % min(folds, total)
     # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
     return np.asarray(run_of_block % min(folds, runs))
 
@@ -285,7 +293,11 @@ class _Sums:
 
     def add(self, rows: Rows) -> None:
         """Adds a run: what was seen, less what of it is encoder noise."""
-        self.pieces += [(rows.run, int(block)) for block in np.unique(rows.blocks)]
+        blocks = np.unique(rows.blocks)
+        stretches = self.partition.stretches[blocks]
+        # A block that several runs share is no stretch of time: there the run is one.
+        shared = len(self.partition.starts) > MOST_LONE_RUNS
+        self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
         for j in range(self.layout.n):
             self._add_tables(rows, j, rows.tables[j], 1.0)
             if rows.noise is not None:
@@ -323,8 +335,10 @@ class _Sums:
             scale: What each column was divided by.
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
-        run, block = np.array(self.pieces).T
-        friction = FrictionSums(run, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank)
+        stretch, block = np.array(self.pieces).T
+        friction = FrictionSums(
+            stretch, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank
+        )
         return Evidence(
             layout=self.layout,
             scale=scale,

@@ -25,14 +25,20 @@ LEAST_OVER_NOISE = 0.3
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
 # The same as a share of the encoder noise that was taken off a column: what is left of it is an estimate.
-NOISE_RIDGE = 0.01
+NOISE_RIDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Information that lies in the URDF, on the scaled base parameters."""
+    """Information that lies in the URDF, on the scaled base parameters.
+
+    Attributes:
+        base: The information.
+        factor: By how much its standard deviations were divided.
+    """
 
     base: Float[Array, "r r"]
+    factor: float = 1.0
 
     @classmethod
     def of(cls, evidence: Evidence, base: Float[Array, "r r"]) -> Prior:
@@ -42,7 +48,7 @@ class Prior:
 
     def tightened(self, factor: float) -> Prior:
         """The same with standard deviations divided by a factor: 100 is as good as the URDF held fast."""
-        return Prior(self.base * factor**2)
+        return Prior(self.base * factor**2, self.factor * factor)
 
 
 @dataclass(frozen=True, eq=False)

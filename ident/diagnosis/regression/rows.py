@@ -46,6 +46,7 @@ class Partition:
     starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
     first_block: Int[Array, " R"]
     folds: Int[Array, " B"]
+    stretches: Int[Array, " B"]  # stretch of some seconds, over which friction keeps its level, that a block lies in
 
     def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
         """Block of every filtered sample of a run."""
