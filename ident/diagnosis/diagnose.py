@@ -17,9 +17,9 @@ from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import NotTestable, build_layout
+from ident.diagnosis.regression.design import Group, NotTestable, build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import Reservation, doubt_replay, find_implausible, joints_of
@@ -27,7 +27,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Named, Search, SearchResults
-from ident.diagnosis.selection.urdf_share import SCALES, scale_evidence
+from ident.diagnosis.selection.urdf_share import SCALES, one_link_is_wrong, scale_evidence
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
@@ -275,13 +275,13 @@ def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sur
     prior, settings = search.prior, search.settings
     doubted: tuple[Reservation, ...] = ()
     evidence = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
-    spread = estimate_run_spread(evidence, project(evidence.gram(), evidence, prior))
+    spread = estimate_run_spread(evidence, _with_slow_effects(evidence, prior))
     for _ in range(settings.most_settling):
         evidence = evidence.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
-        wider = _wider_belief(search, sure.found)
+        wider = _wider_belief(search, sure.found, baseline)
         model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
         smaller = np.minimum(spread, estimate_run_spread(evidence, model))
         if wider == 1.0 and (not sure.found.named or np.all(smaller > settings.settled_share * spread)):
@@ -290,7 +290,23 @@ def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sur
     return sure
 
 
-def _wider_belief(search: Search, found: SearchResults) -> float:
+def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
+    """The baseline with the best candidate of each slow effect at each joint.
+
+    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be heard.
+    """
+    gram = evidence.gram()
+    alone = project(gram, evidence, prior)
+    best: dict[tuple[str, int], tuple[float, Group]] = {}
+    for group in evidence.layout.groups:
+        if group.effect.by_run:
+            gain = alone.gain(group)[0]
+            if gain > best.get((group.effect.id, group.joint), (0.0, group))[0]:
+                best[group.effect.id, group.joint] = gain, group
+    return project(gram, evidence, prior, [group for _, group in best.values()])
+
+
+def _wider_belief(search: Search, found: SearchResults, baseline: Baseline) -> float:
     """By how much the URDF's tolerance must be widened before names of the inertias' kind can be judged: mostly 1.
 
     Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
@@ -310,6 +326,8 @@ def _wider_belief(search: Search, found: SearchResults) -> float:
         needed = search.settings.absorbed_nats * (len(groups) - len(others)) * SCALES[np.argmax(beside)]
         if beside.max() - without.max() >= needed:
             return 1.0
+    elif one_link_is_wrong(search, baseline, others, spare):
+        return 1.0  # something sits at that link that has no name: it must be told
     return float(SCALES[np.argmax(without)])
 
 

@@ -35,6 +35,7 @@ class Baseline:
         prior: Information on the base parameters' change that lies in the URDF, shape (r, r).
         loss: Tuned loss figures.
         sliding: How each joint's dry friction turns round.
+        number_std: Standard deviation of each link's inertial numbers, as believed.
     """
 
     nominal: ArmModel
@@ -43,6 +44,13 @@ class Baseline:
     prior: Float[Array, "r r"]
     loss: LossParameters
     sliding: Sliding
+    number_std: Float[Array, " 10n"]
+
+    def prior_of_a_wrong_link(self, link: int, factor: float) -> Float[Array, "r r"]:
+        """Information on the base parameters' change if one link's numbers are believed less, by a factor."""
+        scale = self.number_std.copy()
+        scale[10 * link : 10 * (link + 1)] *= factor
+        return base_prior(self.base, scale)
 
 
 def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTIA_SHARE) -> Baseline:
@@ -58,8 +66,9 @@ def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTI
     results = fit_inertia(motions, arm, "base", model, share)
     rigid = [rigid_torque(results.arm, motion) for motion in motions]
     loss = model.fit(motions, rigid)
-    prior = base_prior(results.base, share * parameter_scale(arm))
-    return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid))
+    number_std = share * parameter_scale(arm)
+    prior = base_prior(results.base, number_std)
+    return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid), number_std)
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:

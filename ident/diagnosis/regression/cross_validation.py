@@ -37,9 +37,9 @@ class HeldOutScore:
     @property
     def typical_rms(self) -> Float[Array, " n"]:
         """Root of the median over the folds that have samples: one fold of a kind of its own doesn't move it [N m]."""
-        each = np.where(self.weights > 0, self.squares / np.maximum(self.weights, 1.0), np.nan)
-        known = (self.weights > 0).any(axis=0)
-        return np.sqrt([float(np.nanmedian(each[:, j])) if known[j] else 0.0 for j in range(len(known))])
+        each = self.squares / np.maximum(self.weights, 1.0)
+        folds = [column[weight > 0] for column, weight in zip(each.T, self.weights.T, strict=True)]
+        return np.sqrt([float(np.median(fold)) if len(fold) else 0.0 for fold in folds])
 
     def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
         """Gain of log score over another model, and its standard error over the folds."""

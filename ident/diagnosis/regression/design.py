@@ -19,6 +19,9 @@ from ident.effects.base import Effect, SessionContext, Variant
 
 LOSS_FIGURES = 3
 
+Key = tuple[str, int, int | None]
+"""Effect, joint (−1 for the whole arm) and other joint: what is named, whatever the inner figures."""
+
 
 @dataclass(frozen=True, eq=False)
 class Group:
@@ -37,7 +40,7 @@ class Group:
     columns: Int[Array, " k"]
 
     @property
-    def key(self) -> tuple[str, int, int | None]:
+    def key(self) -> Key:
         """Effect, joint and other joint: what is named, whatever the inner figures."""
         return self.effect.id, self.joint if self.effect.scope == "joint" else -1, self.variant.other
 

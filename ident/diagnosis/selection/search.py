@@ -25,13 +25,11 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
-from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, group_p_value
+from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-
-Key = tuple[str, int, int | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +255,7 @@ class Search:
     @cached_property
     def fixed(self) -> HeldOut:
         """Held-out scores with the URDF held fast."""
-        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor))
+        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor / self.prior.factor))
 
     def _forward(self, gram: Array, chosen: Sequence[Group]) -> Named | None:
         """The candidate of greatest evidence that passes; if none does, the greatest one."""
@@ -300,16 +298,15 @@ class Search:
         by_run = np.array([scores[folds == fold].sum(axis=0) for fold in np.unique(folds)])
         wanted = {group.key for group in short}
         quick = [g for g in self.evidence.layout.groups if not g.effect.by_run]
-        slow = [g for g in self.evidence.layout.groups if g.effect.by_run and g.key in wanted]
+        slow = [g for g in self.evidence.layout.groups if g.effect.by_run]
         least: dict[Key, float] = {}
         rng = np.random.default_rng(self.seed)
         for group, value in zip(quick, family_p_values(scores, quick, rng, self.settings), strict=True):
             if group.key in wanted:
                 least[group.key] = min(least.get(group.key, 1.0), float(value))
-        for key in {group.key for group in slow}:
-            mates = [group for group in slow if group.key == key]
-            value = group_p_value(by_run, projection.rest, mates, rng, self.settings)
-            least[key] = min(1.0, value * self.evidence.layout.n)
+        if any(group.key in wanted for group in slow):
+            found = family_p_values_by_run(by_run, projection.rest, slow, rng, self.settings)
+            least.update({key: value for key, value in found.items() if key in wanted})
         return least
 
     def _gates(

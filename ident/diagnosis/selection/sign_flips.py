@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ident.arrays import Array, Float
-from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
@@ -82,26 +82,36 @@ def _clipped(scores: Float[Array, "B k"], voices: int) -> Float[Array, "B k"]:
     return scores @ vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
 
 
-def group_p_value(
-    scores: Float[Array, "B P"],
+def family_p_values_by_run(
+    scores: Float[Array, "R P"],
     information: Float[Array, "P P"],
-    grid: Sequence[Group],
+    groups: Sequence[Group],
     rng: np.random.Generator,
     settings: DiagnosisSettings = USUAL,
-) -> float:
-    """p-value of one effect over its grid where blocks are few (whole runs): too few to take a variance from.
+) -> dict[Key, float]:
+    """p-value of each name over its grid where blocks are few (whole runs): too few to take a variance from.
 
-    The statistic is the fall of the misfit itself, Uᵀ I⁻¹ U with the model's information I.
+    The statistic is the fall of the misfit itself, Uᵀ I⁻¹ U with the model's information I; the greatest over all names
+    and grids is compared.
+
+    Args:
+        scores: Of `block_scores`, summed run by run.
+        information: What the model leaves of the sums, `Projection.rest`.
+        groups: The family: all names that are judged so, with their grids.
+        rng: Draws the signs.
+        settings: Number of flips.
     """
     signs = np.concatenate([np.ones((1, len(scores))), rng.choice([-1.0, 1.0], size=(settings.flips, len(scores)))])
-    best = np.zeros(len(signs))
-    for group in grid:
-        sums = signs @ scores[:, group.columns]
-        matrix = information[np.ix_(group.columns, group.columns)]
-        power = np.diag(matrix).copy()
-        inverse = np.linalg.pinv(matrix + np.diag(1e-6 * power), hermitian=True)
-        best = np.maximum(best, np.einsum("fk,kl,fl->f", sums, inverse, sums))
-    return float((best >= best[0] * (1 - 1e-9)).mean())
+    best: dict[Key, Float[Array, " f"]] = {}
+    for group in groups:
+        fall = best.setdefault(group.key, np.zeros(len(signs)))
+        seen = group.columns[np.diag(information)[group.columns] > 0.0]
+        sums = signs @ scores[:, seen]
+        matrix = information[np.ix_(seen, seen)]
+        inverse = np.linalg.pinv(matrix + np.diag(1e-6 * np.diag(matrix)), hermitian=True)
+        np.maximum(fall, np.einsum("fk,kl,fl->f", sums, inverse, sums), out=fall)
+    greatest = np.max(list(best.values()), axis=0)
+    return {key: float((greatest >= fall[0] * (1 - 1e-9)).mean()) for key, fall in best.items()}
 
 
 def _surprise(sums: Array, degrees: int) -> Array:

@@ -20,15 +20,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.selection.search import Search
 
 # Scales that are tried, in units of the belief that one starts from, and how far the usual URDF is from it: one in
-# three is off by more than twice as much, or less than half.
-SCALES = np.geomspace(1.0, 12.0, 12)
+# three is off by more than twice as much, or less than half. Beyond a fifth (five times 4 %), a URDF is of another arm.
+SCALES = np.geomspace(1.0, 5.0, 9)
 USUAL_FACTOR = 2.0
+# A link with another body on it, or another link's masses, is off by about its own size: so many times 4 %.
+FAR_OFF = 20.0
 
 
 def scale_evidence(
@@ -43,14 +47,36 @@ def scale_evidence(
         groups: The effects.
         spare: How many times the modelled variance the misfit has.
     """
-    found = np.zeros(len(SCALES))
-    for k, scale in enumerate(SCALES):
-        belief = prior.tightened(1.0 / scale)
-        model = project(gram, evidence, belief, groups)
-        told = np.linalg.slogdet(belief.base + _told_of_inertias(gram, model, len(belief.base)) / spare)[1]
-        occam = told - np.linalg.slogdet(belief.base)[1]
-        found[k] = -0.5 * (model.misfit / spare + occam) - 0.5 * (np.log(scale) / np.log(USUAL_FACTOR)) ** 2
-    return found
+    beliefs = [prior.tightened(1.0 / scale) for scale in SCALES]
+    unusual = 0.5 * (np.log(SCALES) / np.log(USUAL_FACTOR)) ** 2
+    return np.array([_evidence(gram, evidence, belief, groups, spare) for belief in beliefs]) - unusual
+
+
+def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group], spare: float) -> bool:
+    """Whether one link that is far off explains the recordings better than a URDF that is off everywhere.
+
+    Args:
+        search: The session's sums, and the belief that one starts from.
+        baseline: What the belief is made of.
+        groups: The effects beside which it is asked.
+        spare: How many times the modelled variance the misfit has.
+    """
+    evidence, gram = search.evidence, search.evidence.gram()
+    everywhere = scale_evidence(gram, evidence, search.prior, groups, spare).max()
+    widened = [Prior.of(evidence, baseline.prior_of_a_wrong_link(k, FAR_OFF)) for k in range(evidence.layout.n)]
+    beliefs = [belief.tightened(search.prior.factor) for belief in widened]
+    alone = max(_evidence(gram, evidence, belief, groups, spare) for belief in beliefs)
+    return bool(alone - np.log(len(beliefs)) > everywhere + search.settings.unlikely_nats)
+
+
+def _evidence(
+    gram: Float[Array, "P P"], evidence: Evidence, belief: Prior, groups: Sequence[Group], spare: float
+) -> float:
+    """Log evidence of a belief about the URDF [nats]."""
+    model = project(gram, evidence, belief, groups)
+    told = np.linalg.slogdet(belief.base + _told_of_inertias(gram, model, len(belief.base)) / spare)[1]
+    occam = float(told - np.linalg.slogdet(belief.base)[1])
+    return -0.5 * (model.misfit / spare + occam)
 
 
 def _told_of_inertias(gram: Float[Array, "P P"], model: Projection, rank: int) -> Float[Array, "r r"]:

@@ -10,7 +10,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior
 from ident.diagnosis.selection.intervals import _interval_of_profile
-from ident.diagnosis.selection.sign_flips import family_p_values, group_p_value
+from ident.diagnosis.selection.sign_flips import family_p_values, family_p_values_by_run
 from ident.diagnosis.settings import USUAL
 from ident.effects.base import Variant
 from ident.effects.catalogue import CATALOGUE
@@ -66,9 +66,9 @@ def test_runs_as_witnesses() -> None:
     rng = np.random.default_rng(6)
     grid = [Group(CATALOGUE[0], 0, Variant(), np.array([0]))]
     steady = np.column_stack([1.0 + 0.1 * rng.standard_normal(10), np.zeros(10)])
-    assert group_p_value(steady, np.eye(2), grid, rng) <= 0.01
+    assert family_p_values_by_run(steady, np.eye(2), grid, rng)[grid[0].key] <= 0.01
     mixed = np.column_stack([np.where(np.arange(10) % 2 == 0, 1.0, -1.0), np.zeros(10)])
-    assert group_p_value(mixed, np.eye(2), grid, rng) > 0.5
+    assert family_p_values_by_run(mixed, np.eye(2), grid, rng)[grid[0].key] > 0.5
 
 
 def test_useless_columns_do_not_gain_on_held_out_runs(healthy: Analysis) -> None:
