@@ -17,6 +17,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RecordingError
 from ident.motion.butterworth import design_lowpass
+from ident.motion.encoder import draw_errors, find_resolution
 from ident.motion.signal_band import find_signal_band, keep_band
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.motion.zero_phase import filter_both_ways
@@ -204,7 +205,7 @@ def prepare_run(
     q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, 2 * lowpass.cutoff), -1, 0)
     noise = None
     if rng is not None:
-        drawn = smooth(run.time, np.sqrt(levels.position) * rng.standard_normal(run.position.shape), levels)
+        drawn = smooth(run.time, draw_errors(states.q, levels, find_resolution(run.position), rng), levels)
         noise = keep_band(_on_grid(run.time, drawn, None if even else grid), rate, band, 2 * lowpass.cutoff)
 
     def on_grid(values: Float[Array, "T n"] | None) -> Float[Array, "T n"] | None:

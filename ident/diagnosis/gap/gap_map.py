@@ -26,7 +26,7 @@ from scipy.signal import freqz
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.axes import session_axes
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
-from ident.diagnosis.regression.gram import Whitening
+from ident.diagnosis.regression.noise import Whitening
 
 BINS = 5
 FLIPS = 999

@@ -29,15 +29,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
+from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
+from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
 from ident.diagnosis.regression.rows import Partition, Rows, compute_rows
 from ident.effects.base import SessionContext
 
-AR_ORDER = 4
 # Samples (after decimation) that the noise is estimated from, in whole runs.
 NOISE_SAMPLES = 15_000
 # Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
@@ -46,80 +46,6 @@ MOST_BLOCKS = 128
 MOST_LONE_RUNS = 256
 STRETCH = 12.0  # [s], about the length of a run, over which friction keeps its level
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
-# Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
-FRICTION = slice(1, LOSS_FIGURES)
-# Ridge of the noise regression, as a share of each column's power.
-NOISE_RIDGE = 1e-4
-# However much encoder noise a residual holds, this share of its mean square is the torque's own noise.
-LEAST_OWN_NOISE = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Whitening:
-    """The noise of each joint.
-
-    Attributes:
-        coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
-        innovation: Standard deviation of what can't be predicted from the past [N m].
-        level: Standard deviation of the noise itself, encoder noise in the columns not counted [N m].
-    """
-
-    coefficients: Float[Array, "n p"]
-    innovation: Float[Array, " n"]
-    level: Float[Array, " n"]
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionSums:
-    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in.
-
-    Attributes:
-        stretch, block: Of each piece: a stretch is a run, or some seconds of a long one.
-        sums: For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
-        level: Scaled viscous and Coulomb coefficient of each joint.
-        rank: Number of base parameters, before the joint's loss columns.
-    """
-
-    stretch: Int[Array, " K"]
-    block: Int[Array, " K"]
-    sums: tuple[Float[Array, "K 2 p"], ...]
-    level: Float[Array, "n 2"]
-    rank: int
-
-    @property
-    def columns(self) -> slice:
-        """The friction columns in a joint's rows."""
-        return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
-
-    def tied(self, joint: int, spread: float, blocks: int) -> Float[Array, "B p p"]:
-        """What freeing every stretch's friction level takes off the sums of each block."""
-        sums = self.sums[joint]
-        found = np.zeros((blocks, sums.shape[2], sums.shape[2]))
-        sizes = spread * self.level[joint]
-        if not sizes.any():
-            return found
-        for stretch in np.unique(self.stretch):
-            pieces = np.flatnonzero(self.stretch == stretch)
-            whole = sums[pieces].sum(axis=0)
-            inner = np.eye(2) + sizes[:, None] * whole[:, self.columns] * sizes
-            slope = sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole)
-            for k in pieces:
-                part = sums[k].T @ slope
-                found[self.block[k]] += 0.5 * (part + part.T)
-        return found
-
-    def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
-        """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.
-
-        Args:
-            joint: The joint.
-            weights: What the model leaves of a row is their product.
-        """
-        stretches, level = np.unique(self.stretch), self.level[joint]
-        whole = np.stack([self.sums[joint][self.stretch == stretch].sum(axis=0) for stretch in stretches])
-        power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
-        seen = power > 1e-9
-        return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +232,7 @@ class _Sums:
     def _add_tables(self, rows: Rows, j: int, table: Float[Array, "t p"], sign: float) -> None:
         counts = rows.counts[:, j]
         coefficients = self.whitening.coefficients[j] / self.whitening.innovation[j]
-        filtered = _whiten(table, coefficients)
+        filtered = whiten(table, coefficients)
         # A whitened row mixes itself with its past: it counts where all of these count.
         order = len(coefficients) - 1
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
@@ -354,14 +280,6 @@ class _Sums:
         )
 
 
-def _whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
-    """What a prediction-error filter leaves of each column, from rest."""
-    left = coefficients[0] * table
-    for lag, coefficient in enumerate(coefficients[1:], start=1):
-        left[lag:] += coefficient * table[:-lag]
-    return left
-
-
 def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:
     """Root mean square of each column where it counts; the torque is not scaled."""
     squares, counts = np.zeros(layout.size + 1), np.zeros(layout.size + 1)
@@ -379,50 +297,3 @@ def _rescale(layout: Layout, rows: Rows, scale: Array) -> None:
     for tables in (rows.tables, rows.noise or ()):
         for j, table in enumerate(tables):
             table /= scale[layout.local[j]]
-
-
-def estimate_noise(layout: Layout, held: Sequence[Rows]) -> Whitening:
-    """AR noise of each joint from what all its candidates together leave.
-
-    Never from what the baseline leaves: that would take the effect for noise and whiten it away.
-    """
-    fits = [_noise_of_joint(j, held) for j in range(layout.n)]
-    return Whitening(*(np.array([fit[k] for fit in fits]) for k in range(3)))
-
-
-def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
-    x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
-    fallback = np.zeros(AR_ORDER + 1)
-    fallback[0] = 1.0
-    if len(x) < 20 * AR_ORDER:
-        return fallback, 1.0, 1.0
-    # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not positive. What it
-    # does to the coefficients is little, and what it adds to the residual is known.
-    gram = x.T @ x
-    ridge = np.diag(NOISE_RIDGE * np.diag(gram)[:-1] + 1e-9)
-    inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
-    estimate = inverse @ gram[:-1, -1]
-    # Every coefficient takes a share of the noise with it.
-    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
-    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
-    weights = np.concatenate([-estimate, [1.0]])
-    covariance = inflate * _autocovariance([(rows.tables[j] @ weights, rows.counts[:, j]) for rows in held])
-    encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
-    own = covariance[0] - (_autocovariance(encoder)[0] if encoder else 0.0)
-    covariance[0] *= 1.0 + 1e-6
-    a = solve_toeplitz(covariance[:-1], covariance[1:])
-    innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
-    level = max(own, LEAST_OWN_NOISE * covariance[0])
-    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
-
-
-def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]]) -> Float[Array, " k"]:
-    """Autocovariance up to `AR_ORDER` lags of series, where they count."""
-    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
-    for values, where in series:
-        mask = where.astype(float)
-        left = values * mask
-        for lag in range(AR_ORDER + 1):
-            products[lag] += left[lag:] @ left[: len(left) - lag]
-            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
-    return np.asarray(products / np.maximum(counts, 1.0))

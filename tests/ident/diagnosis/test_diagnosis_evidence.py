@@ -11,8 +11,9 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Layout
-from ident.diagnosis.regression.gram import Evidence, build_partition, estimate_noise, gather
+from ident.diagnosis.regression.gram import Evidence, build_partition, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
+from ident.diagnosis.regression.noise import estimate_noise
 from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.motion.motion import Lowpass, Motion
 

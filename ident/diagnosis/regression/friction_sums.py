@@ -1,0 +1,66 @@
+"""What each stretch's own friction level goes with: kept apart, so that how much it varies may be learnt afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.design import LOSS_FIGURES
+
+# Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
+FRICTION = slice(1, LOSS_FIGURES)
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionSums:
+    """Whitened sums of each stretch's two friction columns with all columns, by the blocks that it lies in.
+
+    Attributes:
+        stretch, block: Of each piece: a stretch is a run, or some seconds of a long one.
+        sums: For each joint FᵀX of every piece, with F the viscous and the Coulomb column, shape (K, 2, p).
+        level: Scaled viscous and Coulomb coefficient of each joint.
+        rank: Number of base parameters, before the joint's loss columns.
+    """
+
+    stretch: Int[Array, " K"]
+    block: Int[Array, " K"]
+    sums: tuple[Float[Array, "K 2 p"], ...]
+    level: Float[Array, "n 2"]
+    rank: int
+
+    @property
+    def columns(self) -> slice:
+        """The friction columns in a joint's rows."""
+        return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
+
+    def tied(self, joint: int, spread: float, blocks: int) -> Float[Array, "B p p"]:
+        """What freeing every stretch's friction level takes off the sums of each block."""
+        sums = self.sums[joint]
+        found = np.zeros((blocks, sums.shape[2], sums.shape[2]))
+        sizes = spread * self.level[joint]
+        if not sizes.any():
+            return found
+        for stretch in np.unique(self.stretch):
+            pieces = np.flatnonzero(self.stretch == stretch)
+            whole = sums[pieces].sum(axis=0)
+            inner = np.eye(2) + sizes[:, None] * whole[:, self.columns] * sizes
+            slope = sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole)
+            for k in pieces:
+                part = sums[k].T @ slope
+                found[self.block[k]] += 0.5 * (part + part.T)
+        return found
+
+    def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
+        """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.
+
+        Args:
+            joint: The joint.
+            weights: What the model leaves of a row is their product.
+        """
+        stretches, level = np.unique(self.stretch), self.level[joint]
+        whole = np.stack([self.sums[joint][self.stretch == stretch].sum(axis=0) for stretch in stretches])
+        power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
+        seen = power > 1e-9
+        return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]

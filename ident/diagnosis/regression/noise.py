@@ -1,0 +1,92 @@
+"""The torque's noise, joint by joint: its colour for whitening, its level for what no model can go below.
+
+Source: Hamilton 1994, section 8.3 (autoregressions).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.regression.design import Layout
+from ident.diagnosis.regression.rows import Rows
+
+AR_ORDER = 4
+# Ridge of the noise regression, as a share of each column's power.
+NOISE_RIDGE = 1e-4
+# However much encoder noise a residual holds, this share of its mean square is the torque's own noise.
+LEAST_OWN_NOISE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """The noise of each joint.
+
+    Attributes:
+        coefficients: Prediction-error filter (1, −a₁, …, −a_p) of each joint, shape (n, p + 1).
+        innovation: Standard deviation of what can't be predicted from the past [N m].
+        level: Standard deviation of the noise itself, encoder noise in the columns not counted [N m].
+    """
+
+    coefficients: Float[Array, "n p"]
+    innovation: Float[Array, " n"]
+    level: Float[Array, " n"]
+
+
+def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
+    """What a prediction-error filter leaves of each column, from rest."""
+    left = coefficients[0] * table
+    for lag, coefficient in enumerate(coefficients[1:], start=1):
+        left[lag:] += coefficient * table[:-lag]
+    return left
+
+
+def estimate_noise(layout: Layout, held: Sequence[Rows]) -> Whitening:
+    """AR noise of each joint from what all its candidates together leave.
+
+    Never from what the baseline leaves: that would take the effect for noise and whiten it away.
+    """
+    fits = [_noise_of_joint(j, held) for j in range(layout.n)]
+    return Whitening(*(np.array([fit[k] for fit in fits]) for k in range(3)))
+
+
+def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
+    x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
+    fallback = np.zeros(AR_ORDER + 1)
+    fallback[0] = 1.0
+    if len(x) < 20 * AR_ORDER:
+        return fallback, 1.0, 1.0
+    # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not positive. What it
+    # does to the coefficients is little, and what it adds to the residual is known.
+    gram = x.T @ x
+    ridge = np.diag(NOISE_RIDGE * np.diag(gram)[:-1] + 1e-9)
+    inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
+    estimate = inverse @ gram[:-1, -1]
+    # Every coefficient takes a share of the noise with it.
+    freedom = float(np.trace(inverse @ gram[:-1, :-1]))
+    inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
+    weights = np.concatenate([-estimate, [1.0]])
+    covariance = inflate * _autocovariance([(rows.tables[j] @ weights, rows.counts[:, j]) for rows in held])
+    encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
+    own = covariance[0] - (_autocovariance(encoder)[0] if encoder else 0.0)
+    covariance[0] *= 1.0 + 1e-6
+    a = solve_toeplitz(covariance[:-1], covariance[1:])
+    innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
+    level = max(own, LEAST_OWN_NOISE * covariance[0])
+    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]]) -> Float[Array, " k"]:
+    """Autocovariance up to `AR_ORDER` lags of series, where they count."""
+    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
+    for values, where in series:
+        mask = where.astype(float)
+        left = values * mask
+        for lag in range(AR_ORDER + 1):
+            products[lag] += left[lag:] @ left[: len(left) - lag]
+            counts[lag] += mask[lag:] @ mask[: len(left) - lag]
+    return np.asarray(products / np.maximum(counts, 1.0))
