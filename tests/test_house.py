@@ -7,8 +7,8 @@ from pathlib import Path
 from tests.house import arrows, depth, measure, names_twice, read_sources
 
 ROOT = Path(__file__).parents[1]
-# The rule is 400 lines; what is a little over awaits its split.
-MOST_LINES = 420
+# More are two rooms in one.
+MOST_LINES = 400
 # Public classes that still share their name with another: a debt that may only shrink.
 NAMES_TWICE = frozenset(("Limits", "Motion", "Payload", "Rows", "Scene"))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,18 +17,17 @@ from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group, NotTestable, build_layout
+from ident.diagnosis.regression.design import NotTestable, build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
+from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.runs import build_session, leftover_torque
-from ident.diagnosis.reservations import Reservation, doubt_replay, find_implausible, joints_of
-from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
+from ident.diagnosis.reservations import Reservation, doubt_replay, joints_of
+from ident.diagnosis.selection.intervals import Estimate, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
-from ident.diagnosis.selection.refine import Refined, refine
+from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Named, Search, SearchResults
-from ident.diagnosis.selection.urdf_share import SCALES, one_link_is_wrong, scale_evidence
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.settle import settle
 from ident.diagnosis.verdict import (
     NOISE_MARGIN,
     decide,
@@ -198,7 +197,7 @@ def diagnose(
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
-    sure = _settle(Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings), session, baseline)
+    sure = settle(Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings), session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
@@ -245,114 +244,6 @@ def diagnose(
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
-
-
-@dataclass(frozen=True, eq=False)
-class _Sure:
-    """Names that stand, and what was found on the way.
-
-    Attributes:
-        search: The search that gave them, with what it is to do without.
-        found: What it found.
-        estimates: Figures of each name.
-        fine: Their finer grids, if there are names.
-        doubted: Why further names were not believed.
-    """
-
-    search: Search
-    found: SearchResults
-    estimates: list[Estimate]
-    fine: Refined | None
-    doubted: tuple[Reservation, ...]
-
-
-def _settle(search: Search, session: SessionContext, baseline: Baseline) -> _Sure:
-    """Names and how much friction varies from run to run: each is told beside the other.
-
-    Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
-    no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
-    """
-    prior, settings = search.prior, search.settings
-    doubted: tuple[Reservation, ...] = ()
-    evidence = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
-    spread = estimate_run_spread(evidence, _with_slow_effects(evidence, prior))
-    for _ in range(settings.most_settling):
-        evidence = evidence.with_run_spread(spread)
-        search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
-        sure = _sure(search, session, baseline, doubted)
-        search, doubted = sure.search, sure.doubted
-        wider = _wider_belief(search, sure.found, baseline)
-        model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
-        smaller = np.minimum(spread, estimate_run_spread(evidence, model))
-        if wider == 1.0 and (not sure.found.named or np.all(smaller > settings.settled_share * spread)):
-            break
-        spread, prior = smaller, prior.tightened(1.0 / wider)
-    return sure
-
-
-def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
-    """The baseline with the best candidate of each slow effect at each joint.
-
-    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be heard.
-    """
-    gram = evidence.gram()
-    alone = project(gram, evidence, prior)
-    best: dict[tuple[str, int], tuple[float, Group]] = {}
-    for group in evidence.layout.groups:
-        if group.effect.by_run:
-            gain = alone.gain(group)[0]
-            if gain > best.get((group.effect.id, group.joint), (0.0, group))[0]:
-                best[group.effect.id, group.joint] = gain, group
-    return project(gram, evidence, prior, [group for _, group in best.values()])
-
-
-def _wider_belief(search: Search, found: SearchResults, baseline: Baseline) -> float:
-    """By how much the URDF's tolerance must be widened before names of the inertias' kind can be judged: mostly 1.
-
-    Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
-    and the tuned inertias lie beyond the tolerance.
-    """
-    evidence, prior, gram = search.evidence, search.prior, search.evidence.gram()
-    groups = [item.group for item in found.named]
-    others = [item.group for item in found.named if not item.absorbed]
-    model = project(gram, evidence, prior, groups)
-    spare = inflation(evidence, model)
-    if len(others) == len(groups) and not measure_tolerance(evidence, prior, model, spare).exceeded:
-        return 1.0
-    without = scale_evidence(gram, evidence, prior, others, spare)
-    if len(others) < len(groups):
-        beside = scale_evidence(gram, evidence, prior, groups, spare)
-        # Where the URDF is wrong even beside the names, it also holds what looks like more names.
-        needed = search.settings.absorbed_nats * (len(groups) - len(others)) * SCALES[np.argmax(beside)]
-        if beside.max() - without.max() >= needed:
-            return 1.0
-    elif one_link_is_wrong(search, baseline, others, spare):
-        return 1.0  # something sits at that link that has no name: it must be told
-    return float(SCALES[np.argmax(without)])
-
-
-def _sure(search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()) -> _Sure:
-    """The effects that the search named, without those that a rival beats by far or whose figures no arm has.
-
-    What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
-    """
-    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
-    while found.named:  # without names there is nothing to refine: no second pass
-        groups = [item.group for item in found.named]
-        fine = refine(search, session, baseline, groups)
-        estimates = estimate_effects(search, fine, session, found.named)
-        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
-        refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
-        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
-        if refused and len(doubted) <= held.most_doubted:
-            search = replace(search, barred=search.barred | {groups[k].key for k in refused})
-            found = search.run()
-            continue
-        kept = [k for k in kept if k not in refused]
-        if len(kept) == len(groups):
-            return _Sure(search, found, estimates, fine, doubted)
-        found = search.only(found, kept)
-    return _Sure(search, found, [], None, doubted)
 
 
 def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:

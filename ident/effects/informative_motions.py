@@ -75,7 +75,7 @@ LEVEL_OR_ZERO = (
 )
 
 
-class Shown(Protocol):
+class ShownBy(Protocol):
     """What an effect says of the motions that show it: see `ident.effects.base.Effect`."""
 
     id: ClassVar[str]
@@ -84,7 +84,7 @@ class Shown(Protocol):
     set_ups: ClassVar[Mapping[str, str]]
 
 
-def family_for(effects: Sequence[str], known: Iterable[Shown]) -> str:
+def family_for(effects: Sequence[str], known: Iterable[ShownBy]) -> str:
     """The kind of motion that shows effects, or parts the first pair of them that has one of its own.
 
     Args:
@@ -106,7 +106,7 @@ def describe_motion(family: str, joint: str) -> str:
     return SHOWINGS[family].words.format(joint=joint)
 
 
-def setup_for(effects: Sequence[str], known: Iterable[Shown]) -> str | None:
+def setup_for(effects: Sequence[str], known: Iterable[ShownBy]) -> str | None:
     """The change of set-up that parts effects which no motion, or hardly any, can part; None where motion does."""
     by_id = {effect.id: effect for effect in known}
     for one, other in combinations(effects, 2):
