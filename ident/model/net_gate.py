@@ -1,8 +1,8 @@
 """Whether a net helps on runs that it never saw, joint by joint, in torque and in energy; else it is silent.
 
 Each member of the net is trained without some of the runs; on those its prediction is compared with none. A joint keeps
-its net if that lowers the mean square error by more than one standard error over the runs, and doesn't raise the energy
-error by more than one.
+its net if that lowers the mean square error by more than two standard errors over the runs, and doesn't raise the
+energy error by more than one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+
+# Standard errors by which a net must help: chance alone does that once in forty times.
+SURE = 2.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ def judge_net(
         gain = np.where(counts > 0, (squares[0] - squares[1]) / counts, 0.0)
     doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
     works = [np.sqrt(np.mean(part**2, axis=0)) for part in energy]
-    kept = (gain.mean(axis=0) > doubt) & ~_is_worse(energy[0], energy[1])
+    kept = (gain.mean(axis=0) > SURE * doubt) & ~_is_worse(energy[0], energy[1])
     kept = _spare_the_total(kept, energy[0], energy[1])
     rmse = [np.sqrt(part.sum(axis=0) / np.maximum(counts.sum(axis=0), 1.0)) for part in squares]
     rows = zip(rmse[0], rmse[1], works[0], works[1], kept, strict=True)

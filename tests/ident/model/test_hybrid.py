@@ -114,7 +114,12 @@ def test_a_model_without_a_net_comes_back_too(links: int, motions: list[Motion],
     assert loaded.joint_names == arm.joint_names[:n]
     assert np.allclose(loaded.torque(*states), model.torque(*states), rtol=0, atol=1e-10)
     assert loaded.net is None
-    assert {path.name for path in (tmp_path / "model").iterdir()} == {".armgap.json", "robot.urdf", "arm.urdf", "model.toml"}
+    assert {path.name for path in (tmp_path / "model").iterdir()} == {
+        ".armgap.json",
+        "robot.urdf",
+        "arm.urdf",
+        "model.toml",
+    }
 
 
 def test_the_folder_is_text_and_weights(fitted: FitResults, folder: Path) -> None:
