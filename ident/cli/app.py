@@ -27,7 +27,7 @@ from ident.files import deliver
 from ident.ownership import SESSION_KIND, absolute, check_outputs
 from ident.process import run_command
 from ident.provenance import Provenance
-from ident.show.console import ladder_table, print_issues, progress_bar
+from ident.show.console import ladder_table, print_effort, print_issues, progress_bar
 
 
 def _tell_version(asked: bool) -> None:
@@ -86,6 +86,7 @@ def inspect(
             session = report.session
             size = f"{len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s"
             console.print(f"{session.name}: {size}")
+            print_effort(console, report.effort)
             print_issues(console, report.issues)
             console.print("fit for use" if report.is_fit else styled(("not fit for use", "red")))
 

@@ -84,6 +84,7 @@ def load_parts(
             common_clock=common,
             path=path,
             metadata=dict(settings.metadata),
+            effort_kind=settings.effort_kind,
             notes=(*notes, *clock_notes),
         )
         notes, before = [], runs[-1:]

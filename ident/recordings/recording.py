@@ -164,6 +164,8 @@ class Session:
         path: The folder or file it was read from.
         metadata: The rest of session.toml.
         notes: What the reader found about the session as a whole.
+        effort_kind: What session.toml says the effort is: ``joint_torque`` (gravity is in it), or
+            ``gravity_compensated``; None where it says nothing.
     """
 
     name: str
@@ -174,6 +176,7 @@ class Session:
     path: Path | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
     notes: tuple[TelemetryIssue, ...] = ()
+    effort_kind: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))

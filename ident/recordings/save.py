@@ -69,6 +69,8 @@ def session_settings(session: Session) -> dict[str, Any]:
     settings: dict[str, Any] = dict(session.metadata)
     if session.robot is not None:
         settings["robot"] = session.robot
+    if session.effort_kind is not None:
+        settings["effort_kind"] = session.effort_kind
     if session.payload is not None:
         settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}
     return settings

@@ -14,7 +14,17 @@ from ident.reading import read_toml
 from ident.recordings.recording import Payload
 
 NAME = "session.toml"
-KEYS = ("angle_unit", "columns", "drive_gain_Nm_per_A", "effort_sign", "payload", "robot", "sample_rate_hz")
+KEYS = (
+    "angle_unit",
+    "columns",
+    "drive_gain_Nm_per_A",
+    "effort_kind",
+    "effort_sign",
+    "payload",
+    "robot",
+    "sample_rate_hz",
+)
+EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 
 
 @dataclass(frozen=True)
@@ -30,6 +40,7 @@ class SessionFile:
         robot: Name or URDF path of the robot.
         sample_rate_hz: Sampling rate of tables without a time column [Hz].
         angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
+        effort_kind: Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
         metadata: Everything else in the file.
     """
 
@@ -41,6 +52,7 @@ class SessionFile:
     robot: str | None = None
     sample_rate_hz: float | None = None
     angle_factor: float = 1.0
+    effort_kind: str | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -81,6 +93,7 @@ def load_session_file(path: Path) -> SessionFile:
         robot=_robot(data, path),
         sample_rate_hz=_rate(data, path),
         angle_factor=_angle_factor(data, path),
+        effort_kind=_effort_kind(data, path),
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
 
@@ -160,3 +173,10 @@ def _angle_factor(data: dict[str, Any], path: Path) -> float:
     if unit not in ("rad", "deg"):
         raise RecordingError(path, f"angle_unit = {unit!r}", 'write "rad" or "deg"')
     return math.radians(1.0) if unit == "deg" else 1.0
+
+
+def _effort_kind(data: dict[str, Any], path: Path) -> str | None:
+    kind = data.get("effort_kind")
+    if kind is not None and kind not in EFFORT_KINDS:
+        raise RecordingError(path, f"effort_kind = {kind!r}", f"write {' or '.join(map(repr, EFFORT_KINDS))}")
+    return None if kind is None else str(kind)

@@ -13,6 +13,14 @@ from ident.schemas.diagnosis import DiagnosisRecord
 LadderTable = dict[str, dict[str, float | None]]
 
 
+class JointEffortRecord(TypedDict):
+    """What one joint's effort is."""
+
+    joint: str
+    kind: str
+    evidence: str
+
+
 class InspectedRecord(TypedDict):
     """The telemetry check of one session."""
 
@@ -23,6 +31,7 @@ class InspectedRecord(TypedDict):
     joints: list[str]
     common_clock: bool
     fit: bool
+    effort: list[JointEffortRecord]
     telemetry: list[IssueRecord]
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # a help text needs none of them
 
     from ident.model.evaluation import SessionScore
     from ident.recordings.recording import TelemetryIssue
+    from ident.telemetry.report import JointEffort
 
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
@@ -50,6 +51,12 @@ def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
         console.print(head, soft_wrap=True)
         if issue.severity != "note":
             console.print(f"    remedy: {visible(issue.remedy)}", soft_wrap=True)
+
+
+def print_effort(console: Console, effort: Sequence[JointEffort]) -> None:
+    """What each joint's effort is, a line each."""
+    for one in effort:
+        console.print(visible(f"effort of {one.joint}: {one.kind} ({one.evidence})"), soft_wrap=True)
 
 
 @contextmanager

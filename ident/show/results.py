@@ -15,7 +15,7 @@ from ident.model.hybrid import FitResults
 from ident.model.identification import describe
 from ident.model.net_gate import describe_gate
 from ident.results import Result
-from ident.show.console import ladder_table, print_issues
+from ident.show.console import ladder_table, print_effort, print_issues
 from ident.show.palette import MEASURED, rung_colours
 from ident.show.panels import as_text, draw_bars, panel
 from ident.telemetry.report import Inspection
@@ -105,6 +105,7 @@ def _(result: Inspection) -> str:
             session = report.session
             size = f"{len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s"
             console.print(f"{session.name}: {size}")
+            print_effort(console, report.effort)
             print_issues(console, report.issues)
             console.print("fit for use" if report.is_fit else "not fit for use")
 

@@ -150,11 +150,14 @@ def explained_by_model(session: Session, arm: ArmModel) -> float:
     return float(np.median(shares))
 
 
-def check_effort(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
-    """Sign, scale and origin of the measured torque."""
-    states = collect_states(session, arm)
-    if states is None:
-        return []
+def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
+    """Sign, scale and origin of the measured torque.
+
+    Args:
+        session: The recordings, mended.
+        arm: The robot with the session's payload.
+        states: The recordings' motion, of `collect_states`.
+    """
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
     right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
     wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
@@ -191,6 +194,7 @@ def _check_scale(
 ) -> list[TelemetryIssue]:
     heavy = [joint for joint in fits if states.heavy[joint]]
     remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
+    compensated = 'if the driver takes gravity out, write effort_kind = "gravity_compensated" in session.toml'
     deaf = [joint for joint in heavy if sprung[joint].explained < FOLLOWS]
     off = [
         joint
@@ -204,7 +208,7 @@ def _check_scale(
             f"{session.name}: gravity, inertia and friction explain {max(fits[joint].explained, 0.0):.0%} of the "
             f"effort of {session.joints[joint]}, on which gravity changes by {states.gravity[:, joint].std():.1f} N m"
         )
-        hint = "log the joint's whole torque: no external or gravity-free one, nor another joint's"
+        hint = f"log the joint's whole torque: no external one, nor another joint's; {compensated}"
         issues.append(TelemetryIssue("effort_not_torque", joints_at(session, deaf), "fatal", evidence, hint))
     if off:
         joint = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
@@ -212,7 +216,7 @@ def _check_scale(
             f"{session.name}: the effort of {session.joints[joint]} follows the model's gravity torque at "
             f"{fits[joint].gravity:.3g} of its size: a current, a percentage or another unit"
         )
-        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, remedy))
+        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, f"{remedy}; {compensated}"))
     return issues
 
 

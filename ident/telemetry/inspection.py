@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -13,7 +14,8 @@ from ident.robot.arm import ArmModel
 from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
 from ident.telemetry.clock import mend_clock_jumps, mend_jitter, mend_order, split_at_gaps
-from ident.telemetry.effort import check_effort
+from ident.telemetry.effort import check_effort, collect_states
+from ident.telemetry.effort_kind import judge_effort, mend_effort_kind
 from ident.telemetry.excitation import Amount
 from ident.telemetry.motion import mend_time_base, mend_time_unit, mend_velocity
 from ident.telemetry.repeated import find_repeated
@@ -48,7 +50,7 @@ def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -
         for report in reports:
             amount.take(report.session, report.arm)
         also = (*amount.issues(), *find_repeated(sessions))
-        first = TelemetryReport(reports[0].session, (*reports[0].issues, *also), reports[0].arm)
+        first = replace(reports[0], issues=(*reports[0].issues, *also))
         return (first, *reports[1:])
 
 
@@ -72,6 +74,8 @@ def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
+        # Before gravity and inertia are held against each other for the time base.
+        lambda found: mend_effort_kind(found, arm),
         lambda found: mend_time_base(found, arm),
         mend_jitter,
         drop_stuck,
@@ -85,9 +89,11 @@ def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
         if not session.samples:
             return TelemetryReport(session, tuple(issues), arm)
     issues += check_clipping(session) + check_commands(session)
-    if arm is not None:
-        issues += check_effort(session, arm)
-    return TelemetryReport(session, tuple(issues), arm)
+    if arm is None:
+        return TelemetryReport(session, tuple(issues), arm)
+    states = collect_states(session, arm)
+    issues += check_effort(session, arm, states) if states is not None else []
+    return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
 
 
 def _without_nan(run: Recording) -> Recording:

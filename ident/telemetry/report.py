@@ -19,6 +19,27 @@ ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 
+@dataclass(frozen=True)
+class JointEffort:
+    """What one joint's effort is.
+
+    Attributes:
+        joint: Its name.
+        kind: ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any friction),
+            ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``, ``commanded``,
+            ``model_output`` or ``unknown``.
+        evidence: What was seen, with figures.
+    """
+
+    joint: str
+    kind: str
+    evidence: str
+
+    def to_dict(self) -> dict[str, str]:
+        """For JSON."""
+        return {"joint": self.joint, "kind": self.kind, "evidence": self.evidence}
+
+
 @dataclass(frozen=True, eq=False)
 class TelemetryReport:
     """What a telemetry check found.
@@ -27,11 +48,13 @@ class TelemetryReport:
         session: The session with everything mended that can be mended safely, joints in the robot's order.
         issues: What was found, the worst first.
         arm: The robot with the joints locked that the recording lacks, and its payload; None if none was given.
+        effort: What each joint's effort is; empty where there is no robot to hold it against.
     """
 
     session: Session
     issues: tuple[TelemetryIssue, ...]
     arm: ArmModel | None = None
+    effort: tuple[JointEffort, ...] = ()
 
     def __post_init__(self) -> None:
         ranked = sorted(self.issues, key=lambda issue: ORDER.index(issue.severity))
@@ -78,6 +101,7 @@ class TelemetryReport:
             "joints": list(self.session.joints),
             "common_clock": self.session.common_clock,
             "fit": self.is_fit,
+            "effort": [one.to_dict() for one in self.effort],
             "telemetry": [issue.to_dict() for issue in self.issues],
         }
 
