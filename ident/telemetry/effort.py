@@ -216,7 +216,9 @@ def _check_scale(
             f"{session.name}: the effort of {session.joints[joint]} follows the model's gravity torque at "
             f"{fits[joint].gravity:.3g} of its size: a current, a percentage or another unit"
         )
-        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, f"{remedy}; {compensated}"))
+        issues.append(
+            TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, f"{remedy}; {compensated}")
+        )
     return issues
 
 
