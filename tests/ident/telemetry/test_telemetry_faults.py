@@ -59,12 +59,6 @@ def test_one_joint_in_amperes_is_found(clean: Session, arm: ArmModel) -> None:
     assert_refused(report, "effort_not_torque", ("joint_2",))
 
 
-def test_a_torque_without_gravity_is_no_joint_torque(clean: Session, arm: ArmModel) -> None:
-    """The external or compensated torque that some controllers publish as effort."""
-    report = inspect(spoil(clean, lambda run: run.replace(effort=run.effort - arm.gravity(run.position))), arm)
-    assert_refused(report, "effort_not_torque")
-
-
 def test_swapped_joints_are_no_joint_torque(clean: Session, arm: ArmModel) -> None:
     report = inspect(spoil(clean, lambda run: run.replace(effort=run.effort[:, [1, 0, 2, 3, 4, 5]])), arm)
     assert_refused(report, "effort_not_torque", ("joint_2",))
