@@ -20,7 +20,7 @@ FEW_CORNERS, MOST_CORNERS, STANDING_OUT = 32, 128, 2e-3
 SIDES = 32
 
 
-class Bodies(NamedTuple):
+class CompiledBodies(NamedTuple):
     """Convex bodies; a surface is as many as it has triangles.
 
     Attributes:
@@ -49,7 +49,7 @@ class Bodies(NamedTuple):
 
 
 class Points(NamedTuple):
-    """As much of `Bodies` as it takes to find a farthest point."""
+    """As much of `CompiledBodies` as it takes to find a farthest point."""
 
     core: Array
     first: Array
@@ -75,7 +75,7 @@ class Tree(NamedTuple):
     root: Array
 
 
-def compile_bodies(boxes: Sequence[Box]) -> Bodies:
+def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
     """The shapes' bodies, in the shapes' order."""
     parts = [piece for number, box in enumerate(boxes) for piece in _pieces(box, number)]
     count = np.array([len(part["corners"]) for part in parts], dtype=np.int64)
@@ -87,7 +87,7 @@ def compile_bodies(boxes: Sequence[Box]) -> Bodies:
     def whole(name: str) -> Array:
         return np.array([part[name] for part in parts], dtype=np.int64)
 
-    return Bodies(
+    return CompiledBodies(
         carrier=whole("carrier"),
         rot=column("rot", 3, 3),
         at=column("at", 3),
@@ -180,7 +180,7 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
         number += 1
 
 
-def build_tree(bodies: Bodies, shapes: int, first: int) -> Tree:
+def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     """The tree of the bodies of the shapes from number `first` on, all of which stand in the world."""
     extent = np.einsum("bij,bj->bi", np.abs(bodies.rot), bodies.half)
     low, high = bodies.at - extent, bodies.at + extent

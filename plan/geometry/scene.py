@@ -15,7 +15,7 @@ from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, StandIn, arm_shapes
 from plan.geometry.boxes import Box
-from plan.geometry.compiled import Bodies, Tree, build_tree, compile_bodies
+from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
 from plan.geometry.sweep import gaps_of_states, least_of_states, sweep
@@ -258,11 +258,11 @@ class Scene:
         return sum(box.body >= 0 for box in self.boxes)
 
     @cached_property
-    def _bodies(self) -> Bodies:
+    def _bodies(self) -> CompiledBodies:
         return compile_bodies(self.boxes)
 
     @cached_property
-    def _world(self) -> tuple[tuple[Array, ...], Bodies, int]:
+    def _world(self) -> tuple[tuple[Array, ...], CompiledBodies, int]:
         return self.chain.kinematics, self._bodies, self._links
 
     @cached_property
