@@ -76,7 +76,7 @@ def _sentence(family: str, joint: str) -> str:
 
 
 def _command(effects: Sequence[str], joint: str, robot: str) -> str:
-    command = f"plan excite --robot {robot} --separate {','.join(effects)} --joint {shlex.quote(joint)}"
+    command = f"plan excite --robot {shlex.quote(robot)} --separate {','.join(effects)} --joint {shlex.quote(joint)}"
     return f"`{command} --out next_motion` works it out and writes it"
 
 

@@ -26,6 +26,8 @@ SHARE, TIMES = 0.97, 8.0
 # share: the largest of clean channels is 0.18 and 0.42; a reversal of five samples reaches one. What lasts longer is a
 # fault of another kind, or true.
 WIDTHS = ((1, 0.5), (5, 2.0))
+# Share of the widest joint's range below which nothing is a spike.
+TREMBLE = 0.02
 # Sampled more slowly than this, friction that turns round for a moment is a single sample too [s].
 SLOW_S = 0.025
 # More rows than this are no hiccup: the channel can't be trusted.
@@ -82,6 +84,8 @@ def find_wild(runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = 
         low, high = np.percentile(np.concatenate([runs[k] for k in usable]), [2, 98], axis=0)
         least = WIDTHS[-1][1] if slow else least
         limit = np.maximum(np.maximum(TIMES * level, least * (high - low)), floor)
+        # A joint at rest has next to no range of its own: what is a tremble beside the arm's motion is no fault.
+        limit = np.maximum(limit, TREMBLE * float(np.max(high - low)))
         # A channel that never changes has neither: any change of it would be a spike.
         for k in usable:
             wraps = np.abs(np.abs(off[k]) - TURN) < WRAP_REST if floor else np.zeros_like(masks[k])

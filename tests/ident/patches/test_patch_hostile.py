@@ -96,8 +96,9 @@ def test_nothing_of_a_name_is_a_tag_or_a_word_of_a_shell(tmp_path: Path, text: s
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<script>fetch" not in page
     assert "49" not in page.partition("<body")[2] or "7 * 7" not in text
-    command = _command(["backlash"], text).split("`plan excite", 1)[1].rsplit("` works", 1)[0]
-    assert shlex.split(command) == ["--separate", "backlash", "--joint", text]
+    command = _command(["backlash"], text, text).split("`plan excite", 1)[1].rsplit("` works", 1)[0]
+    given = ["--robot", text, "--separate", "backlash", "--joint", text, "--out", "next_motion"]
+    assert shlex.split(command) == given
     assert tomllib.loads(f"{toml_key(text)} = 1") == {text: 1} or "\n" in text
 
 

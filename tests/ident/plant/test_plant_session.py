@@ -186,7 +186,7 @@ def test_the_folder_is_a_session_and_tells_nothing(tmp_path):
     session = load_session(tmp_path / "s")
     assert session.robot == "tm5-900"
     assert session.samples == written.samples
-    assert sorted(path.suffix for path in (tmp_path / "s").iterdir()) == [".parquet", ".parquet", ".toml"]
+    assert sorted(path.suffix for path in (tmp_path / "s").iterdir()) == [".json", ".parquet", ".parquet", ".toml"]
     assert "payload" not in (tmp_path / "s/session.toml").read_text()
 
 

@@ -67,7 +67,7 @@ def test_finds_the_best_allowed_grid_point(net: object, blocked: bool) -> None:
     if known is None:
         assert not book.best.feasible
     else:
-        assert book.best.cost == pytest.approx(known, abs=1e-9)
+        assert book.best.cost == pytest.approx(known, rel=1e-9)
 
 
 def test_plain_grid_over_durations() -> None:

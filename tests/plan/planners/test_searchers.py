@@ -204,7 +204,7 @@ def test_methods_by_name() -> None:
     """Every name makes a planner; an unknown one names those there are; time-only methods refuse energy."""
     for method in METHODS:
         assert isinstance(make_planner(method, "time"), Planner)
-    with pytest.raises(MethodError, match="use one of: reference, cma"):
+    with pytest.raises(MethodError, match="use one of: sqp, reference, cma"):
         make_planner("magic", "energy")
     with pytest.raises(MethodError, match="shortens time only"):
         make_planner("toppra", "energy")
