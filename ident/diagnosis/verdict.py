@@ -49,7 +49,11 @@ def find_unexplained(
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
     much = typical**2 > MUCH_LEFT * evidence.floor**2
-    left = moved & (np.array(learnt) | (colour > STANDS_OUT * usual) | much)
+    # How much friction varies is known from so many stretches only: one standard error of that variance is no gap.
+    stretches = max(len(np.unique(evidence.friction.stretch)), 2)
+    varying = (1.0 + np.sqrt(2.0 / (stretches - 1))) * evidence.friction_noise**2
+    beyond = typical**2 > whitening.level**2 + varying
+    left = moved & (np.array(learnt) | (beyond & ((colour > STANDS_OUT * usual) | much)))
     return left, np.minimum(evidence.floor, usual * whitening.innovation)
 
 

@@ -7,8 +7,10 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.motion.smoothing import NoiseLevels
 
-# Changes from sample to sample are steps of a resolution where so many of them are whole multiples, within this share.
-STEPS_SHARE, WHOLE_WITHIN = 0.98, 0.05
+# Changes from sample to sample are steps of a resolution where nearly all small ones are whole multiples of it. Of more
+# than so many steps at once no remainder can be told.
+STEPS_SHARE, WHOLE_WITHIN, MOST_STEPS = 0.98, 0.05, 10.0
+LEAST_CHANGES = 20
 # A finer step than this many standard deviations of the noise can't be told from none.
 LEAST_STEP = 1.0
 
@@ -22,11 +24,12 @@ def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
     found = np.zeros(position.shape[1])
     for j, change in enumerate(np.abs(np.diff(position, axis=0)).T):
         moved = change[change > 1e-9]
-        if len(moved) < 20:
+        if len(moved) < LEAST_CHANGES:
             continue
         step = float(np.median(moved[moved < 1.5 * moved.min()]))
-        multiples = moved / step
-        if np.mean(np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN * np.maximum(multiples, 1.0)) > STEPS_SHARE:
+        multiples = moved[moved < MOST_STEPS * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN
+        if len(multiples) >= LEAST_CHANGES and np.mean(whole) > STEPS_SHARE:
             found[j] = step
     return found
 

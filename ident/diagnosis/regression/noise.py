@@ -13,6 +13,7 @@ from scipy.linalg import solve_toeplitz
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Layout
+from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
 
 AR_ORDER = 4
@@ -70,7 +71,7 @@ def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
     freedom = float(np.trace(inverse @ gram[:-1, :-1]))
     inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
     weights = np.concatenate([-estimate, [1.0]])
-    covariance = inflate * _autocovariance([(rows.tables[j] @ weights, rows.counts[:, j]) for rows in held])
+    covariance = inflate * _autocovariance([(_left_of_run(rows, j, weights), rows.counts[:, j]) for rows in held])
     encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
     own = covariance[0] - (_autocovariance(encoder)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
@@ -78,6 +79,16 @@ def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
     innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
     level = max(own, LEAST_OWN_NOISE * covariance[0])
     return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array, " t"]:
+    """What is left of a run, its own level of friction taken out: how that varies is told apart."""
+    left: Array = rows.tables[j] @ weights
+    friction = rows.tables[j][:, rows.rank + FRICTION.start : rows.rank + FRICTION.stop]
+    where = rows.counts[:, j]
+    if not where.any():
+        return left
+    return np.asarray(left - friction @ np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0])
 
 
 def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]]) -> Float[Array, " k"]:

@@ -1,0 +1,74 @@
+"""Variance components: friction from run to run, and how wrong the URDF is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.run_spread import estimate_run_spread
+from ident.diagnosis.selection.urdf_share import SCALES, scale_evidence
+from ident.effects.catalogue import CATALOGUE
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, named, nothing, record
+
+SPREAD = 0.05
+
+
+@pytest.fixture(scope="module")
+def varying(short_arm: ArmModel) -> Analysis:
+    """A healthy arm of which the friction changes by 5 % from run to run."""
+    rng, motions = np.random.default_rng(11), []
+    for motion in record(short_arm, nothing):
+        level = SPREAD * rng.standard_normal(3)
+        friction = COULOMB * np.tanh(motion.dq / SLIP) + VISCOUS * motion.dq
+        motions.append(replace(motion, tau=motion.tau + level * friction))
+    return diagnose(motions, short_arm, CATALOGUE, common_clock=False)
+
+
+def test_friction_from_run_to_run_is_noise(varying: Analysis) -> None:
+    """Law: it gets no name and is no gap; it is told as what it is, within a factor of two for six runs."""
+    assert not named(varying)
+    assert varying.diagnosis.verdict == "no_gap"
+    assert np.all((varying.evidence.spread > SPREAD / 2) & (varying.evidence.spread < SPREAD * 2))
+    assert np.all(varying.evidence.floor > varying.evidence.whitening.level)
+
+
+def test_steady_friction_varies_little(healthy: Analysis) -> None:
+    evidence = healthy.evidence
+    model = project(evidence.gram(), evidence, Prior.of(evidence, healthy.baseline.prior))
+    assert np.all(estimate_run_spread(evidence, model) < 0.01)
+
+
+def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) -> None:
+    """Law: sums depend on the variation that is counted, not on the way to it."""
+    free = healthy.evidence.with_run_spread(np.full(3, 0.3)).with_run_spread(healthy.evidence.spread)
+    for one, other in zip(free.white, healthy.evidence.white, strict=True):
+        assert np.allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
+def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
+    """Law: where the inertias are right, no wider belief has more evidence than the one that one starts from."""
+    evidence = healthy.evidence
+    found = scale_evidence(evidence.gram(), evidence, Prior.of(evidence, healthy.baseline.prior), [], 1.0)
+    assert len(found) == len(SCALES)
+    assert np.argmax(found) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_made_positive_solves(seed: int) -> None:
+    """Law: a positive matrix comes back as it is; of another, solutions stay small along what can't be seen."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((5, 5))
+    fine: Array = root @ root.T + 0.1 * np.eye(5)
+    assert positive(fine) is fine
+    values, vectors = np.linalg.eigh(fine)
+    values[0] = -0.01
+    mended = positive((vectors * values) @ vectors.T)
+    assert np.linalg.eigvalsh(mended).min() > 0.0
+    assert np.linalg.norm(np.linalg.solve(mended, vectors[:, 0])) < 10.0
