@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
@@ -19,6 +19,9 @@ from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search, SearchResults
 from ident.diagnosis.selection.urdf_share import SCALES, one_link_is_wrong, scale_evidence
 from ident.effects.base import SessionContext
+
+# Of friction's variation from run to run, a law of warmth may leave this share of its standard deviation.
+LARGEST_SHARE_LEFT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,11 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
+        drifting = _mere_drift(search, sure.found)
+        if drifting:
+            search = replace(search, barred=search.barred | drifting)
+            sure = _sure(search, session, baseline, doubted)
+            search, doubted = sure.search, sure.doubted
         wider = _wider_belief(search, sure.found, baseline)
         model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
         smaller = np.minimum(spread, estimate_run_spread(evidence, model))
@@ -78,6 +86,27 @@ def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
             if gain > best.get((group.effect.id, group.joint), (0.0, group))[0]:
                 best[group.effect.id, group.joint] = gain, group
     return project(gram, evidence, prior, [group for _, group in best.values()])
+
+
+def _mere_drift(search: Search, found: SearchResults) -> set[Key]:
+    """Names of slow effects that follow friction's wandering only in part: a slow curve follows some of a random walk.
+
+    A law of warmth leaves of the variation from run to run what a joint of steady warmth has: the standard deviation
+    must fall to half at least.
+    """
+    evidence, prior, gram = search.evidence, search.prior, search.evidence.gram()
+    groups = [item.group for item in found.named]
+    drifting = set()
+    for group in groups:
+        if not group.effect.by_run:
+            continue
+        others = [other for other in groups if other is not group]
+        free = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
+        left = estimate_run_spread(free, project(gram, evidence, prior, groups))[group.joint]
+        alone = estimate_run_spread(free, project(gram, evidence, prior, others))[group.joint]
+        if left > LARGEST_SHARE_LEFT * alone:
+            drifting.add(group.key)
+    return drifting
 
 
 def _wider_belief(search: Search, found: SearchResults, baseline: Baseline) -> float:
