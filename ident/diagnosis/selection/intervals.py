@@ -11,6 +11,7 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Key, Named, Search
 from ident.effects.base import Interval, SessionContext
@@ -40,9 +41,7 @@ class Estimate:
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
     """Covariance of a model's coefficients by the block sandwich, never below the model's own."""
     layout = evidence.layout
-    weights = np.zeros(layout.size + 1)
-    weights[projection.inside] = -projection.estimate
-    weights[-1] = 1.0
+    weights = residual_weights(evidence, projection)
     scores = np.zeros((len(evidence.fold_of_block), layout.size + 1))
     for local, sums in zip(layout.local, evidence.white, strict=True):
         scores[:, local] += sums @ weights[local]

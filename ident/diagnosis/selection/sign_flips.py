@@ -22,6 +22,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 
 
@@ -29,9 +30,7 @@ def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B 
     """Score of every column in every block, after the model: Φ̃_bᵀ r_b."""
     layout = evidence.layout
     blocks = len(evidence.fold_of_block)
-    weights = np.zeros(layout.size + 1)
-    weights[projection.inside] = -projection.estimate
-    weights[-1] = 1.0
+    weights = residual_weights(evidence, projection)
     raw = np.zeros((blocks, layout.size + 1))
     for local, sums in zip(layout.local, evidence.white, strict=True):
         raw[:, local] += sums @ weights[local]
