@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 
 HEAVY = (
     "torch",

@@ -14,7 +14,7 @@ from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
 from ident.opening import Opened, open_sessions
 from ident.ownership import check_outputs
 from ident.provenance import Provenance
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from ident.show.console import ladder_table, print_issues, progress_bar
 from ident.show.report import write_diagnosis_report, write_evaluation_report
 from ident.show.terminal import print_diagnosis

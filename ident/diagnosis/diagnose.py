@@ -43,7 +43,7 @@ from ident.motion.out_of_core import runs_recorded
 from ident.recordings.recording import TelemetryIssue
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import robot_argument
+from ident.robot.names import robot_argument
 
 SCHEMA = "ident.diagnosis/1"
 

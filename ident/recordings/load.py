@@ -10,17 +10,20 @@ from pathlib import Path
 
 from ident.errors import RecordingError
 from ident.reading import require_regular
+from ident.recordings.bag_topics import names_topics, read_topics
 from ident.recordings.columns import Table, assemble
+from ident.recordings.lerobot import is_dataset, read_dataset
+from ident.recordings.matlab import read_mat
 from ident.recordings.parquet import read_npz, read_parquet
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.rosbag import METADATA, read_bag
 from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
 from ident.recordings.text import read_text_table
 
-BAGS = (".mcap", ".db3")
+BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
-SUFFIXES = (".parquet", *BAGS, ".npz", *TEXTS)
+SUFFIXES = (".parquet", *BAGS, ".npz", ".mat", *TEXTS)
 TOPIC = "/joint_states"
 # Unit of a file's used blocks; share of a file that must be written on the disk, and from which size that is asked
 # [bytes]; share of the memory that a file may fill.
@@ -71,9 +74,9 @@ def load_parts(
     if not path.is_dir():
         require_regular(path, "give a folder of runs, a table or a bag", RecordingError)
     settings = _settings_of(path, session_file)
-    files, notes = _find_runs(path, settings)
+    found, notes = _read_runs(path, settings, topic)
     before: list[Recording] = []
-    for batch in _batches((load_recording(file, settings, topic) for file in files), most):
+    for batch in _batches(found, most):
         runs = _same_joints([*before, *batch])
         common, clock_notes = _common_clock(runs)
         yield Session(
@@ -89,6 +92,14 @@ def load_parts(
         )
         notes, before = [], runs[-1:]
         del batch, runs  # a part is let go before the next is read
+
+
+def _read_runs(path: Path, settings: SessionFile, topic: str) -> tuple[Iterator[Recording], list[TelemetryIssue]]:
+    """The runs of a session, each read when it is asked for, and what is told of all of them."""
+    if is_dataset(path):
+        return read_dataset(path, settings), []
+    files, notes = _find_runs(path, settings)
+    return (load_recording(file, settings, topic) for file in files), notes
 
 
 def robot_named_in(path: str | Path, session_file: str | Path | None = None) -> str | None:
@@ -175,13 +186,17 @@ def _exists(path: Path) -> bool:
 def _reader(path: Path, topic: str) -> Reader:
     suffix = path.suffix.lower()
     if path.is_dir() or suffix in BAGS:
-        return lambda file, settings: read_bag(file, settings, topic)
+        return lambda file, settings: (
+            read_topics(file, settings) if names_topics(settings) else read_bag(file, settings, topic)
+        )
     if suffix in TEXTS:
         return read_text_table
     if suffix == ".parquet":
         return read_parquet
     if suffix == ".npz":
         return read_npz
+    if suffix == ".mat":
+        return read_mat
     raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
 
 

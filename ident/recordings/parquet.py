@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
+from ident.recordings.spread import list_length, spread_arrays, spread_list
 
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
 LARGEST_PACKING, LEAST_UNPACKED = 100, 1 << 28
@@ -31,20 +32,44 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
     try:
         # Not read_table: that loads all of pyarrow's data sets, at half a second.
         with pq.ParquetFile(path) as file:
-            names = tuple(file.schema_arrow.names)
+            lists = _lists(file)
+            names = tuple(spread for name in file.schema_arrow.names for spread in lists.get(name, (name,)))
             chosen = native_names(names, session_file, path)
-            table = file.read(columns=[names[index] for index in chosen])
+            table = file.read(columns=_top_names(names, lists, chosen))
+            wanted = {names[index] for index in chosen}
+            cells = {
+                spread: values
+                for name in table.column_names
+                for spread, values in spread_list(name, table.column(name)).items()
+                if spread in wanted
+            }
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, UnicodeDecodeError) as error:
         raise RecordingError(path, f"not a whole Parquet file ({_first_line(error)})", "write the file again") from None
     if chosen and table.num_rows == 0:
         raise RecordingError(path, "has no rows", "give a table with samples")
-    columns = {native: column_numbers(table.column(names[i]), names[i], path) for i, native in chosen.items()}
+    columns = {native: column_numbers(cells[names[i]], names[i], path) for i, native in chosen.items()}
     return screen_cells(columns, path), names
 
 
-def column_numbers(column: pa.ChunkedArray, name: str, where: str | Path) -> Float[Array, " T"]:
+def _lists(file: pq.ParquetFile) -> dict[str, list[str]]:
+    """Names of the numbers in each column of lists, told from the first row."""
+    nested = [one.name for one in file.schema_arrow if pa.types.is_nested(one.type)]
+    first = next(file.iter_batches(batch_size=1, columns=nested), None) if nested else None
+    if first is None:
+        return {}
+    columns = {name: pa.chunked_array([first.column(i)]) for i, name in enumerate(first.schema.names)}
+    return {name: list(spread_list(name, column)) for name, column in columns.items() if list_length(column)}
+
+
+def _top_names(names: Sequence[str], lists: Mapping[str, Sequence[str]], chosen: Mapping[int, str]) -> list[str]:
+    """The file's own columns that hold the chosen ones, each once."""
+    home = {spread: name for name, members in lists.items() for spread in members}
+    return list(dict.fromkeys(home.get(names[index], names[index]) for index in chosen))
+
+
+def column_numbers(column: pa.ChunkedArray | pa.Array, name: str, where: str | Path) -> Float[Array, " T"]:
     """A column as float; timestamps and durations become seconds.
 
     Raises:
@@ -67,9 +92,19 @@ def read_npz(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, .
     Raises:
         RecordingError: Not an archive, arrays of different lengths, or no names of the joints.
     """
-    arrays = _load_arrays(path)
-    if "position" in arrays:
-        arrays = _unstack(arrays, path)
+    return columns_of(_load_arrays(path), path, session_file)
+
+
+def columns_of(
+    arrays: Mapping[str, np.ndarray], path: Path, session_file: SessionFile
+) -> tuple[Table, tuple[str, ...]]:
+    """The native columns of named arrays: one a column, or one of all joints a channel, under any names.
+
+    Raises:
+        RecordingError: As `read_npz`.
+    """
+    stacked = "position" in arrays and ("joints" in arrays or not session_file.columns)
+    arrays = _unstack(arrays, path) if stacked else spread_arrays(arrays)
     names = tuple(arrays)
     chosen = native_names(names, session_file, path)
     columns: dict[str, Float[Array, " T"]] = {}

@@ -1,4 +1,4 @@
-"""ROS 2 bags: sensor_msgs/JointState of one topic, as columns."""
+"""Bags of ROS 2 and ROS 1: sensor_msgs/JointState of one topic, as columns."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
@@ -42,7 +43,7 @@ def read_bag(path: Path, session_file: SessionFile, topic: str) -> tuple[Table, 
     and be spread over messages; those of slower or shifted publishers are interpolated to the fastest one's stamps.
 
     Args:
-        path: A bag folder, or a lone .db3 or .mcap file.
+        path: A bag folder, or a lone .db3, .mcap or .bag file.
         session_file: Names of foreign joints.
         topic: The topic of the joint states.
 
@@ -68,10 +69,11 @@ def _read_streams(path: Path, topic: str) -> Mapping[tuple[str, ...], Stream]:
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(path, "is empty (0 bytes)", "record the bag again")
     try:
-        with Reader(path) as reader:
+        with _open(path) as reader:
+            read = reader.deserialize if isinstance(reader, AnyReader) else TYPES.deserialize_cdr
             connections = _joint_state_connections(reader, path, topic)
             for connection, receipt, raw in reader.messages(connections):
-                message: Any = TYPES.deserialize_cdr(raw, connection.msgtype)
+                message: Any = read(raw, connection.msgtype)
                 stream = streams[tuple(message.name)]
                 stream.stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
                 stream.receipts.append(receipt)
@@ -92,7 +94,12 @@ def _read_streams(path: Path, topic: str) -> Mapping[tuple[str, ...], Stream]:
     return streams
 
 
-def _joint_state_connections(reader: Reader, path: Path, topic: str) -> list[Any]:
+def _open(path: Path) -> Reader | AnyReader:
+    """A bag of ROS 2, or of ROS 1 by its ending; JointState is the same in both."""
+    return AnyReader([path]) if path.suffix.lower() == ".bag" else Reader(path)
+
+
+def _joint_state_connections(reader: Reader | AnyReader, path: Path, topic: str) -> list[Any]:
     found = [connection for connection in reader.connections if connection.topic == topic]
     usable = [connection for connection in found if connection.msgtype == JOINT_STATE]
     if usable:

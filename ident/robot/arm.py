@@ -16,8 +16,10 @@ from ident.errors import RobotError
 from ident.reading import read_text
 from ident.recordings.recording import Payload
 from ident.robot.mesh_files import with_mesh_paths
+from ident.robot.names import find_urdf
 from ident.robot.regressor import compute_regressor
-from ident.robot.urdf import find_urdf, normalise_urdf, read_reductions
+from ident.robot.urdf import normalise_urdf, read_reductions
+from ident.robot.xacro_files import SUFFIX, expand
 
 THREADS = 2
 
@@ -44,7 +46,7 @@ class ArmModel:
 
     @classmethod
     def load(cls, robot: str | Path, joints: Sequence[str] | None = None) -> ArmModel:
-        """Loads a URDF path, `tm5-900`, or a name of example-robot-data; grippers are locked at zero.
+        """Loads a URDF or xacro path, or a name (`ident.robot.names`); grippers, heads and wheels are locked at zero.
 
         Args:
             robot: Path or name.
@@ -54,7 +56,7 @@ class ArmModel:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
         path = find_urdf(robot)
-        text = read_text(path, "give a URDF file", RobotError)
+        text = expand(path) if path.suffix == SUFFIX else read_text(path, "give a URDF file", RobotError)
         arm = cls.from_urdf(text, path)
         if joints is None:
             return arm

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from ident.errors import RobotError
-from ident.robot.urdf import example_robots_folder
+from ident.robot.names import example_robots_folder
 
 # Larger mesh files are no collision geometry [bytes].
 LARGEST = 200_000_000

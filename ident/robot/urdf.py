@@ -1,74 +1,18 @@
-"""Robots by name, and their URDF brought into the one form that the rest works on: a chain of one-axis joints."""
+"""A URDF brought into the one form that the rest works on: a chain of one-axis joints."""
 
 from __future__ import annotations
 
-import importlib.metadata
-import shlex
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from ident.errors import RobotError
 from ident.robot.urdf_checks import check_urdf
 
-# The name a user types -> path below example-robot-data's robots folder.
-EXAMPLE_ROBOTS = {
-    "kinova": "kinova_description/robots/kinova.urdf",
-    "panda": "panda_description/urdf/panda.urdf",
-    "so100": "so_arm_description/urdf/so100.urdf",
-    "ur3": "ur_description/urdf/ur3_robot.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "ur10": "ur_description/urdf/ur10_robot.urdf",
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
-}
-SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf", "scara": "urdf/scara.urdf"}
 MOVING = ("revolute", "continuous", "prismatic")
 # A branch with more joints than a finger has is another arm.
 MOST_FINGER_JOINTS = 4
-
-
-def data_path(relative: str) -> Path:
-    """A file or folder shipped with armgap: inside the installed package, else in the source tree."""
-    here = Path(__file__).resolve().parents[1]
-    packaged = here / "_data" / relative
-    return packaged if packaged.exists() else here.parent / relative
-
-
-def example_robots_folder() -> Path:
-    """Where example-robot-data's wheel puts its robots; the wheel holds data only, no Python module."""
-    relative = "cmeel.prefix/share/example-robot-data/robots"
-    return Path(str(importlib.metadata.distribution("example-robot-data").locate_file(relative)))
-
-
-def robot_names() -> list[str]:
-    """The names that `--robot` takes beside a URDF path."""
-    return [*SHIPPED_ROBOTS, *EXAMPLE_ROBOTS]
-
-
-def find_urdf(robot: str | Path) -> Path:
-    """The URDF file of a path or name.
-
-    Raises:
-        RobotError: Neither a file nor a known name.
-    """
-    name = str(robot)
-    if name in SHIPPED_ROBOTS or name.replace("_", "-") in SHIPPED_ROBOTS:
-        return data_path(SHIPPED_ROBOTS[name.replace("_", "-")])
-    if name in EXAMPLE_ROBOTS:
-        return example_robots_folder() / EXAMPLE_ROBOTS[name]
-    path = Path(name)
-    if path.is_file():
-        return path
-    raise RobotError(name, "no such URDF file or robot", f"give a URDF path or one of: {', '.join(robot_names())}")
-
-
-def robot_argument(name: str, source: Path | None) -> str:
-    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF."""
-    known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
-    return known or shlex.quote(name if source is None else str(source))
 
 
 def parse_urdf(text: str, where: str) -> ET.Element:
@@ -89,29 +33,43 @@ def moving_joints(root: ET.Element) -> list[ET.Element]:
 
 
 def gripper_joints(root: ET.Element) -> list[str]:
-    """Names of the joints beyond the first fork of the tree: fingers, by which an arm is no longer a chain.
+    """Names of the joints beside and beyond the arm: fingers, a head, wheels, by which it is no longer a chain.
 
-    Empty where the branches are no fingers: they begin at the base, or are as long as an arm.
+    At a fork the arm goes on in the branch that is as long as an arm (more than `MOST_FINGER_JOINTS` joints one after
+    the other). Where no branch is, or the joints before the fork are an arm already, they are fingers. Empty where
+    there is no telling which branch is the arm: several are long enough, or none is and they begin at the base.
     """
     children: dict[str, list[ET.Element]] = {}
     for joint in root.findall("joint"):
         children.setdefault(link_of(joint, "parent"), []).append(joint)
 
-    def moving_below(joint: ET.Element) -> list[str]:
-        own = [joint.get("name") or ""] if joint.get("type") in MOVING else []
-        return own + [name for child in children.get(link_of(joint, "child"), []) for name in moving_below(child)]
+    def moves(joint: ET.Element) -> bool:
+        return joint.get("type") in MOVING
+
+    def below(joint: ET.Element) -> list[str]:
+        own = [joint.get("name") or ""] if moves(joint) else []
+        return own + [name for child in children.get(link_of(joint, "child"), []) for name in below(child)]
+
+    def length(joint: ET.Element) -> int:
+        return moves(joint) + max((length(child) for child in children.get(link_of(joint, "child"), [])), default=0)
 
     child_links = {link_of(joint, "child") for joint in root.findall("joint")}
     link = next((item.get("name") for item in root.findall("link") if item.get("name") not in child_links), None)
+    beside: list[str] = []
     arm_joints = 0
     while link is not None:
-        alive = [(joint, names) for joint in children.get(link, []) if (names := moving_below(joint))]
-        if len(alive) > 1:
-            fingers = arm_joints > 0 and max(len(names) for _, names in alive) <= MOST_FINGER_JOINTS
-            return [name for _, names in alive for name in names] if fingers else []
-        arm_joints += bool(alive) and alive[0][0].get("type") in MOVING
-        link = link_of(alive[0][0], "child") if alive else None
-    return []
+        alive = [joint for joint in children.get(link, []) if below(joint)]
+        long = [joint for joint in alive if length(joint) > MOST_FINGER_JOINTS]
+        hand = bool(arm_joints) and (not long or arm_joints > MOST_FINGER_JOINTS)
+        if len(alive) > 1 and hand:
+            return [*beside, *(name for joint in alive for name in below(joint))]
+        if len(alive) > 1 and len(long) != 1:
+            return []
+        onward = long if len(alive) > 1 else alive
+        beside += [name for joint in alive if joint not in onward for name in below(joint)]
+        arm_joints += bool(onward) and moves(onward[0])
+        link = link_of(onward[0], "child") if onward else None
+    return beside
 
 
 def link_of(joint: ET.Element, end: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import find_urdf
+from ident.robot.names import find_urdf
 from plan.errors import MethodError, SceneError
 from plan.geometry.scene import FLOOR
 from plan.problem.obstacle_tables import floor_box

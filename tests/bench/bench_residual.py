@@ -15,7 +15,7 @@ from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.motion.motion import Motion, prepare
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 
 
 def _motions(name: str) -> tuple[Motion, ...]:

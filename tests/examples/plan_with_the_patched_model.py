@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ident import FitOptions, fit_hybrid, open_sessions
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from plan import load_task, solve
 
 SCENE = Path(__file__).parents[1] / "plan" / "data" / "obstacle.toml"

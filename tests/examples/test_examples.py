@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from ident.cli import app as ident_app
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from plan.cli import app as plan_app
 from tests.examples import find_and_patch_an_effect, panda_from_a_bag, plan_with_the_patched_model
 

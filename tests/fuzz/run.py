@@ -38,7 +38,7 @@ from ident.patches.change import Diagnosed
 from ident.recordings.load import load_session
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from ident.telemetry import inspect
 from ident.trajectories.command_files import read_commands
 from tests.fuzz.spoil import BY_KIND

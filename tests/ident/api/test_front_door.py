@@ -19,7 +19,7 @@ import plan
 from ident.errors import InputError
 from ident.recordings.frames import gather_sources, read_frame
 from ident.recordings.load import load_recording
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 RUNS = sorted(E1.glob("*.parquet"))

@@ -20,7 +20,7 @@ from ident.files import HOST
 from ident.model.hybrid import HybridModel
 from ident.model.residual_net import PRESETS, NetOptions
 from ident.ownership import begin_folder
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from tests.ident.diagnosis.contract import check_diagnosis
 from tests.schemas import check_file
 

@@ -13,7 +13,7 @@ from ident.cli.identified import NOT_PASSED
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 

@@ -15,7 +15,7 @@ from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from ident.telemetry import inspect_sessions
 from tests.ident.diagnosis.contract import check_diagnosis
 from tests.ident.diagnosis.planted import analyse, gain_on_2, load_arm

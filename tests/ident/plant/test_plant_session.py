@@ -17,7 +17,7 @@ from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.visibility import VisibilityMeter
 from ident.recordings.load import load_session
 from ident.recordings.recording import Payload
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from ident.trajectories.kinds import plan_motions
 
 # The ids that the contract fixes.

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import find_urdf
+from ident.robot.names import find_urdf
 
 # Vendor's DH table (classic): offset of θ [deg], α [deg], a [m], d [m].
 DH = (

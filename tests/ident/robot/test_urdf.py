@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import EXAMPLE_ROBOTS, find_urdf, gripper_joints, matrix_to_rpy, robot_names, rpy_to_matrix
+from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_names
+from ident.robot.urdf import gripper_joints, matrix_to_rpy, rpy_to_matrix
 from tests.ident.made_up import joint, link, urdf
 
 angles = st.floats(-np.pi, np.pi)
@@ -50,6 +51,62 @@ def test_an_unknown_robot_is_told_the_names() -> None:
         find_urdf("pandda")
     assert error.value.where == "pandda"
     assert all(name in error.value.remedy for name in ("tm5-900", *EXAMPLE_ROBOTS))
+
+
+@pytest.mark.parametrize("name", ["tiago_no_hand", "anymal-kinova", "ur5_joint_limited_robot"])
+def test_every_file_of_example_robot_data_has_its_name(name: str) -> None:
+    """A file's name is enough; of a robot with one arm, that arm is taken, whatever else moves on it."""
+    assert ArmModel.load(name).n >= 6
+
+
+def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:
+    """The arm goes on in the one branch that is as long as an arm; what forks off beyond it are fingers."""
+    names = [f"arm_{i}" for i in range(5)]
+    chain = [joint(name, "torso" if i == 0 else f"link_{i - 1}", f"link_{i}") for i, name in enumerate(names)]
+    thumb = [joint(f"thumb_{i}", "link_4" if i == 0 else f"t{i - 1}", f"t{i}") for i in range(6)]
+    parts = [
+        *(link(name) for name in ("base", "wheel", "torso", "head", "finger")),
+        *(link(f"link_{i}") for i in range(5)),
+        *(link(f"t{i}") for i in range(6)),
+        joint("wheel_joint", "base", "wheel", "continuous", limit=""),
+        joint("lift", "base", "torso", "prismatic"),
+        joint("head_joint", "torso", "head"),
+        joint("finger_joint", "link_4", "finger"),
+    ]
+    arm = ArmModel.from_urdf(urdf(*parts, *chain, *thumb))
+    assert arm.joint_names == ("lift", *names)
+
+
+def test_two_arms_are_not_guessed_between() -> None:
+    """Baxter has a left and a right one: which is meant nobody knows."""
+    with pytest.raises(RobotError, match="not a serial chain"):
+        ArmModel.load("baxter")
+
+
+def test_a_xacro_file_is_the_urdf_that_it_expands_to(tmp_path: Path) -> None:
+    """Properties and macros are worked out; what can't be expanded is told with the remedy."""
+    plain = urdf(link("a"), link("b"), joint("one", "a", "b"))
+    text = plain.replace('<robot name="made_up">', '<robot name="made_up" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    text = text.replace('<link name="a">', '<xacro:property name="m" value="${1 + 1}"/><link name="a">')
+    (tmp_path / "arm.urdf.xacro").write_text(text.replace('value="2.0"', 'value="${m}"'))
+    assert 'value="${m}"' in (tmp_path / "arm.urdf.xacro").read_text()
+    expected, found = ArmModel.from_urdf(plain), ArmModel.load(tmp_path / "arm.urdf.xacro")
+    np.testing.assert_array_equal(found.inertial_parameters, expected.inertial_parameters)
+    (tmp_path / "bad.xacro").write_text(text.replace('value="2.0"', 'value="$(arg mass)"'))
+    with pytest.raises(RobotError, match=r"can't be expanded.*xacro bad.xacro"):
+        ArmModel.load(tmp_path / "bad.xacro")
+
+
+def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the package is installed, its module knows the path; where it is not, that is told."""
+    with pytest.raises(RobotError, match="robot_descriptions"):
+        find_urdf("no_such_description")
+    package = tmp_path / "robot_descriptions"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "made_up_description.py").write_text(f"URDF_PATH = {str(tmp_path / 'arm.urdf')!r}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert find_urdf("made_up_description") == tmp_path / "arm.urdf"
 
 
 def test_a_grippers_joints_are_those_beyond_the_first_fork() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import find_urdf, robot_argument
+from ident.robot.names import find_urdf, robot_argument
 from ident.trajectories.reference import Motion
 from plan.experiment.around import surroundings_of
 from plan.experiment.feasible import Feasibility

@@ -10,7 +10,7 @@ import pytest
 
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import find_urdf, robot_names
+from ident.robot.names import find_urdf, robot_names
 from plan.cli.app import main
 from plan.geometry.arm_shapes import WORDS, arm_shapes, bare_links
 from plan.geometry.boxes import Box

@@ -1,0 +1,157 @@
+"""LeRobot data sets: folders whose meta/info.json names the columns, and whose Parquet files hold lists.
+
+Each episode is a run. Without `[columns]` a list of joints becomes the channel that its feature stands for:
+`observation.state` is the position, `observation.velocity`, `observation.effort`, and `action` the commanded position
+where its names are those of the state. Names of joints lose what stands for the channel (`shoulder_pan.pos`).
+
+Source: LeRobotDataset v2.1 and v3.0 (folders `meta/`, `data/chunk-000/`, keys `codebase_version`, `fps`, `features`
+with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ident.arrays import Array, Float
+from ident.errors import RecordingError
+from ident.reading import read_json
+from ident.recordings.bad_cells import screen_cells
+from ident.recordings.columns import TIME, assemble, native_names
+from ident.recordings.parquet import column_numbers
+from ident.recordings.recording import Recording
+from ident.recordings.session_toml import SessionFile
+from ident.recordings.spread import spread_list
+
+INFO = Path("meta/info.json")
+CHANNEL_OF = {
+    "observation.state": "position",
+    "observation.velocity": "velocity",
+    "observation.effort": "effort",
+    "observation.torque": "effort",
+    "observation.current": "current",
+    "action": "position_command",
+}
+ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
+BEGINNINGS = ("main_", "follower_")
+EPISODE, CLOCK = "episode_index", "timestamp"
+REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is a LeRobot data set."""
+    return path.is_dir() and (path / INFO).is_file()
+
+
+def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
+    """The episodes of a data set, in order.
+
+    Raises:
+        RecordingError: No data files, columns that can't be read or mapped, no features.
+    """
+    features = load_features(path)
+    files = sorted((path / "data").rglob("*.parquet"))
+    if not files:
+        raise RecordingError(path, "has no Parquet file below data/", REMEDY)
+    for file in files:
+        columns = load_columns(file, features)
+        settings = _with_clock(columns, session_file) if session_file.columns else _usual_names(columns, session_file)
+        yield from _episodes(file, columns, settings)
+
+
+def load_features(path: Path) -> Mapping[str, Any]:
+    """The features of a data set by name, as meta/info.json has them.
+
+    Raises:
+        RecordingError: It names none.
+    """
+    info = read_json(path / INFO, REMEDY, RecordingError)
+    features = info.get("features")
+    if not isinstance(features, dict) or not features:
+        raise RecordingError(path / INFO, "names no features", REMEDY)
+    return features
+
+
+def load_columns(file: Path, features: Mapping[str, Any]) -> dict[str, pa.ChunkedArray | pa.Array]:
+    """All columns of numbers of a data file, lists spread out under their features' labels.
+
+    Raises:
+        RecordingError: Not a Parquet file, or lists of different lengths.
+    """
+    try:
+        with pq.ParquetFile(file) as opened:
+            table = opened.read()
+        found: dict[str, pa.ChunkedArray | pa.Array] = {}
+        for name in table.column_names:
+            found.update(spread_list(name, table.column(name), _labels(features.get(name))))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise RecordingError(
+            file, f"not a whole Parquet file of lists ({reason})", "write the data set again"
+        ) from None
+    return {
+        name: values
+        for name, values in found.items()
+        if pa.types.is_floating(values.type) or pa.types.is_integer(values.type)
+    }
+
+
+def _labels(feature: Any) -> list[str]:
+    """The names of a feature's numbers; they may stand in a list, in a list of lists, or under a word for the axis."""
+    names = feature.get("names") if isinstance(feature, dict) else None
+    if isinstance(names, dict) and len(names) == 1:
+        names = next(iter(names.values()))
+    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):
+        names = names[0]
+    return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def joint_name(label: str) -> str:
+    """The joint that a label speaks of."""
+    for ending in ENDINGS:
+        label = label.removesuffix(ending)
+    for beginning in BEGINNINGS:
+        label = label.removeprefix(beginning)
+    return label
+
+
+def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:
+    """Settings with the columns that the usual features stand for."""
+    chosen = {CLOCK: TIME} if CLOCK in columns else {}
+    for feature, channel in CHANNEL_OF.items():
+        own = [name for name in columns if name.startswith(f"{feature}.")]
+        # A new file maps the numbers of a feature without names by itself: which joint each is nobody knows here.
+        if own and not own[0].removeprefix(f"{feature}.").isdecimal():
+            chosen.update({name: f"{joint_name(name.removeprefix(f'{feature}.'))}/{channel}" for name in own})
+    joints = {native.partition("/")[0] for native in chosen.values() if native.endswith("/position")}
+    kept = {name: native for name, native in chosen.items() if native == TIME or native.partition("/")[0] in joints}
+    return replace(session_file, columns=kept)
+
+
+def _with_clock(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:
+    """The user's settings; their time is the data set's where they name none."""
+    if CLOCK not in columns or TIME in session_file.columns.values() or session_file.sample_rate_hz is not None:
+        return session_file
+    return replace(session_file, columns={CLOCK: TIME, **session_file.columns})
+
+
+def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> Iterator[Recording]:
+    names = tuple(columns)
+    chosen = native_names(names, settings, file)
+    table = {native: column_numbers(columns[names[index]], names[index], file) for index, native in chosen.items()}
+    if not table:
+        table = {TIME: np.empty(0)}
+    rows = len(next(iter(columns.values()))) if columns else 0
+    episode = column_numbers(columns[EPISODE], EPISODE, file) if EPISODE in columns else np.zeros(rows)
+    edges = [0, *(np.flatnonzero(np.diff(episode)) + 1), rows]
+    for start, end in pairwise(edges):
+        part: dict[str, Float[Array, " T"]] = {native: values[start:end] for native, values in table.items()}
+        number = int(episode[start]) if rows else 0
+        yield assemble(f"episode_{number:06d}", screen_cells(part, file), settings, file, names)

@@ -1,0 +1,33 @@
+"""MATLAB files (to version 7.2): arrays and structs of arrays as columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ident.errors import RecordingError
+from ident.recordings.columns import Table
+from ident.recordings.parquet import columns_of
+from ident.recordings.session_toml import SessionFile
+from ident.recordings.spread import flatten
+
+
+def read_mat(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
+    """Reads a .mat file as a NumPy archive of the same arrays would be read; fields of structs are `struct.field`.
+
+    Raises:
+        RecordingError: Not a MATLAB file, or one of version 7.3, which is HDF5.
+    """
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        raise RecordingError(path, "is a MATLAB 7.3 file (HDF5)", "write it with save(…, '-v7')") from None
+    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, OverflowError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise RecordingError(path, f"not a MATLAB file ({reason})", "write it with save(…, '-v7')") from None
+    arrays = {name: np.squeeze(values) for name, values in flatten(content).items()}
+    return columns_of({name: values for name, values in arrays.items() if values.ndim}, path, session_file)

@@ -1,0 +1,106 @@
+"""Robots by name: those that armgap ships, all of example-robot-data, and robot_descriptions where it is installed."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.metadata
+import importlib.util
+import shlex
+from functools import cache
+from pathlib import Path
+
+from ident.errors import RobotError
+
+# The name a user types -> path below example-robot-data's robots folder. Any other URDF of the package goes by the
+# name of its file (`tiago_no_hand`).
+EXAMPLE_ROBOTS = {
+    "kinova": "kinova_description/robots/kinova.urdf",
+    "panda": "panda_description/urdf/panda.urdf",
+    "so100": "so_arm_description/urdf/so100.urdf",
+    "so101": "so_arm_description/urdf/so101.urdf",
+    "tiago": "tiago_description/robots/tiago.urdf",
+    "ur3": "ur_description/urdf/ur3_robot.urdf",
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "ur10": "ur_description/urdf/ur10_robot.urdf",
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
+    "z1": "z1_description/urdf/z1.urdf",
+}
+SHIPPED_ROBOTS = {"tm5-900": "urdf/tm5_900.urdf", "scara": "urdf/scara.urdf"}
+# Names of the package robot_descriptions end so; each is a module that knows the path of a URDF or of a xacro file.
+DESCRIPTION = "_description"
+
+
+def data_path(relative: str) -> Path:
+    """A file or folder shipped with armgap: inside the installed package, else in the source tree."""
+    here = Path(__file__).resolve().parents[1]
+    packaged = here / "_data" / relative
+    return packaged if packaged.exists() else here.parent / relative
+
+
+def example_robots_folder() -> Path:
+    """Where example-robot-data's wheel puts its robots; the wheel holds data only, no Python module."""
+    relative = "cmeel.prefix/share/example-robot-data/robots"
+    return Path(str(importlib.metadata.distribution("example-robot-data").locate_file(relative)))
+
+
+@cache
+def example_files() -> dict[str, Path]:
+    """Every URDF of example-robot-data by the name of its file; a name that two folders have is left out."""
+    found: dict[str, list[Path]] = {}
+    for path in sorted(example_robots_folder().rglob("*.urdf")):
+        found.setdefault(path.stem, []).append(path)
+    return {name: paths[0] for name, paths in found.items() if len(paths) == 1}
+
+
+def robot_names() -> list[str]:
+    """The names that `--robot` takes beside a URDF path, but for example-robot-data's further files."""
+    return [*SHIPPED_ROBOTS, *EXAMPLE_ROBOTS]
+
+
+def find_urdf(robot: str | Path) -> Path:
+    """The URDF (or xacro) file of a path or name.
+
+    Raises:
+        RobotError: Neither a file nor a known name.
+    """
+    name = str(robot)
+    if name in SHIPPED_ROBOTS or name.replace("_", "-") in SHIPPED_ROBOTS:
+        return data_path(SHIPPED_ROBOTS[name.replace("_", "-")])
+    if name in EXAMPLE_ROBOTS:
+        return example_robots_folder() / EXAMPLE_ROBOTS[name]
+    path = Path(name)
+    if path.is_file():
+        return path
+    if name in example_files():
+        return example_files()[name]
+    if name.endswith(DESCRIPTION) and name.isidentifier():
+        return _described(name)
+    near = difflib.get_close_matches(name, example_files(), n=3)
+    also = f", {', '.join(near)}" if near else "; or a file's name of example-robot-data"
+    raise RobotError(
+        name, "no such URDF file or robot", f"give a URDF path or one of: {', '.join(robot_names())}{also}"
+    )
+
+
+def _described(name: str) -> Path:
+    """The file that a module of robot_descriptions names; its first import may download the robot."""
+    if importlib.util.find_spec("robot_descriptions") is None:
+        raise RobotError(name, "the package robot_descriptions is not installed", "pip install robot_descriptions")
+    try:
+        module = importlib.import_module(f"robot_descriptions.{name}")
+    except ModuleNotFoundError:
+        raise RobotError(name, "robot_descriptions has no such robot", "see its list of names") from None
+    except Exception as error:  # git and the network have their own
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise RobotError(name, f"robot_descriptions can't fetch it ({reason})", "give a URDF path") from None
+    path = getattr(module, "URDF_PATH", None) or getattr(module, "XACRO_PATH", None)
+    if path is None:
+        raise RobotError(name, "robot_descriptions has it as MJCF only", "give a URDF path")
+    return Path(path)
+
+
+def robot_argument(name: str, source: Path | None) -> str:
+    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF."""
+    known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
+    return known or shlex.quote(name if source is None else str(source))
