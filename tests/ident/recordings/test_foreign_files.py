@@ -168,7 +168,7 @@ def test_fields_of_other_messages_are_columns(storage: StoragePlugin, run: Recor
 
 
 def test_effort_may_come_in_another_topic(run: Recording, tmp_path: Path) -> None:
-    """Positions by JointState at half the rate, effort as a bare array: the effort's clock counts, positions between."""
+    """Positions by JointState at half the rate, effort as a bare array: on the clock of the effort."""
     types = get_typestore(Stores.ROS2_HUMBLE)
     known = types.types
     joint_state, array = known["sensor_msgs/msg/JointState"], known["std_msgs/msg/Float64MultiArray"]
