@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +17,8 @@ from ident.files import atomic_folder
 from ident.model.identification import Identified, InertiaFigure, identify
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, UNITS, LossParameters, LossResults
+from ident.model.training_range import TrainingRange, find_training_range
+from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.reading import read_text, read_toml
 from ident.recordings.recording import Payload
@@ -35,7 +35,6 @@ MODEL_KIND = "model"
 FIT_SCHEMA = "ident.fit/1"
 # Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
 FULL_ARM, LUMPED = 6, 3
-LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
 NetPreset = Literal["default", "paper", "none"]
 
 
@@ -65,6 +64,7 @@ class HybridModel:
         inertia: How the inertias were found.
         figures: Loss figures with intervals.
         inertias: Base parameters with intervals; none where the URDF's inertias were kept.
+        trained: Where the training runs went; None where that is not known.
         provenance: Data hashes, versions, options, figures of the fit.
     """
 
@@ -77,6 +77,7 @@ class HybridModel:
     inertia: str = "nominal"
     figures: tuple[LossFigure, ...] = ()
     inertias: tuple[InertiaFigure, ...] = ()
+    trained: TrainingRange | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -154,6 +155,7 @@ class HybridModel:
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
+                trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
             )
             model._check()
@@ -176,6 +178,8 @@ class HybridModel:
             raise ValueError("an inertia is not finite")
         if self.net is not None and self.net.n != n:
             raise ValueError(f"the net has {self.net.n} joints, the arm {n}")
+        if self.trained is not None and self.trained.joints != self.joint_names:
+            raise ValueError(f"the training range is of {self.trained.joints}")
 
     def record(self) -> dict[str, Any]:
         """All of the model but its URDFs and weights, as it stands in model.toml."""
@@ -200,6 +204,7 @@ class HybridModel:
             },
             "loss": loss,
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
+            **({} if self.trained is None else {"trained": self.trained.to_dict()}),
             "provenance": self.provenance,
         }
 
@@ -330,6 +335,7 @@ def fit_hybrid(
         inertia=options.inertia,
         figures=_figures(loss),
         inertias=found.inertias,
+        trained=find_training_range(motions, nominal, found),
         provenance=_provenance(motions, options, data, found, net),
     )
     return FitResults(model, found, net.history if net else None)
@@ -389,12 +395,5 @@ def _provenance(
         "net_gate": [gate.to_dict() for gate in net.gate] if net else [],
         "data": list(data),
         "data_sha256": hashlib.sha256("".join(sorted(d["sha256"] for d in data)).encode()).hexdigest(),
-        "versions": {name: _version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "versions": read_versions(),
     }
-
-
-def _version(name: str) -> str:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"

@@ -69,6 +69,7 @@ class FitRecord(TypedDict):
     inertia: ModelInertiaRecord
     loss: dict[str, Any]
     net: dict[str, Any]
+    trained: NotRequired[dict[str, Any]]
     provenance: ProvenanceRecord
 
 

@@ -1,7 +1,7 @@
 """A plan's JSON record, `plan.result/1`, as a motion that an arm can be asked to follow.
 
 The planner is not needed for that: a plan is a clamped cubic spline through its points, and how it gets going and
-comes to rest within `ramp_s` is written in the record.
+comes to rest (`ramp_s`), and by how much it is slowed down for that (`stretch`), is written in the record.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, RobotError
 from ident.robot.arm import ArmModel
+from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
 from ident.trajectories.reference import TICK_S, Motion, ticks
 
 SCHEMA = "plan.result/1"
@@ -43,28 +44,18 @@ def read_plan(path: str | Path, arm: ArmModel) -> Motion:
     times = np.array([0.0, *_numbers(file, record, "times_s"), _number(file, record, "duration_s")])
     execution = record.get("execution") or {}
     ramp = _number(file, execution, "ramp_s") if "ramp_s" in execution else 0.0
+    times *= _number(file, execution, "stretch") if "stretch" in execution else 1.0
     if len(times) != len(points) or np.any(np.diff(times) <= 0) or times[-1] > LONGEST_S:
         raise RecordingError(file, "times_s and duration_s do not rise from point to point", "plan the motion anew")
     if np.any(points < arm.lower) or np.any(points > arm.upper):
         raise RecordingError(file, "a point of the plan is out of the arm's limits", "plan it for this robot")
     curve = CubicSpline(times, points, bc_type="clamped")
-    t = ticks(float(np.ceil((times[-1] + ramp) / TICK_S - 1e-9)) * TICK_S)
-    s, ds, dds = _warp(np.minimum(t, times[-1] + ramp), float(times[-1]), ramp)
+    ends = GentleEnds(float(times[-1]), min(ramp, RAMP_SHARE * float(times[-1])))
+    t = ticks(float(np.ceil(ends.duration / TICK_S - 1e-9)) * TICK_S)
+    s, ds, dds = ends.at(np.minimum(t, ends.duration))
     dq, ddq = curve(s, 1), curve(s, 2)
     motion = Motion(file.stem, curve(s), dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None])
     return motion.held(REST_S, REST_S)
-
-
-def _warp(t: Array, total: float, ramp: float) -> tuple[Array, Array, Array]:
-    """Time along the plan, its rate and the rate of that: a smooth step of fifth order at both ends."""
-    if ramp <= 0.0:
-        return t, np.ones_like(t), np.zeros_like(t)
-    late = t > (total + ramp) / 2
-    begun = np.where(late, total + ramp - t, t)
-    x = np.clip(begun / ramp, 0.0, 1.0)
-    s = np.where(begun < ramp, ramp * x**4 * (2.5 - 3.0 * x + x**2), begun - ramp / 2)
-    rate, change = x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2 / ramp
-    return np.where(late, total - s, s), rate, np.where(late, -change, change)
 
 
 def _record(file: Path) -> dict[str, Any]:

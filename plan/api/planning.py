@@ -30,6 +30,8 @@ def solve(
     vias: str | Path | None = None,
     trial: int = 1,
     shapes: str | None = None,
+    inside: bool = False,
+    reserve: bool = True,
     seed: int = 0,
     evaluations: int | None = None,
     seconds: float | None = None,
@@ -50,6 +52,8 @@ def solve(
         vias: File of taught via points to start from.
         trial: Which of them, from 1.
         shapes: What stands in for links without a collision shape: `visual`, `capsules` or `boxes`.
+        inside: Whether the motion must stay where the model was fitted.
+        reserve: Whether torque is set aside for what the model's intervals leave open.
         seed: Of all randomness.
         evaluations, seconds: What may be spent; the method's default if None.
         gap: Whether the reference is run too, for `reference_gap`.
@@ -59,7 +63,7 @@ def solve(
     Raises:
         InputError: Scene, model, method or via points can't be used.
     """
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     asked = {"method": result.method, "seed": seed, "evaluations": evaluations, "seconds": seconds}
     return result.with_provenance(origin("plan solve", opened, model, asked))
@@ -76,6 +80,8 @@ def compare(
     vias: str | Path | None = None,
     trial: int = 1,
     shapes: str | None = None,
+    inside: bool = False,
+    reserve: bool = True,
     seeds: int = 5,
     evaluations: int = 2100,
     seconds: float = 1.0,
@@ -84,7 +90,7 @@ def compare(
     """Runs all methods on one task.
 
     Args:
-        scene, model, objective, metric, variables, vias, trial, shapes: As for `solve`.
+        scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve: As for `solve`.
         methods: Names; all that can do the task if None.
         seeds: Number of seeds.
         evaluations, seconds: Where costs are compared.
@@ -93,7 +99,7 @@ def compare(
     Raises:
         InputError: Scene, model, methods or via points can't be used.
     """
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     named = methods if methods is None or isinstance(methods, str) else ",".join(methods)
     table = compare_task(opened, named, seeds, evaluations, seconds, progress)
     asked = {"methods": named, "seeds": seeds, "evaluations": evaluations, "seconds": seconds}

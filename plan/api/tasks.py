@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ident.api.fitting import load_model
 from ident.files import atomic_write
@@ -13,10 +15,12 @@ from plan.errors import MethodError, SceneError
 from plan.planners import METHODS, Budget, default_budget, make_planner
 from plan.planners.base import Planner, Progress
 from plan.problem.execution import execute
+from plan.problem.extrapolation import require_inside
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, Trial, load_task, load_trials
 from plan.solving.compare import Comparison, compare
+from plan.solving.goals import rank_goals, reach_goals
 from plan.solving.set_up import require_valid_ends, set_up
 from plan.solving.solve import solve
 
@@ -29,11 +33,13 @@ class OpenedTask:
         task: The scene file's contents.
         problem: The problem, started from the straight line.
         trial: Taught via points, if the user gave some.
+        others: The same problem with the other goals that bring a frame to the task's pose.
     """
 
     task: Task
     problem: PlanningProblem
     trial: Trial | None
+    others: tuple[PlanningProblem, ...] = ()
 
 
 def open_task(
@@ -45,6 +51,8 @@ def open_task(
     vias: str | Path | None,
     trial: int,
     shapes: str | None = None,
+    inside: bool = False,
+    reserve: bool = True,
 ) -> OpenedTask:
     """Reads scene, model and taught via points, and checks start and goal.
 
@@ -53,7 +61,10 @@ def open_task(
     """
     task = _task(scene)
     fitted = None if model is None else load_model(model)
-    problem = set_up(task, fitted, objective, metric, variables, shapes)  # type: ignore[arg-type]
+    problem = set_up(task, fitted, objective, metric, variables, shapes, inside, reserve)  # type: ignore[arg-type]
+    problem, *others = reach_goals(problem, task)
+    if inside:
+        require_inside(problem, task.source)
     require_valid_ends(problem, task)
     taught = task.taught[0] if task.taught else None
     if vias is not None:
@@ -61,7 +72,7 @@ def open_task(
         if trial > len(trials):
             raise SceneError(vias, f"it has {len(trials)} trials, not {trial}", f"use --trial 1 to {len(trials)}")
         taught = trials[trial - 1]
-    return OpenedTask(task, problem, taught)
+    return OpenedTask(task, problem, taught, tuple(others))
 
 
 def _task(scene: Task | str | Path) -> Task:
@@ -93,7 +104,21 @@ def solve_task(
     budget = Budget(
         usual.evaluations if evaluations is None else evaluations, usual.seconds if seconds is None else seconds
     )
-    return solve(opened.problem, name, seed, budget, opened.trial, progress, resume, gap, planner)
+    problem, note = _with_goal(opened, budget, seed)
+    result = solve(problem, name, seed, budget, opened.trial, progress, resume, gap, planner)
+    return result if note is None else replace(result, notes=(note, *result.notes))
+
+
+def _with_goal(opened: OpenedTask, budget: Budget, seed: int) -> tuple[PlanningProblem, str | None]:
+    """The problem with the goal that is cheapest to go to, and what was chosen from, in words."""
+    if opened.task.pose is None:
+        return opened.problem, None
+    if not opened.others:
+        return opened.problem, "one joint position brings the frame to the goal's pose"
+    ranked = rank_goals([opened.problem, *opened.others], budget, np.random.default_rng(seed))
+    reached = sum(np.isfinite(cost) for cost, _ in ranked)
+    what = f"{len(ranked)} joint positions bring the frame to the goal's pose; short searches reached {reached} of them"
+    return ranked[0][1], f"{what}, and the cheapest was taken"
 
 
 def save_outputs(
@@ -120,7 +145,7 @@ def save_motion(result: PlanResult, out: Path | None, rate: float) -> str | None
         return None
     execution = execute(result, rate)
     execution.save(out)
-    longer = f", {execution.ramp:.3f} s longer than planned to start and end at rest" if execution.ramp else ""
+    longer = f", {execution.longer:.3f} s longer than planned to start and end at rest" if execution.longer else ""
     return f"motion written to {out}: {len(execution.times)} points, {execution.duration:.4f} s{longer}"
 
 
@@ -141,7 +166,8 @@ def compare_task(
     if chosen is not None and not chosen:
         raise MethodError("--methods", "names no method", f"use some of: {', '.join(METHODS)}")
     name = opened.task.source.stem
-    return compare(opened.problem, name, chosen, seeds, evaluations, seconds, opened.trial, progress)
+    problem = _with_goal(opened, Budget(), 0)[0]
+    return compare(problem, name, chosen, seeds, evaluations, seconds, opened.trial, progress)
 
 
 def save_comparison(opened: OpenedTask, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:

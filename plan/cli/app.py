@@ -35,6 +35,11 @@ Shapes = Annotated[
     str | None,
     typer.Option(help="For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."),
 ]
+Inside = Annotated[
+    bool,
+    typer.Option("--stay-inside", help="Keep positions, speeds and accelerations where the model was fitted."),
+]
+Reserve = Annotated[bool, typer.Option(help="Set torque aside for what the model's intervals leave open.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.")]
 
@@ -69,6 +74,8 @@ def solve(
     vias: Vias = None,
     trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
     shapes: Shapes = None,
+    inside: Inside = False,
+    reserve: Reserve = True,
     seed: Seed = 0,
     evaluations: Annotated[int | None, typer.Option(help="Most trajectories evaluated.", min=1)] = None,
     seconds: Annotated[float | None, typer.Option(help="Longest search, in processor time [s].", min=0.0)] = None,
@@ -89,7 +96,7 @@ def solve(
 
     if out is not None:
         require_writable(out, rate)
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
@@ -110,6 +117,8 @@ def compare(
     vias: Vias = None,
     trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
     shapes: Shapes = None,
+    inside: Inside = False,
+    reserve: Reserve = True,
     methods: Annotated[
         str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")
     ] = None,
@@ -123,7 +132,7 @@ def compare(
     from plan.api.planning import origin
     from plan.api.tasks import compare_task, open_task, save_comparison
 
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes)
+    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
     table = table.with_provenance(origin("plan compare", opened, model, {"methods": methods, "seeds": seeds}))

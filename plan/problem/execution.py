@@ -1,8 +1,9 @@
 """A plan as a controller takes it: sampled at its rate, from rest to rest without a jump of the acceleration.
 
 A clamped cubic spline starts with an acceleration, which no drive can have at once. So the plan is begun and ended a
-little slower: the same path, passed along it with a time s(t) whose rate rises from 0 to 1 by a smooth step of
-fifth order. Then position, velocity and acceleration start at rest, and the jerk is bounded everywhere.
+little slower, on the same path: position, velocity and acceleration start at rest, and the jerk is bounded everywhere.
+Where torque, speed or acceleration would pass a limit on the way, the whole motion is slowed down until none does; the
+certificate looks at the motion as it is executed.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from ident.arrays import Array, Float
 from ident.files import atomic_write
 from plan.errors import MethodError
 from plan.problem.result import PlanResult
-from plan.spline import Splines
 
 SUFFIXES = (".csv", ".yaml", ".yml", ".parquet")
 DEFAULT_RATE = 250.0
@@ -35,7 +35,7 @@ class Execution:
         joints: Names of the joints, those that move first, then those that are held.
         times: From 0 to the end [s].
         q, dq, ddq: Position [rad], velocity [rad/s], acceleration [rad/s²].
-        ramp: Time in which the motion gets going [s].
+        longer: Time by which it takes longer than the plan [s].
     """
 
     joints: tuple[str, ...]
@@ -43,7 +43,7 @@ class Execution:
     q: Float[Array, "T n"]
     dq: Float[Array, "T n"]
     ddq: Float[Array, "T n"]
-    ramp: float
+    longer: float
 
     @property
     def duration(self) -> float:
@@ -98,37 +98,11 @@ def require_writable(path: Path, rate: float) -> None:
 def execute(result: PlanResult, rate: float = DEFAULT_RATE) -> Execution:
     """The motion of a solved plan at a rate [Hz]; the last sample lies at the end, however short its step."""
     assert result.splines is not None
-    total = float(result.splines.total[0])
-    ramp = result.ramp
-    if total > 0.0:
-        times = np.append(np.arange(0.0, total + ramp - 0.5 / rate, 1.0 / rate), total + ramp)
-    else:
-        times = np.zeros(1)
-    q, dq, ddq = ramped(result.splines, times, ramp)
+    law = result.execution
+    total = law.duration
+    times = np.append(np.arange(0.0, total - 0.5 / rate, 1.0 / rate), total) if total > 0.0 else np.zeros(1)
+    q, dq, ddq = law.states(result.splines, times)
     held = np.repeat(np.array(list(result.held.values()))[None], len(times), axis=0).reshape(len(times), -1)
     still = np.zeros_like(held)
     q, dq, ddq = (np.concatenate(pair, axis=1) for pair in ((q, held), (dq, still), (ddq, still)))
-    return Execution((*result.joints, *result.held), times, q, dq, ddq, ramp)
-
-
-def ramped(splines: Splines, times: Float[Array, " T"], ramp: float) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration of a plan that gets going, and comes to rest, within the ramp."""
-    if float(splines.total[0]) <= 0.0:
-        q = np.repeat(splines.points[0, :1], len(times), axis=0)
-        return q, np.zeros_like(q), np.zeros_like(q)
-    if ramp <= 0.0:
-        return splines.at(np.minimum(times, float(splines.total[0])))
-    s, ds, dds = warp(times, float(splines.total[0]), ramp)
-    q, dq, ddq = splines.at(s)
-    return q, dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None]
-
-
-def warp(times: Float[Array, " T"], total: float, ramp: float) -> tuple[Array, Array, Array]:
-    """Time of the plan, its rate, and that one's rate [1/s] at times of its execution, which takes a ramp longer."""
-    late = times > (total + ramp) / 2
-    x = np.clip(np.where(late, total + ramp - times, times) / ramp, 0.0, 1.0)
-    begun = np.where(late, total + ramp - times, times)
-    s = np.where(begun < ramp, ramp * x**4 * (2.5 - 3.0 * x + x**2), begun - ramp / 2)
-    ds = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    dds = 30.0 * x**2 * (1.0 - x) ** 2 / ramp
-    return np.where(late, total - s, s), ds, np.where(late, -dds, dds)
+    return Execution((*result.joints, *result.held), times, q, dq, ddq, total - float(result.splines.total[0]))

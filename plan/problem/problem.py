@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, freeze
+from ident.model.training_range import TrainingRange
 from plan.dynamics.manipulability import Manipulability
 from plan.dynamics.power import Metric, TorqueModel, _integral, section_nodes
 from plan.geometry.scene import Scene
@@ -43,10 +44,12 @@ class Limits:
     Attributes:
         lower, upper: Position limits [rad].
         speed: Speed limits [rad/s].
-        torque: Torque limits [N m].
+        torque: Torque that may be used [N m].
         clearance: Smallest distance to keep [m].
         acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None where there is none. A motion with a
             jerk limit starts and ends without acceleration.
+        reserve: What was set aside of the torque limits because the model's torque is no better known [N m]; None for
+            nothing.
     """
 
     lower: Float[Array, " n"]
@@ -56,9 +59,10 @@ class Limits:
     clearance: float
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
+    reserve: Float[Array, " n"] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("lower", "upper", "speed", "torque", "acceleration", "jerk"):
+        for name in ("lower", "upper", "speed", "torque", "acceleration", "jerk", "reserve"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, freeze(getattr(self, name)))
 
@@ -115,6 +119,7 @@ class PlanningProblem:
         radius: How far a via angle may go from the initial one [rad].
         label: Where the initial trajectory comes from.
         grows: Whether a planner may insert via points and move stamps beyond what is named free.
+        trained: Where the model was fitted; None where that is not known.
     """
 
     scene: Scene
@@ -130,6 +135,7 @@ class PlanningProblem:
     radius: float = np.pi / 2
     label: str = "straight"
     grows: bool = True
+    trained: TrainingRange | None = None
 
     def __post_init__(self) -> None:
         for name in ("start", "goal", "vias", "durations"):

@@ -17,7 +17,9 @@ from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
 from plan.geometry.scene import Unchecked, limits_of_proof
+from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem
+from plan.problem.time_law import STANDING, TimeLaw, find_time_law
 from plan.spline import Splines
 
 SCHEMA = "plan.result/1"
@@ -26,9 +28,6 @@ Status = Literal["solved", "infeasible", "budget_spent"]
 ROUNDING = 1e-9
 # Clearance may fall short of what was asked for by this [m].
 CLEARANCE_SHORT = 5e-4
-# Time in which an executed motion gets going, and comes to rest: at most this [s], and this share of the plan. A motion
-# with less acceleration at its ends needs none [rad/s²].
-RAMP_S, RAMP_SHARE, AT_REST = 0.05, 0.2, 0.5
 # Quadrature points a section of the certificate: friction that turns round inside a section needs many.
 FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
@@ -44,6 +43,9 @@ class Certificate:
         energy: Energy by every metric [J], and N² m² s for copper.
         torque_share, speed_share: Peak of each joint as a share of its limit.
         acceleration_share, jerk_share: The same; None where there is no limit.
+        time_law: How the motion is executed from rest to rest, and the limits on that.
+        extrapolation: What goes beyond the model's training, the worst first; None where no range is known.
+        reserve: Torque that was set aside because the model's is no better known [N m]; None for none.
         position_margin: Smallest distance to a position limit [rad].
         clearance: Proven clearance.
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
@@ -61,6 +63,9 @@ class Certificate:
     shapes: ArmShapes = NO_SHAPES
     acceleration_share: Float[Array, " n"] | None = None
     jerk_share: Float[Array, " n"] | None = None
+    time_law: TimeLaw = STANDING
+    extrapolation: tuple[Extrapolation, ...] | None = None
+    reserve: Float[Array, " n"] | None = None
 
     @property
     def shares(self) -> dict[str, Float[Array, " n"] | None]:
@@ -85,6 +90,8 @@ class Certificate:
             for joint, value in enumerate([] if share is None else share, start=1):
                 if value > 1.0 + ROUNDING:
                     found.append(f"joint {joint} reaches {100 * value:.1f} % of its {name} limit")
+        if not found and max(self.time_law.shares) > 1.0 + ROUNDING:
+            found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit")
         if self.position_margin < -ROUNDING:
             found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
         if not self.clearance.collision_free:
@@ -115,6 +122,9 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         shapes=problem.scene.shapes,
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
         jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
+        time_law=find_time_law(problem, splines),
+        extrapolation=find_extrapolation(problem, splines),
+        reserve=limits.reserve,
     )
 
 
@@ -128,7 +138,8 @@ def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
     still = np.zeros((1, 1, problem.n))
     torque = np.abs(problem.model.torque(problem.start[None, None], still, still)[0, 0])
     rest = np.zeros(problem.n)
-    return Splines(ends, np.zeros((1, 1))), Certificate(
+    splines = Splines(ends, np.zeros((1, 1)))
+    return splines, Certificate(
         energy=dict.fromkeys(METRICS, 0.0),
         torque_share=torque / limits.torque,
         speed_share=rest,
@@ -139,6 +150,8 @@ def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
         shapes=problem.scene.shapes,
         acceleration_share=None if limits.acceleration is None else rest,
         jerk_share=None if limits.jerk is None else rest,
+        extrapolation=find_extrapolation(problem, splines),
+        reserve=limits.reserve,
     )
 
 
@@ -211,11 +224,9 @@ class PlanResult(Result):
         return self.splines is not None and float(self.splines.total[0]) <= 0.0
 
     @property
-    def ramp(self) -> float:
-        """Time by which the motion is executed longer than planned, to get going without a jump of acceleration [s]."""
-        if self.splines is None or self.stands or float(self.splines.end_acceleration.max()) <= AT_REST:
-            return 0.0
-        return min(RAMP_S, RAMP_SHARE * float(self.splines.total[0]))
+    def execution(self) -> TimeLaw:
+        """How the motion is executed from rest to rest."""
+        return STANDING if self.certificate is None else self.certificate.time_law
 
     @property
     def solved(self) -> bool:
@@ -271,7 +282,8 @@ class PlanResult(Result):
             },
             "peak_acceleration_rad_s2": rest if self.stands else self.splines.top_acceleration[0].tolist(),
             "peak_jerk_rad_s3": rest if self.stands else self.splines.top_jerk[0].tolist(),
-            "execution": {"ramp_s": self.ramp, "duration_s": float(self.splines.total[0]) + self.ramp},
+            "execution": certificate.time_law.to_dict(),
+            **_trust(certificate),
             "collision_free": certificate.clearance.collision_free,
             "clearance_m": certificate.clearance.proven if certificate.clearance.checked else None,
             "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},
@@ -287,3 +299,13 @@ class PlanResult(Result):
         """Writes the record as JSON, whole or not at all."""
         with atomic_write(path) as part:
             part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+
+
+def _trust(certificate: Certificate) -> dict[str, Any]:
+    """How far the model may be believed along the motion."""
+    beyond, reserve = certificate.extrapolation, certificate.reserve
+    return {
+        "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
+        "beyond_training": [one.to_dict() for one in beyond or ()],
+        "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
+    }

@@ -16,12 +16,14 @@ from ident.recordings.recording import Payload
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
 from plan.problem.obstacle_tables import floor_box, read_shape
+from plan.problem.pose import Pose, read_pose
 
 KEYS = {
     "": {"robot", "task", "limits", "obstacle", "attached", "floor", "payload", "srdf", "trial"},
     "task": {
         "start_deg",
         "goal_deg",
+        "goal_pose",
         "duration_s",
         "via_points",
         "wrist_deg",
@@ -61,7 +63,7 @@ class Task:
     Attributes:
         source: The file.
         robot: Name or URDF path.
-        start, goal: Ends [rad].
+        start, goal: Ends [rad]; the goal is the start until `pose` is brought to joint angles.
         duration: Duration of the motion, or of the one to start from where time is the objective [s].
         via_points: Via points at least.
         wrist: Positions of the joints that do not move [rad]; zeros if None.
@@ -76,6 +78,7 @@ class Task:
         payload: Mass that the last link carries.
         srdf: File that names pairs of links to leave out of checks.
         taught: Via points of the file itself.
+        pose: Where a frame is to end, in place of the goal's angles.
     """
 
     source: Path
@@ -99,6 +102,7 @@ class Task:
     payload: Payload | None = None
     srdf: Path | None = None
     taught: tuple[Trial, ...] = field(default_factory=tuple)
+    pose: Pose | None = None
 
     @property
     def n(self) -> int:
@@ -120,13 +124,14 @@ def load_task(path: str | Path) -> Task:
     limits = document.get("limits", {})
     start = reader.numbers(task, "task.start_deg")
     count = len(start)
+    pose = read_pose(reader, task)
     taught = _taught(reader, task, count)
     via_points = len(taught[0].vias) if taught else reader.whole(task, "task.via_points", 2)
     return Task(
         source=file,
         robot=reader.text(document, "robot"),
         start=np.radians(start),
-        goal=np.radians(reader.numbers(task, "task.goal_deg", count)),
+        goal=np.radians(start if pose is not None else reader.numbers(task, "task.goal_deg", count)),
         duration=reader.number(task, "task.duration_s"),
         via_points=via_points,
         wrist=None if "wrist_deg" not in task else np.radians(reader.numbers(task, "task.wrist_deg")),
@@ -144,6 +149,7 @@ def load_task(path: str | Path) -> Task:
         payload=_payload(reader, document),
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
+        pose=pose,
     )
 
 

@@ -71,6 +71,7 @@ def print_result(console: Console, result: PlanResult) -> None:
         if share is None:
             continue
         console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
+    _print_trust(console, certificate)
     _print_clearance(console, certificate)
     if result.reference_gap is not None and result.method != "sqp":
         console.print(f"gap to the default method: {100 * result.reference_gap:+.2f} %")
@@ -80,6 +81,20 @@ def print_result(console: Console, result: PlanResult) -> None:
             console.print(f"  via at {stamp:.4f} s: {', '.join(f'{degrees(angle):.2f}' for angle in via)} deg")
     for note in result.notes:
         console.print(f"note: {escape(note)}", soft_wrap=True)
+
+
+def _print_trust(console: Console, certificate: Certificate) -> None:
+    """What executing the motion changes, and how far its model may be believed."""
+    law = certificate.time_law
+    if law.ramp > 0.0:
+        slower = f", slowed down by {100 * (law.stretch - 1.0):.2f} %" if law.stretch > 1.0 else ""
+        torque = f"{100 * law.shares[0]:.1f} % of the torque limits"
+        console.print(f"executed from rest to rest: {law.duration:.4f} s{slower}, {torque}")
+    if certificate.reserve is not None:
+        known = ", ".join(f"{value:.2f}" for value in certificate.reserve)
+        console.print(f"torque set aside for the model's doubt [N m]: {known}", soft_wrap=True)
+    for one in certificate.extrapolation or ():
+        console.print(f"beyond the model's training: {escape(str(one))}", soft_wrap=True)
 
 
 def _print_clearance(console: Console, certificate: Certificate) -> None:

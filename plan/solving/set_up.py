@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.model.hybrid import HybridModel
+from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, Metric
 from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
@@ -16,6 +17,7 @@ from plan.geometry.arm_shapes import StandIn
 from plan.geometry.scene import Carried, Scene
 from plan.geometry.srdf import read_disabled
 from plan.initial.starts import straight
+from plan.problem.extrapolation import stay_inside
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
 from plan.problem.task_file import Task
 
@@ -27,8 +29,10 @@ def set_up(
     metric: Metric = "absolute",
     free: Free | None = None,
     stand_in: StandIn | None = None,
+    inside: bool = False,
+    reserve: bool = True,
 ) -> PlanningProblem:
-    """The problem of a task, started from the straight line.
+    """The problem of a task, started from the straight line; a goal that is a pose is still to be reached.
 
     Args:
         task: What to do.
@@ -38,6 +42,8 @@ def set_up(
         free: What is searched. If None, via points for energy, via points and time stamps for time; and a planner that
             can may insert via points.
         stand_in: What stands in for links without collision geometry.
+        inside: Whether the motion must stay where the model was fitted.
+        reserve: Whether torque is set aside for what the model's intervals leave open.
 
     Raises:
         RobotError: A link has no collision geometry, and nothing stands in.
@@ -66,6 +72,10 @@ def set_up(
         else torque_of_model(model, task.n, list(_held_by_model(model, held, task)))
     )
     vias = straight(task.start, task.goal, task.via_points)
+    trained = None if model is None else model.trained
+    limits = _limits(task, arm, None if trained is None or not reserve else trained.torque_half_width[: task.n])
+    if inside:
+        limits = stay_inside(limits, _known(model, trained))
     return PlanningProblem(
         scene=Scene.build(
             arm,
@@ -75,7 +85,7 @@ def set_up(
             disabled=None if task.srdf is None else read_disabled(task.srdf, robot),
         ),
         model=torque,
-        limits=_limits(task, arm),
+        limits=limits,
         start=task.start,
         goal=task.goal,
         vias=vias,
@@ -85,7 +95,21 @@ def set_up(
         free=free or ("vias" if objective == "energy" else "both"),
         radius=task.reach,
         grows=free is None,
+        trained=trained,
     )
+
+
+def _known(model: HybridModel | None, trained: TrainingRange | None) -> TrainingRange:
+    """The training range.
+
+    Raises:
+        MethodError: None is known.
+    """
+    if model is None:
+        raise MethodError("--stay-inside", "there is no model, so nothing says where it was fitted", "give --model")
+    if trained is None:
+        raise MethodError("--stay-inside", "the model does not know where it was fitted", "fit it again")
+    return trained
 
 
 def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
@@ -180,13 +204,31 @@ def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
     return held[: len(model.joint_names) - task.n]
 
 
-def _limits(task: Task, arm: ArmModel) -> Limits:
+def _limits(task: Task, arm: ArmModel, reserve: Array | None) -> Limits:
+    """The robot's limits within those of the task.
+
+    Raises:
+        TaskError: They leave nothing.
+    """
+    lower = arm.lower if task.lower is None else np.maximum(arm.lower, task.lower)
+    upper = arm.upper if task.upper is None else np.minimum(arm.upper, task.upper)
+    torque = arm.effort_limit if task.torque is None else task.torque
+    usable = torque if reserve is None else torque - reserve
+    for j, joint in enumerate(arm.joint_names):
+        if lower[j] >= upper[j]:
+            own = f"{np.degrees(arm.lower[j]):.0f} to {np.degrees(arm.upper[j]):.0f} deg"
+            what = f"[limits] leave {joint} no room within the robot's own, {own}"
+            raise TaskError(task.source, what, "correct lower_deg or upper_deg")
+        if reserve is not None and not usable[j] > 0.0:
+            what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
+            raise TaskError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
     return Limits(
-        arm.lower if task.lower is None else np.maximum(arm.lower, task.lower),
-        arm.upper if task.upper is None else np.minimum(arm.upper, task.upper),
+        lower,
+        upper,
         arm.velocity_limit if task.speed is None else task.speed,
-        arm.effort_limit if task.torque is None else task.torque,
+        usable,
         task.clearance,
         task.acceleration,
         task.jerk,
+        reserve,
     )

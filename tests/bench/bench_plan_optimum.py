@@ -1,7 +1,7 @@
 """How near the optimum the default plans are, how fast they come, and whether TOPP-RA can still shorten them.
 
     python tests/bench/bench_plan_optimum.py [TASKS] [--joints 3,6,7] [--obstacles 0,1,12] [--objectives energy,time]
-                                             [--long STARTS] [--model FOLDER]
+                                             [--long STARTS] [--limit SECONDS] [--first SEED] [--model FOLDER]
 
 Each drawn task is solved by the default method, by the same method from many more starts of another seed together with
 CMA-ES from the best of them ("long", the best known), and by trees and TOPP-RA on their path (OMPL's RRTConnect where
@@ -101,9 +101,9 @@ def box(number: int, of: int, rng: np.random.Generator) -> Box:
     return Box(f"box {number}", 0, q * np.linalg.det(q), place, rng.uniform(0.5, 1.0, 3) * size)
 
 
-def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None) -> float:
+def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None, seconds: float) -> float:
     """The best of many starts, polished by CMA-ES on coarse grids, and of the default's own plan polished."""
-    ledger = Ledger(Budget(10**7, 300.0))
+    ledger = Ledger(Budget(10**7, seconds))
     Sequential(starts=starts, kept=6).run([task], ledger, np.random.default_rng(99))
     around = [p for p in (known, ledger.best.problem if ledger.best else None) if p is not None and p.dimension < 60]
     if around:
@@ -147,7 +147,7 @@ def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped
     return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
 
 
-def measure(task: PlanningProblem, name: str, starts: int) -> Row | None:
+def measure(task: PlanningProblem, name: str, starts: int, seconds: float) -> Row | None:
     result = solve(task, "sqp", 0, Budget(10**6, 30.0), gap=False)
     if not result.solved or result.splines is None:
         print(f"{name}: no plan ({result.reason})", flush=True)
@@ -155,7 +155,7 @@ def measure(task: PlanningProblem, name: str, starts: int) -> Row | None:
     assert certify(task, result.splines).broken == []
     allowed = [row for row in result.history if np.isfinite(row[2])]
     near = next(row[1] for row in allowed if row[2] <= 1.01 * allowed[-1][2])
-    best = min(result.cost, long_search(task, starts, task.with_initial(result.splines)))
+    best = min(result.cost, long_search(task, starts, task.with_initial(result.splines), seconds))
     gain = 0.0
     if task.objective == "time":
         gain = max(0.0, 1.0 - retimed(task, result.splines) / result.cost)
@@ -170,11 +170,7 @@ def show(rows: list[Row]) -> None:
     print("| " + " | ".join(heads) + " |")
     print("|" + "---|" * len(heads))
     for r in rows:
-        print(
-            f"| {r.name} | {r.ours:.4g} | {r.best:.4g} | {r.ours / r.best - 1:+.2%} | {r.peer:.4g} | "
-            f"{1 - r.ours / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | {r.spent:.2f} | "
-            f"{r.peer_spent:.2f} | {r.gain:.2%} |"
-        )
+        print(line(r))
     above = np.array([r.ours / r.best - 1 for r in rows])
     print(f"{len(rows)} tasks: above the best known {np.median(above):.2%} median, {above.max():.2%} worst")
     for objective in ("energy", "time"):
@@ -186,6 +182,14 @@ def show(rows: list[Row]) -> None:
         print(f"retiming gains {np.median(gains):.2%} median, {max(gains):.2%} worst")
 
 
+def line(r: Row) -> str:
+    return (
+        f"| {r.name} | {r.ours:.4g} | {r.best:.4g} | {r.ours / r.best - 1:+.2%} | {r.peer:.4g} | "
+        f"{1 - r.ours / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | {r.spent:.2f} | "
+        f"{r.peer_spent:.2f} | {r.gain:.2%} |"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("tasks", nargs="?", type=int, default=2)
@@ -193,20 +197,26 @@ def main() -> None:
     parser.add_argument("--obstacles", default="0,1,12,100")
     parser.add_argument("--objectives", default="energy,time")
     parser.add_argument("--long", type=int, default=40)
+    parser.add_argument("--limit", type=float, default=300.0)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--model", default=None)
     options = parser.parse_args()
     rows = []
+    warm = draw(arm_of(3), torque_of(arm_of(3), None), "time", 1, np.random.default_rng(0))
+    solve(warm, "sqp", 0, Budget(300, 60.0), gap=False)  # compiled loops are compiled before anything is timed
     for joints in map(int, options.joints.split(",")):
         arm = arm_of(joints)
         model = torque_of(arm, options.model)
         for objective in options.objectives.split(","):
             for boxes in map(int, options.obstacles.split(",")):
-                for i in range(options.tasks):
+                for i in range(options.first, options.first + options.tasks):
                     task = draw(arm, model, objective, boxes, np.random.default_rng([joints, boxes, i]))
-                    row = measure(task, f"{joints} joints, {objective}, {boxes} boxes, {i}", options.long)
+                    row = measure(
+                        task, f"{joints} joints, {objective}, {boxes} boxes, {i}", options.long, options.limit
+                    )
                     if row is not None:
                         rows.append(row)
-                        print(row, flush=True)
+                        print(line(row), flush=True)
     show(rows)
 
 

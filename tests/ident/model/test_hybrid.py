@@ -12,6 +12,7 @@ from ident.arrays import Array
 from ident.errors import InputError, ModelError
 from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.loss import LossParameters
+from ident.model.training_range import find_training_range
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -58,6 +59,29 @@ def test_terms_sum_to_the_torque(fitted: FitResults) -> None:
     assert np.array_equal(terms["loss"], model.loss.torque(states[1], states[2]))
     assert model.net is not None
     assert np.array_equal(terms["net"], model.net.predict(*states, terms["analytic"]))
+
+
+def test_a_model_knows_where_it_was_fitted(fitted: FitResults, motions: list[Motion]) -> None:
+    """The range holds all but the thousandth outermost states; the torque's half width knows what the fit left open."""
+    trained = fitted.model.trained
+    assert trained is not None
+    assert trained.joints == fitted.model.joint_names
+    for k, name in enumerate(("q", "dq", "ddq")):
+        values = np.concatenate([getattr(motion, name)[motion.coarse] for motion in motions])
+        outside = (values < trained.low[k]) | (values > trained.high[k])
+        assert outside.mean() <= 0.003
+        assert (trained.high[k] - trained.low[k] <= np.ptp(values, axis=0)).all()
+    half = trained.torque_half_width
+    assert np.all(half > 0.0)
+    twice = replace(
+        fitted.identified,
+        estimate=replace(
+            fitted.identified.estimate,
+            covariance=4.0 * fitted.identified.estimate.covariance,
+        ),
+        spread=2.0 * fitted.identified.spread,
+    )
+    assert find_training_range(motions, fitted.model.nominal, twice).torque_half_width == pytest.approx(2.0 * half)
 
 
 def test_ladder_climbs_from_the_urdf_to_the_torque(fitted: FitResults, arm: ArmModel) -> None:

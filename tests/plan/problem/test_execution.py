@@ -11,9 +11,11 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
+from ident.trajectories.gentle_ends import GentleEnds
 from ident.trajectories.plan_files import read_plan
 from plan.problem.execution import execute, require_writable
 from plan.problem.result import PlanResult, certify
+from plan.problem.time_law import find_time_law
 from plan.solving.solve import solve
 from tests.plan.worlds import START, problem
 
@@ -47,6 +49,39 @@ def test_motions_start_and_end_at_rest_with_bounded_jerk(result: PlanResult) -> 
     assert apart.max() < 2e-3
     assert motion.q[-1, :3] == pytest.approx(result.splines.points[0, -1])
     assert np.all(motion.q[:, 4] == 0.3)
+
+
+def test_ramps_keep_the_torque_limits() -> None:
+    """A motion at its torque limit from the first instant on is executed within it, at little cost in time."""
+    task = problem()
+    task = replace(task, objective="time", free="both")
+    splines = task.decode(task.initial)
+    peak = np.abs(task.model.torque(*splines.states(np.linspace(0, 1, 400)))[0]).max(axis=0)
+    task = replace(task, limits=replace(task.limits, torque=peak))
+    law = find_time_law(task, splines)
+    q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, 20_000))
+    torque = np.abs(task.model.torque(q[None], dq[None], ddq[None])[0])
+    assert law.ramp > 0.0
+    assert (torque / peak).max() <= 1.0 + 1e-3
+    assert torque.max(axis=0) / peak == pytest.approx(1.0, abs=0.2)
+    assert law.duration < float(splines.total[0]) * 1.03 + law.ramp
+    assert law.shares[0] == pytest.approx((torque / peak).max(), abs=1e-3)
+
+
+@pytest.mark.parametrize(("total", "ramp"), [(0.2, 0.04), (0.65, 0.05), (8.0, 0.05)])
+def test_a_time_law_adds_hardly_any_acceleration(total: float, ramp: float) -> None:
+    """Under a steady acceleration the execution asks for no more than 2 % above it; its rates are its derivatives."""
+    ends = GentleEnds(total, ramp)
+    t = np.linspace(0.0, ends.duration, 50_001)
+    s, rate, change = ends.at(t)
+    assert s[[0, -1]] == pytest.approx([0.0, total], abs=1e-12)
+    assert np.gradient(s, t)[1:-1] == pytest.approx(rate[1:-1], abs=1e-4)
+    assert np.gradient(rate, t)[2:-2] == pytest.approx(change[2:-2], abs=1e-2)
+    first = t < ends.duration / 2
+    assert (s * change + rate**2)[first].min() >= 0.0
+    assert (s * change + rate**2)[first].max() < 1.02
+    assert rate.max() <= 1.0 + 1e-12
+    assert ends.duration - total < ramp
 
 
 def test_files_hold_the_motion(result: PlanResult, tmp_path: Path) -> None:

@@ -1,0 +1,138 @@
+"""All ways in which an arm can bring one of its frames to a pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.arrays import Array, Float, freeze
+from ident.robot.arm import ArmModel
+from plan.problem.pose import Pose
+
+# Places that the search starts from, most steps from each, and their damping.
+STARTS, STEPS, DAMPING = 160, 60, 1e-4
+# What counts as there: of the frame's place [m] and its turn [rad] together.
+THERE = 1e-7
+# Longest step of a joint [rad or m]. Two ways are one where no joint differs by more than this [rad or m].
+LONGEST, SAME = 0.5, 0.05
+# Most ways that are given: a seventh joint makes them endless.
+MOST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """What was found.
+
+    Attributes:
+        positions: Joint positions, the nearest to the start first.
+        outside: How many more there are beyond the position limits.
+        nearest: How near the frame comes where no way leads there: place [m] and turn [rad].
+    """
+
+    positions: tuple[Float[Array, " n"], ...]
+    outside: int
+    nearest: tuple[float, float]
+
+
+def find_frame(arm: ArmModel, name: str | None) -> int | None:
+    """Number of a frame of the arm, that of its last link without a name; None where it has none of that name."""
+    wanted = arm.links[-1] if name is None else name
+    found = [k for k, frame in enumerate(arm.model.frames) if frame.name == wanted]
+    return found[-1] if found else None
+
+
+def reach_pose(
+    arm: ArmModel, pose: Pose, frame: int, start: Float[Array, " n"], lower: Float[Array, " n"], upper: Array
+) -> Ways:
+    """Every joint position that brings a frame to a pose, by damped Gauss-Newton steps from many places.
+
+    Args:
+        arm: The arm.
+        pose: Where the frame is to be.
+        frame: The frame's number.
+        start: Where the arm stands; joints that turn all round are brought as near to it as their limits allow.
+        lower, upper: Position limits.
+    """
+    rng = np.random.default_rng(0)  # fixed: which ways there are must not depend on the run's seed
+    low, high = np.maximum(lower, start - np.pi), np.minimum(upper, start + np.pi)
+    wide = low >= high
+    low, high = np.where(wide, lower, low), np.where(wide, upper, high)
+    solver = _Solver(arm, pose, frame)
+    found: list[Array] = []
+    outside: list[Array] = []
+    nearest = (np.inf, np.inf)
+    for k in range(STARTS):
+        q, missed = solver.descend(start if k == 0 else rng.uniform(low, high))
+        if max(missed) > THERE:
+            nearest = min(nearest, missed, key=lambda pair: pair[0] + 0.2 * pair[1])
+            continue
+        q = _unwound(arm, q, start, lower, upper)
+        kept = found if np.all(q >= lower) and np.all(q <= upper) else outside
+        if not any(np.abs(q - other).max() < SAME for other in kept):
+            kept.append(q)
+    found.sort(key=lambda q: float(np.abs(q - start).max()))
+    return Ways(tuple(freeze(q) for q in found[:MOST]), len(outside), nearest)
+
+
+class _Solver:
+    """One frame, one pose.
+
+    Args:
+        arm: The arm.
+        pose: Where the frame is to be.
+        frame: Its number.
+    """
+
+    def __init__(self, arm: ArmModel, pose: Pose, frame: int) -> None:
+        self._model, self._frame, self._pose = arm.model, frame, pose
+        self._data = arm.model.createData()
+
+    def descend(self, q: Float[Array, " n"]) -> tuple[Array, tuple[float, float]]:
+        """Where the steps lead, and what is missed there: place [m] and turn [rad]."""
+        q, damping = np.array(q), DAMPING
+        missed, jacobian = self._look(q)
+        for _ in range(STEPS):
+            size = float(np.abs(missed).max())
+            if size < 0.1 * THERE:
+                break
+            normal = jacobian.T @ jacobian
+            step = -np.linalg.solve(normal + damping * np.eye(len(q)), jacobian.T @ missed)
+            step *= min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-12))
+            tried, slope = self._look(q + step)
+            if tried @ tried < missed @ missed:
+                q, missed, jacobian, damping = q + step, tried, slope, max(0.1 * damping, 1e-12)
+            else:
+                damping *= 10.0
+                if damping > 1e6:
+                    break
+        turn = 0.0 if len(missed) == 3 else float(np.linalg.norm(missed[3:]))
+        return q, (float(np.linalg.norm(missed[:3])), turn)
+
+    def _look(self, q: Array) -> tuple[Array, Array]:
+        """What is missed, place and turn, and its derivative."""
+        jacobian = pin.computeFrameJacobian(
+            self._model, self._data, q, self._frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        pin.updateFramePlacement(self._model, self._data, self._frame)
+        at = self._data.oMf[self._frame]
+        away = at.translation - self._pose.place
+        if self._pose.rotation is None:
+            return away, jacobian[:3]
+        rest = at.rotation @ self._pose.rotation.T
+        slope = np.concatenate([jacobian[:3], pin.Jlog3(rest) @ rest.T @ jacobian[3:]])
+        return np.concatenate([away, pin.log3(rest)]), slope
+
+
+def _unwound(arm: ArmModel, q: Array, start: Array, lower: Array, upper: Array) -> Array:
+    """The same position with every turning joint as near to the start as its limits allow."""
+    out = q.copy()
+    for j in range(arm.n):
+        if not arm.model.joints[j + 1].shortname().startswith("JointModelR"):
+            continue
+        near = q[j] + 2.0 * np.pi * np.round((start[j] - q[j]) / (2.0 * np.pi))
+        turns = near + 2.0 * np.pi * np.array([0.0, -1.0, 1.0])
+        inside = [turn for turn in turns if lower[j] <= turn <= upper[j]]
+        out[j] = min(inside, key=lambda turn: abs(turn - start[j])) if inside else near
+    return out

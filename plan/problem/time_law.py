@@ -1,0 +1,93 @@
+"""When an executed plan is where: its ramps, by how much it is slowed down for them, and the limits checked on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
+from plan.problem.problem import PlanningProblem
+from plan.spline import Splines
+
+# Time in which an executed motion gets going, and comes to rest: at most this [s]. A motion with less acceleration at
+# its ends needs none [rad/s²].
+RAMP_S, AT_REST = 0.05, 0.5
+# Places at which an executed motion is looked at.
+PLACES = 4001
+# Most by which a motion is slowed down for its ramps, and how closely that is found.
+SLOWEST, CLOSELY = 1.5, 1e-4
+
+
+@dataclass(frozen=True)
+class TimeLaw:
+    """How a plan is executed.
+
+    Attributes:
+        planned: Duration of the plan [s].
+        ramp: Time in which acceleration gets going, and ends [s].
+        stretch: Factor by which the plan is slowed down, so that its ramps keep the limits.
+        shares: Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there is none.
+    """
+
+    planned: float
+    ramp: float = 0.0
+    stretch: float = 1.0
+    shares: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def duration(self) -> float:
+        """Duration of the execution [s]."""
+        return self._ends.duration
+
+    @cached_property
+    def _ends(self) -> GentleEnds:
+        return GentleEnds(self.planned * self.stretch, self.ramp)
+
+    def states(self, splines: Splines, times: Float[Array, " T"]) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of the first of a batch of plans at times of its execution."""
+        if self.planned <= 0.0:
+            q = np.repeat(splines.points[0, :1], len(times), axis=0)
+            return q, np.zeros_like(q), np.zeros_like(q)
+        s, ds, dds = self._ends.at(times)
+        q, dq, ddq = Splines(splines.points, splines.durations * self.stretch).at(s)
+        return q, dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None]
+
+    def to_dict(self) -> dict[str, float]:
+        """Its part of a result's record."""
+        names = ("torque", "speed", "acceleration")
+        shares = {f"{name}_share": share for name, share in zip(names, self.shares, strict=True)}
+        return {"ramp_s": self.ramp, "stretch": self.stretch, "duration_s": self.duration, **shares}
+
+
+# Of a plan of zero length.
+STANDING = TimeLaw(0.0)
+
+
+def find_time_law(problem: PlanningProblem, splines: Splines) -> TimeLaw:
+    """The quickest execution of a plan that keeps the limits; a plan that breaks them itself is not mended here."""
+    total = float(splines.total[0])
+    eager = float(splines.end_acceleration.max()) > AT_REST
+    law = TimeLaw(total, min(RAMP_S, RAMP_SHARE * total) if eager else 0.0)
+    law = _measured(problem, splines, law)
+    if law.ramp <= 0.0 or max(law.shares) <= 1.0:
+        return law
+    slowest = _measured(problem, splines, replace(law, stretch=SLOWEST))
+    if max(slowest.shares) > 1.0:
+        return law
+    low, best = 1.0, slowest
+    while best.stretch - low > CLOSELY:
+        tried = _measured(problem, splines, replace(law, stretch=0.5 * (low + best.stretch)))
+        low, best = (low, tried) if max(tried.shares) <= 1.0 else (tried.stretch, best)
+    return best
+
+
+def _measured(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeLaw:
+    """The same law with its shares of the limits."""
+    limits = problem.limits
+    q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, PLACES))
+    torque = float((np.abs(problem.model.torque(q[None], dq[None], ddq[None])[0]) / limits.torque).max())
+    acceleration = 0.0 if limits.acceleration is None else float((np.abs(ddq) / limits.acceleration).max())
+    return replace(law, shares=(torque, float((np.abs(dq) / limits.speed).max()), acceleration))

@@ -1,0 +1,79 @@
+"""Goals that are given as a pose: every way to stand there, and which of them is the cheapest to go to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plan.dynamics.power import ChainTorque
+from plan.errors import TaskError
+from plan.initial.inverse_kinematics import find_frame, reach_pose
+from plan.initial.starts import straight
+from plan.planners import Budget, Ledger
+from plan.planners.sequential import Sequential
+from plan.problem.problem import PlanningProblem
+from plan.problem.task_file import Task
+
+# What is tried for each way before one is chosen, and how long in processor time [s].
+QUICK = Sequential(starts=2, first=18, kept=1, levels=(0, 0))
+QUICK_SECONDS = 3.0
+
+
+def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, ...]:
+    """The task once for every joint position that brings its frame to its pose, the nearest first.
+
+    Raises:
+        TaskError: No such frame, or the arm can't bring it there.
+    """
+    pose, arm, limits = task.pose, problem.scene.arm, problem.limits
+    if pose is None:
+        return (problem,)
+    frame = find_frame(arm, pose.frame)
+    if frame is None:
+        names = ", ".join(dict.fromkeys(one.name for one in arm.model.frames if one.name != "universe"))
+        raise TaskError(task.source, f"task.goal_pose: the robot has no frame {pose.frame!r}", f"use one of: {names}")
+    ways = reach_pose(arm, pose, frame, problem.start, limits.lower, limits.upper)
+    named = pose.frame or arm.links[-1]
+    if not ways.positions and ways.outside:
+        what = f"task.goal_pose: {named} comes there in {ways.outside} ways, all of them out of the position limits"
+        raise TaskError(task.source, what, "move the pose, or widen [limits]")
+    if not ways.positions:
+        place, turn = ways.nearest
+        short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
+        what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
+        raise TaskError(task.source, what, "move the pose, leave its rotation out, or let more joints move")
+    goals = [q for q in ways.positions if problem.scene.distances(q).min(initial=1.0) > 0.0]
+    if not goals:
+        q = ways.positions[0]
+        pair = problem.scene.pair_name(int(np.argmin(problem.scene.distances(q))))
+        what = f"task.goal_pose: {named} comes there in {len(ways.positions)} ways, in all of them something collides"
+        raise TaskError(task.source, f"{what} ({pair} in the nearest)", "move the pose or the obstacle")
+    return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
+
+
+def rank_goals(
+    problems: Sequence[PlanningProblem], budget: Budget, rng: np.random.Generator
+) -> list[tuple[float, PlanningProblem]]:
+    """The same task with different goals, the cheapest first by a short search each.
+
+    Args:
+        problems: One for each goal.
+        budget: Of the whole planning task; a third of it at most is spent here.
+        rng: Source of randomness.
+
+    Returns:
+        Cost reached, infinite where nothing allowed was found, and the problem.
+    """
+    seconds = min(QUICK_SECONDS, budget.seconds / (3.0 * len(problems)))
+    found = []
+    for problem in problems:
+        ledger = Ledger(Budget(max(1, budget.evaluations // (3 * len(problems))), seconds))
+        if isinstance(problem.model, ChainTorque):
+            QUICK.run([problem], ledger, rng)
+        else:
+            ledger.evaluate(problem, problem.initial[None])
+        best = ledger.best
+        found.append((best.cost if best is not None and best.feasible else np.inf, problem))
+    return sorted(found, key=lambda pair: pair[0])  # as found where nothing was: the nearest first

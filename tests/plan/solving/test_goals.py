@@ -1,0 +1,100 @@
+"""Goals as poses: every way to stand there is found, and what can't be reached is told in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.errors import InputError
+from ident.robot.arm import ArmModel
+from plan.api.tasks import open_task, solve_task
+from plan.initial.inverse_kinematics import find_frame, reach_pose
+from plan.problem.pose import Pose
+
+TASK = """robot = "tm5-900"
+[task]
+start_deg = [50, 0, -120, 0, 30, 0]
+duration_s = 2.0
+"""
+
+
+def posed(arm: ArmModel, q: np.ndarray, turned: bool = True) -> tuple[np.ndarray, np.ndarray | None]:
+    at = arm.forward_kinematics(q)[arm.links[-1]]
+    return at[:3, 3], at[:3, :3] if turned else None
+
+
+@pytest.mark.parametrize(
+    ("robot", "q"), [("tm5-900", [0.4, 0.4, 1.3, 0.5, 1.1, 0.2]), ("ur5", [0.4, -0.9, 1.3, -0.5, 1.1, 0.2])]
+)
+def test_all_eight_ways_of_a_six_jointed_arm(robot: str, q: list[float]) -> None:
+    """Elbow, shoulder and wrist have two ways each; all of them bring the frame there, the drawn one among them."""
+    arm = ArmModel.load(robot)
+    frame = find_frame(arm, None)
+    assert frame is not None
+    ways = reach_pose(arm, Pose(None, *posed(arm, np.array(q))), frame, np.zeros(6), arm.lower, arm.upper)
+    assert len(ways.positions) + ways.outside == 8
+    assert min(np.abs(np.angle(np.exp(1j * (way - q)))).max() for way in ways.positions) < 1e-4
+    for way in ways.positions:
+        assert arm.forward_kinematics(way)[arm.links[-1]][:3, 3] == pytest.approx(posed(arm, np.array(q))[0], abs=1e-6)
+    far = [np.abs(way).max() for way in ways.positions]
+    assert far == sorted(far)
+
+
+def scene(folder: Path, pose: str, task: str = TASK) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(f"{task}[task.goal_pose]\n{pose}\n")
+    return path
+
+
+def opened(path: Path):  # type: ignore[no-untyped-def]
+    return open_task(path, None, "energy", "absolute", None, None, 1)
+
+
+@pytest.mark.parametrize("kind", ["rpy_rad", "quaternion_xyzw"])
+def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
+    """Angles and quaternions name the same turn; the plan's end stands there, and what was chosen from is told."""
+    arm = ArmModel.load("tm5-900")
+    place, rotation = posed(arm, np.radians([70.0, 20.0, -80.0, 10.0, 60.0, 20.0]))
+    turn = pin.rpy.matrixToRpy(rotation) if kind == "rpy_rad" else pin.Quaternion(rotation).coeffs()
+    task = opened(scene(tmp_path, f'frame = "link_6"\nxyz_m = {place.tolist()}\n{kind} = {turn.tolist()}'))
+    assert len(task.others) >= 3
+    result = solve_task(task, "cma", 0, 300, None, False, None, None)
+    assert result.splines is not None
+    at = arm.forward_kinematics(result.splines.points[0, -1])["link_6"]
+    assert at[:3, 3] == pytest.approx(place, abs=1e-6)
+    assert at[:3, :3] == pytest.approx(rotation, abs=1e-6)
+    assert "joint positions bring the frame to the goal's pose" in result.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ("xyz_m = [3, 0, 0]", "can't bring link_6 there; they come within [0-9]{4} mm"),
+        ("xyz_m = [0.3, 0, 0.4]\nframe = 'claw'", "no frame 'claw'; use one of: .*link_6"),
+        ("xyz_m = [0.3, 0]", "has 2 numbers, not 3"),
+        ("rpy_rad = [0, 0, 0]", "xyz_m is missing"),
+        ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 2]", "has length 2, not 1"),
+        ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 1]\nrpy_rad = [0, 0, 0]", "give one of them"),
+        ("xyz_m = [0.3, 0, 0.4]\nyaw = 3", "unknown key 'yaw'"),
+        ("xyz_m = [0.0, 0.0, 0.05]", "in all of them something collides|can't bring"),
+    ],
+)
+def test_bad_poses(tmp_path: Path, pose: str, words: str) -> None:
+    """Poses out of reach, frames that do not exist and slips of the pen end in one line with a remedy."""
+    with pytest.raises(InputError, match=words) as error:
+        opened(scene(tmp_path, pose))
+    assert "\n" not in str(error.value)
+
+
+def test_one_kind_of_goal(tmp_path: Path) -> None:
+    """Angles and a pose together contradict each other; limits beyond the robot's leave no room."""
+    path = scene(
+        tmp_path, "xyz_m = [0.3, 0, 0.4]", TASK.replace("duration_s", "goal_deg = [0, 0, 0, 0, 0, 0]\nduration_s")
+    )
+    with pytest.raises(InputError, match="both goal_deg and goal_pose"):
+        opened(path)
+    wide = TASK.replace("duration_s", "goal_deg = [0, 0, 0, 0, 0, 0]\nduration_s")
+    path.write_text(f"{wide}[limits]\nlower_deg = [400, -90, -90, -90, -90, -90]\n")
+    with pytest.raises(InputError, match="leave joint_1 no room"):
+        opened(path)
