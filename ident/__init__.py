@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ident.api.inspecting import inspect as inspect
     from ident.api.patching import patch as patch
     from ident.api.simulating import simulate as simulate
+    from ident.api.starting import new as new
     from ident.diagnosis.diagnose import Diagnosis as Diagnosis
     from ident.effects.base import Effect as Effect
     from ident.errors import InputError as InputError
@@ -42,6 +43,7 @@ _HOMES = {
     "evaluate": "ident.api.fitting",
     "fit_hybrid": "ident.api.fitting",
     "inspect": "ident.api.inspecting",
+    "new": "ident.api.starting",
     "open_sessions": "ident.opening",
     "patch": "ident.api.patching",
     "simulate": "ident.api.simulating",
@@ -60,6 +62,7 @@ __all__ = [
     "evaluate",
     "fit_hybrid",
     "inspect",
+    "new",
     "open_sessions",
     "patch",
     "simulate",

@@ -239,7 +239,7 @@ def _time(
     columns: Mapping[str, Float[Array, " T"]], samples: int, session_file: SessionFile, source: Path
 ) -> Float[Array, " T"]:
     if TIME in columns:
-        return columns[TIME]
+        return columns[TIME] if session_file.time_factor == 1.0 else session_file.time_factor * columns[TIME]
     if session_file.sample_rate_hz is None:
         raise RecordingError(
             source, "missing column time", "add it, or sample_rate_hz = … (a constant rate) to session.toml"

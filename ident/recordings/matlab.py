@@ -19,6 +19,15 @@ def read_mat(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, .
     Raises:
         RecordingError: Not a MATLAB file, or one of version 7.3, which is HDF5.
     """
+    return columns_of(load_mat(path), path, session_file)
+
+
+def load_mat(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of a .mat file, without their dimensions of one.
+
+    Raises:
+        RecordingError: As `read_mat`.
+    """
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
@@ -30,4 +39,4 @@ def read_mat(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, .
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise RecordingError(path, f"not a MATLAB file ({reason})", "write it with save(…, '-v7')") from None
     arrays = {name: np.squeeze(values) for name, values in flatten(content).items()}
-    return columns_of({name: values for name, values in arrays.items() if values.ndim}, path, session_file)
+    return {name: values for name, values in arrays.items() if values.ndim}

@@ -92,7 +92,7 @@ def read_npz(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, .
     Raises:
         RecordingError: Not an archive, arrays of different lengths, or no names of the joints.
     """
-    return columns_of(_load_arrays(path), path, session_file)
+    return columns_of(load_npz(path), path, session_file)
 
 
 def columns_of(
@@ -103,8 +103,7 @@ def columns_of(
     Raises:
         RecordingError: As `read_npz`.
     """
-    stacked = "position" in arrays and ("joints" in arrays or not session_file.columns)
-    arrays = _unstack(arrays, path) if stacked else spread_arrays(arrays)
+    arrays = spread_joints(arrays, path, always=bool(session_file.columns))
     names = tuple(arrays)
     chosen = native_names(names, session_file, path)
     columns: dict[str, Float[Array, " T"]] = {}
@@ -129,7 +128,17 @@ def columns_of(
     return screen_cells(columns, path), names
 
 
-def _load_arrays(path: Path) -> dict[str, np.ndarray]:
+def spread_joints(arrays: Mapping[str, np.ndarray], path: Path, always: bool) -> dict[str, np.ndarray]:
+    """Arrays of all joints as columns: native ones where the joints are named, else `position.0` and the like.
+
+    Raises:
+        RecordingError: An array `position` without `joints`, unless `always`.
+    """
+    stacked = "position" in arrays and ("joints" in arrays or not always)
+    return _unstack(arrays, path) if stacked else spread_arrays(arrays)
+
+
+def load_npz(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             _require_sizes(archive, path)

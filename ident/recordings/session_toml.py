@@ -23,7 +23,10 @@ KEYS = (
     "payload",
     "robot",
     "sample_rate_hz",
+    "time_unit",
 )
+# Seconds in what a file's time may be counted in.
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
 
 
@@ -39,6 +42,7 @@ class SessionFile:
         payload: Known body at the flange.
         robot: Name or URDF path of the robot.
         sample_rate_hz: Sampling rate of tables without a time column [Hz].
+        time_factor: What recorded times are multiplied with to be seconds.
         angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
         effort_kind: Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
         metadata: Everything else in the file.
@@ -53,6 +57,7 @@ class SessionFile:
     sample_rate_hz: float | None = None
     angle_factor: float = 1.0
     effort_kind: str | None = None
+    time_factor: float = 1.0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -94,6 +99,7 @@ def load_session_file(path: Path) -> SessionFile:
         sample_rate_hz=_rate(data, path),
         angle_factor=_angle_factor(data, path),
         effort_kind=_effort_kind(data, path),
+        time_factor=_time_factor(data, path),
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
 
@@ -173,6 +179,13 @@ def _angle_factor(data: dict[str, Any], path: Path) -> float:
     if unit not in ("rad", "deg"):
         raise RecordingError(path, f"angle_unit = {unit!r}", 'write "rad" or "deg"')
     return math.radians(1.0) if unit == "deg" else 1.0
+
+
+def _time_factor(data: dict[str, Any], path: Path) -> float:
+    unit = data.get("time_unit", "s")
+    if not isinstance(unit, str) or unit not in TIME_UNITS:
+        raise RecordingError(path, f"time_unit = {unit!r}", f"write one of: {', '.join(TIME_UNITS)}")
+    return TIME_UNITS[unit]
 
 
 def _effort_kind(data: dict[str, Any], path: Path) -> str | None:

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ident.errors import InputError
+from ident.schemas.daily import NewSessionRecord
 from ident.schemas.diagnosis import DiagnosisRecord
 from ident.schemas.models import (
     DemoRecord,
@@ -27,6 +28,7 @@ RECORDS: dict[str, Any] = {
     "evaluation": EvaluationRecord,
     "evaluations": EvaluationsRecord,
     "fit": FitRecord,
+    "new": NewSessionRecord,
     "patch": PatchRecord,
     "simulation": SimulationRecord,
     "telemetry": TelemetryRecord,

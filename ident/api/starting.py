@@ -1,0 +1,69 @@
+"""Guesses the settings of foreign recordings: what `ident new` does."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ident.errors import RecordingError
+from ident.files import atomic_folder
+from ident.guessing.new_session import NewSession, guess_session, place_of, require_own_guess
+from ident.ownership import SESSION_KIND
+from ident.provenance import Provenance, SessionStamp
+from ident.recordings.load import load_session
+from ident.recordings.session_toml import NAME
+from ident.robot.arm import ArmModel
+from ident.telemetry.inspection import inspect_sessions
+
+
+def new(
+    session: str | Path, robot: str | Path | ArmModel | None = None, *, tables: Sequence[str | Path] = ()
+) -> NewSession:
+    """Looks at foreign tables and writes the session.toml that makes a session of them, for a person to correct.
+
+    Args:
+        session: Folder of tables, a single table, a bag or a data set; with `tables` a new folder.
+        robot: URDF path, name or arm; without it signs, gains and columns without names can't be told.
+        tables: Files that are copied into the new folder.
+
+    Raises:
+        InputError: The tables can't be read or told, or something of the user's stands where the file is to go.
+    """
+    path = Path(session)
+    if tables:
+        with atomic_folder(path, SESSION_KIND) as folder:
+            for table in tables:
+                _copy(Path(table), folder)
+            found = _guess(folder, robot)
+            (folder / NAME).write_text(found.text, encoding="utf-8")
+        return replace(found, file=path / NAME)
+    require_own_guess(place_of(path))
+    found = _guess(path, robot)
+    found.write()
+    return found
+
+
+def _copy(table: Path, folder: Path) -> None:
+    if not table.is_file():
+        raise RecordingError(table, "no such file", "give tables that are files")
+    if (folder / table.name).exists():
+        raise RecordingError(table, "two tables have this name", "rename one")
+    shutil.copy2(table, folder / table.name)
+
+
+def _guess(path: Path, robot: str | Path | ArmModel | None) -> NewSession:
+    """The guess, tried: the session is read under it, and its telemetry checked."""
+    arm = robot if isinstance(robot, ArmModel) or robot is None else ArmModel.load(robot)
+    named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
+    found = guess_session(path, arm, named)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / NAME
+        draft.write_text(found.text, encoding="utf-8")
+        read = load_session(path, session_file=draft)
+    report = inspect_sessions([read], arm)[0] if arm is not None else None
+    settings = {"robot": named or (arm.name if arm is not None else None)}
+    origin = Provenance("ident new", settings=settings, sessions=(SessionStamp.of(read),))
+    return replace(found, report=report, provenance=origin)

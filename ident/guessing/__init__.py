@@ -1,0 +1,1 @@
+"""A foreign table -> a session.toml: columns, units, signs, rate and joint order, guessed, each with its evidence."""

@@ -1,0 +1,172 @@
+"""A foreign table becomes a session: what `ident new` writes opens, and says what the table truly holds."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ident.api.inspecting import inspect
+from ident.api.starting import new
+from ident.cli.app import app
+from ident.errors import InputError
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import made_session
+
+VISCOUS, COULOMB = 8.0, 5.0
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="module")
+def run(arm: ArmModel) -> Recording:
+    """Twenty seconds of the TM5-900 with friction, and its measured velocity."""
+
+    def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        return arm.inverse_dynamics(q, dq, ddq) + VISCOUS * dq + COULOMB * np.tanh(dq / 0.01)
+
+    one = made_session(arm, law, [3], duration=20.0).runs[0]
+    noise = np.random.default_rng(1)
+    speed = np.gradient(one.position, one.time, axis=0)
+    torque = one.effort + 0.2 * noise.standard_normal(one.effort.shape)
+    return one.replace(velocity=speed + 1e-3 * noise.standard_normal(speed.shape), effort=torque)
+
+
+def text_table(path: Path, names: list[str], table: np.ndarray, separator: str = ",") -> Path:
+    rows = [separator.join(f"{cell:.9g}" for cell in row) for row in table]
+    path.write_text("\n".join([separator.join(names), *rows] if names else rows) + "\n")
+    return path
+
+
+def assert_same(folder: Path, run: Recording, velocity: bool = True) -> None:
+    """The session opens, passes the telemetry check, and holds the run in SI units."""
+    read = load_session(folder).runs[0]
+    np.testing.assert_allclose(read.time - read.time[0], run.time - run.time[0], atol=1e-6)
+    np.testing.assert_allclose(read.position, run.position, atol=1e-6)
+    np.testing.assert_allclose(read.effort, run.effort, rtol=1e-5, atol=1e-5)
+    assert (read.velocity is not None) == velocity
+
+
+def test_an_rtde_log_is_told_by_its_names(run: Recording, tmp_path: Path) -> None:
+    """Commands beside measurements, torque with the other sign on one joint: each finds its place.
+
+    Source of the names: Universal Robots' RTDE guide; separated by blanks, as its example recorder writes.
+    """
+    turned = run.effort.copy()
+    turned[:, 1] *= -1
+    names = ["timestamp"]
+    names += [
+        f"{kind}_{i}" for kind in ("target_q", "actual_q", "actual_qd", "actual_current_as_torque") for i in range(6)
+    ]
+    table = np.column_stack([run.time, run.position + 0.01, run.position, run.velocity, turned])
+    text_table(tmp_path / "run.csv", names, table, " ")
+    found = new(tmp_path, "tm5-900")
+    assert found.guess.settings["effort_sign"] == {"joint_2": -1}
+    assert found.guess.columns["target_q_0"] == "joint_1/position_command"
+    assert_same(tmp_path, run)
+    assert inspect(tmp_path).is_fit  # the robot is named in the file
+
+
+def test_a_libfranka_log_is_in_milliseconds(run: Recording, tmp_path: Path) -> None:
+    """Names that stand twice (`q_d[0]` of state and command) are no names; time counts milliseconds.
+
+    Source of the names: libfranka, log.cpp.
+    """
+    names = ["duration", " success rate"]
+    names += [f" {kind}[{i}]" for kind in ("q", "q_d", "dq", "tau_J", "tau_ext_hat_filtered", "q_d") for i in range(6)]
+    zero = np.zeros_like(run.position)
+    table = np.column_stack(
+        [8000 + 1e3 * run.time, np.ones(len(run)), run.position, run.position, run.velocity, run.effort, zero, zero]
+    )
+    text_table(tmp_path / "run.csv", names, table)
+    found = new(tmp_path, "tm5-900")
+    assert found.guess.settings["time_unit"] == "ms"
+    assert found.guess.columns["tau_J[0]"] == "joint_1/effort"
+    assert_same(tmp_path, run)
+
+
+def test_degrees_are_told_by_the_robots_limits(run: Recording, tmp_path: Path) -> None:
+    """Velocity in another unit than position is left out, and that is told."""
+    wide = run.replace(position=run.position * 2.0, velocity=None)
+    names = ["t", *(f"q{i}" for i in range(1, 7)), *(f"dq{i}" for i in range(1, 7)), *(f"tau{i}" for i in range(1, 7))]
+    speed = np.gradient(wide.position, wide.time, axis=0)
+    text_table(tmp_path / "run.csv", names, np.column_stack([wide.time, np.degrees(wide.position), speed, wide.effort]))
+    found = new(tmp_path, "tm5-900")
+    assert found.guess.settings["angle_unit"] == "deg"
+    assert any("0.0175 times the positions' derivative" in line or "0.0175" in line for line in found.guess.left_out)
+    assert_same(tmp_path, wide, velocity=False)
+
+
+def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
+    """Time, then a command, position, velocity, a rigid model's torque and a current: the measured ones are taken."""
+    rigid = arm.inverse_dynamics(run.position, np.zeros_like(run.position), np.zeros_like(run.position))
+    smooth = np.gradient(run.position, run.time, axis=0)
+    table = np.column_stack([run.time, run.position, smooth, run.position, run.velocity, rigid, run.effort / 10.0])
+    text_table(tmp_path / "run.csv", [], table)
+    found = new(tmp_path, arm)
+    assert found.guess.columns["1"] == "time"
+    assert found.guess.columns["20"] == "joint_1/velocity"
+    assert found.guess.columns["32"] == "joint_1/current"
+    gains = found.guess.settings["drive_gain_Nm_per_A"]
+    assert gains["joint_2"] == pytest.approx(10.0, rel=0.05)  # gravity moves it
+    assert found.report is not None
+    assert found.report.is_fit
+
+
+def test_without_time_the_rate_is_told_by_the_velocity(run: Recording, tmp_path: Path) -> None:
+    """Two-dimensional arrays of an archive, in alphabetical order or not: the model tells which."""
+    np.savez(tmp_path / "run.npz", q=run.position, qd=run.velocity, tau=run.effort)  # type: ignore[arg-type]
+    found = new(tmp_path / "run.npz", "tm5-900")
+    assert found.file == tmp_path / "run.toml"
+    assert found.guess.settings["sample_rate_hz"] == pytest.approx(125.0, rel=0.01)
+    np.testing.assert_allclose(load_session(tmp_path / "run.npz").runs[0].effort, run.effort)
+
+
+def test_a_corrected_guess_and_a_users_file_stay(run: Recording, tmp_path: Path) -> None:
+    """What armgap guessed may be guessed again; a line that a person changed, or a file of theirs, is theirs."""
+    names = ["t", *(f"q{i}" for i in range(6)), *(f"tau{i}" for i in range(6))]
+    text_table(tmp_path / "run.csv", names, np.column_stack([run.time, run.position, run.effort]))
+    place = new(tmp_path, "tm5-900").file
+    first = place.read_text()
+    assert new(tmp_path, "tm5-900").text == first
+    place.write_text(first.replace('"joint_1/position"', '"joint_9/position"'))
+    with pytest.raises(InputError, match="was corrected"):
+        new(tmp_path, "tm5-900")
+    place.write_text('robot = "tm5-900"\n')
+    with pytest.raises(InputError, match="did not write"):
+        new(tmp_path, "tm5-900")
+    assert place.read_text() == 'robot = "tm5-900"\n'
+
+
+def test_positions_alone_are_refused(run: Recording, tmp_path: Path) -> None:
+    """A session needs torque or current: nothing is written where there is none."""
+    text_table(tmp_path / "run.csv", ["t", *(f"q{i}" for i in range(6))], np.column_stack([run.time, run.position]))
+    with pytest.raises(InputError, match="torque or current"):
+        new(tmp_path, "tm5-900")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: Path) -> None:
+    """`ident new SESSION TABLE`: the foreign file stays where it is; the record says what was guessed and why."""
+    names = ["t", *(f'q"{i}' for i in range(6)), *(f"tau_{i}" for i in range(6))]
+    table = text_table(tmp_path / "log.csv", names, np.column_stack([run.time, run.position, run.effort]))
+    record, session = tmp_path / "new.json", tmp_path / "session"
+    done = CliRunner().invoke(app, ["new", str(session), str(table), "--robot", "tm5-900", "--json", str(record)])
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in session.iterdir()) == [".armgap.json", "log.csv", "session.toml"]
+    assert tomllib.loads((session / "session.toml").read_text())["robot"] == "tm5-900"
+    assert {one["what"] for one in json.loads(record.read_text())["reasons"]} >= {
+        "time",
+        "position",
+        "effort",
+        "joints",
+    }
