@@ -22,10 +22,35 @@ WORDS: dict[str, tuple[str, ...]] = {
     "current": ("current", "currents", "curr", "amps"),
     "position": ("q", "pos", "position", "positions", "angle", "angles", "theta", "joints", "state"),
 }
-COMMANDS = ("target", "cmd", "command", "commanded", "commands", "desired", "des", "d", "ref", "reference", "setpoint")
+COMMANDS: tuple[str, ...] = (
+    "target",
+    "cmd",
+    "command",
+    "commanded",
+    "commands",
+    "desired",
+    "des",
+    "d",
+    "ref",
+    "reference",
+    "setpoint",
+)
 COMMANDS += ("goal", "action", "sent", "control")
 # What is derived from the torque, not the torque: estimates of contact, residuals, models.
-DERIVED = ("ext", "external", "hat", "model", "residual", "error", "tcp", "tool", "cartesian", "dtau", "gravity", "std")
+DERIVED: tuple[str, ...] = (
+    "ext",
+    "external",
+    "hat",
+    "model",
+    "residual",
+    "error",
+    "tcp",
+    "tool",
+    "cartesian",
+    "dtau",
+    "gravity",
+    "std",
+)
 DERIVED += ("window", "max", "min", "raw", "pose", "wrench")
 TIMES = ("time", "timestamp", "t", "stamp", "secs", "seconds", "duration", "clock", "timestamps")
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}

@@ -175,8 +175,8 @@ def torque_of(signals: Signals, states: States | None, joints: tuple[str, ...], 
     reasons = _sign_reasons(fits)
     if channel == "effort":
         return Torque(channel, signs, {}, reasons)
-    gains, why = _gains(fits, scale)
-    return Torque(channel, signs, gains, (*reasons, *why))
+    gains, told = _gains(fits, scale)
+    return Torque(channel, signs, gains, (*reasons, *told))
 
 
 def _sign_reasons(fits: dict[str, tuple[int, SignedFit, bool, bool]]) -> tuple[Reason, ...]:
@@ -201,7 +201,8 @@ def _gains(fits: dict[str, tuple[int, SignedFit, bool, bool]], scale: float) -> 
 
     Inertia tells no gain: what a motor feels beside the URDF's links is its own rotor.
     """
-    gains, reasons = {}, []
+    gains: dict[str, float] = {}
+    reasons: list[Reason] = []
     for joint, (_, fit, clear, heavy) in fits.items():
         if clear and heavy and fit.gravity > 0.0:
             size, why = fit.gravity, "gravity of the URDF over what the column shows of it"

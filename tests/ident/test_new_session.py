@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_session
+from tests.schemas import check_file
 
 VISCOUS, COULOMB = 8.0, 5.0
 
@@ -164,7 +164,7 @@ def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: 
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in session.iterdir()) == [".armgap.json", "log.csv", "session.toml"]
     assert tomllib.loads((session / "session.toml").read_text())["robot"] == "tm5-900"
-    assert {one["what"] for one in json.loads(record.read_text())["reasons"]} >= {
+    assert {one["what"] for one in check_file(record)["reasons"]} >= {
         "time",
         "position",
         "effort",
