@@ -9,7 +9,7 @@ import numpy as np
 from ident.errors import RecordingError
 from ident.guessing.foreign import ForeignTable
 from ident.guessing.guess import Reason, Signals
-from ident.guessing.names import Family, find_families, find_time
+from ident.guessing.names import ColumnFamily, find_families, find_time
 from ident.recordings.joint_names import map_by_ending
 from ident.robot.arm import ArmModel
 
@@ -52,7 +52,7 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
     return Signals(joints, columns, tables, clock, time, tuple(reasons))
 
 
-def _choose(families: list[Family], channel: str, arm: ArmModel | None, least: int = 2) -> Family | None:
+def _choose(families: list[ColumnFamily], channel: str, arm: ArmModel | None, least: int = 2) -> ColumnFamily | None:
     """The family of a channel against which least speaks; of equal ones the first that has as many as the robot."""
     own = [family for family in families if family.channel == channel and len(family.columns) >= least]
     if arm is not None:
@@ -60,7 +60,7 @@ def _choose(families: list[Family], channel: str, arm: ArmModel | None, least: i
     return own[0] if own else None
 
 
-def _joints(position: Family, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], str]:
+def _joints(position: ColumnFamily, arm: ArmModel | None, count: int) -> tuple[tuple[str, ...], str]:
     labels = position.labels[:count]
     if arm is None:
         names = tuple(f"joint_{i + 1}" for i in range(count)) if position.are_numbers else labels
@@ -84,7 +84,7 @@ def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | Non
     return tuple(renamed[label] for label in labels) if set(labels) <= set(renamed) else None
 
 
-def _in_order(family: Family, position: Family, count: int) -> tuple[str, ...]:
+def _in_order(family: ColumnFamily, position: ColumnFamily, count: int) -> tuple[str, ...]:
     """A family's columns in the order of the position's joints."""
     if set(family.labels) >= set(position.labels[:count]):
         places = [family.labels.index(label) for label in position.labels[:count]]
@@ -92,7 +92,7 @@ def _in_order(family: Family, position: Family, count: int) -> tuple[str, ...]:
     return family.columns[:count]
 
 
-def _told(family: Family) -> str:
+def _told(family: ColumnFamily) -> str:
     return f"named {family.template.replace('#', '…')!r}"
 
 

@@ -58,7 +58,7 @@ PLACE = "#"
 
 
 @dataclass(frozen=True)
-class Family:
+class ColumnFamily:
     """Columns of one quantity, one a joint.
 
     Attributes:
@@ -109,7 +109,7 @@ def find_time(names: Sequence[str]) -> str | None:
     return next(iter([*plain, *some]), None)
 
 
-def find_families(names: Sequence[str], joints: Sequence[str], count: int | None = None) -> list[Family]:
+def find_families(names: Sequence[str], joints: Sequence[str], count: int | None = None) -> list[ColumnFamily]:
     """Families of columns.
 
     Args:
@@ -156,7 +156,7 @@ def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:
     return found
 
 
-def _family(template: str, by_label: dict[str, str], shorts: dict[str, int], count: int | None) -> Family | None:
+def _family(template: str, by_label: dict[str, str], shorts: dict[str, int], count: int | None) -> ColumnFamily | None:
     labels = list(by_label)
     if all(label.isdecimal() for label in labels):
         labels.sort(key=int)
@@ -168,4 +168,4 @@ def _family(template: str, by_label: dict[str, str], shorts: dict[str, int], cou
         return None
     labels = labels[:count]
     channel, doubt = judge_words(template)
-    return Family(template, tuple(by_label[label] for label in labels), tuple(labels), channel, doubt)
+    return ColumnFamily(template, tuple(by_label[label] for label in labels), tuple(labels), channel, doubt)
