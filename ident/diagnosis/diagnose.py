@@ -218,7 +218,7 @@ def diagnose(
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
-    places = map_gap(series, arm.joint_names, evidence.whitening, rng)
+    maps = map_gap(series, arm.joint_names, evidence.whitening, rng)
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source),
@@ -227,15 +227,15 @@ def diagnose(
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
-        where=told(places, settings.places_told),
+        where=told(maps["before"], settings.places_told),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(_silent(item, arm.joint_names) for item in layout.silent),
         reservations=sure.doubted + far,
         extra={
             "nearest": nearest_record(found, arm.joint_names),
-            "maps": maps_record(places),
-            "maps_fixed": maps_record(map_gap(series, arm.joint_names, evidence.whitening, rng, "fixed")),
+            "maps": maps_record(maps["before"]),
+            "maps_fixed": maps_record(maps["fixed"]),
             "baseline": _beside(baseline, fine, estimates) if fine else tuned_record(baseline, evidence, after),
             "baseline_alone": tuned_record(baseline, evidence, before),
             "baseline_urdf": tuned_record(baseline, evidence, fixed),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -19,13 +20,17 @@ def session_axes(series: Sequence[RunResidual]) -> dict[str, Axis]:
     """The axes that these recordings have, by the contract's names."""
     duration = sum(item.time[-1] - item.time[0] for item in series)
     rate = min(REACH_RATE, MOST_REACHES / max(duration, 1.0))
-    reaches = {item.index: reach(item, rate) for item in series}
+
+    @cache  # kinematics of thousands of poses: only where a joint has a gap, and once
+    def reached(item: RunResidual) -> Float[Array, " t"]:
+        return reach(item, rate)
+
     axes: dict[str, Axis] = {
         "speed": lambda item, j: np.abs(item.speed[:, j]),
         "direction": lambda item, j: np.sign(item.speed[:, j]),
         "load": lambda item, j: np.abs(item.run.link[item.run.motion.coarse][:, j]),
         "position": lambda item, j: item.run.motion.q[item.run.motion.coarse][:, j],
-        "pose": lambda item, _: reaches[item.index],
+        "pose": lambda item, _: reached(item),
         "reversal": reversal_age,
         "time": lambda item, _: item.time,
     }

@@ -16,7 +16,7 @@ Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.signal import freqz
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.gap.axes import session_axes
+from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
 from ident.diagnosis.regression.noise import Whitening
 
@@ -41,6 +41,7 @@ WITHIN_FROM = 0.25
 SIGNIFICANT = 0.05
 
 View = Literal["before", "fixed"]
+VIEWS: tuple[View, ...] = ("before", "fixed")
 
 
 @dataclass(frozen=True)
@@ -83,20 +84,32 @@ def map_gap(
     joints: Sequence[str],
     noise: Whitening,
     rng: np.random.Generator,
-    view: View = "before",
-) -> list[Place]:
-    """All cells of every joint that has a gap, joint by joint and axis by axis.
+    views: Sequence[View] = VIEWS,
+) -> dict[View, list[Place]]:
+    """All cells of every joint that has a gap, joint by joint and axis by axis, in each view.
 
     Args:
         series: Residuals of all runs.
         joints: Joint names.
         noise: Noise of each joint.
         rng: For the signs.
-        view: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF held fast.
+        views: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF held fast.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
     labels = block_labels(series, max(SHORTEST_BLOCK, duration / MOST_BLOCKS))
     axes = session_axes(series)
+    return {view: _map_view(series, joints, noise, rng, view, labels, axes) for view in views}
+
+
+def _map_view(
+    series: Sequence[RunResidual],
+    joints: Sequence[str],
+    noise: Whitening,
+    rng: np.random.Generator,
+    view: View,
+    labels: Sequence[Int[Array, " t"]],
+    axes: Mapping[str, Axis],
+) -> list[Place]:
     places: list[Place] = []
     for j, name in enumerate(joints):
         counts = np.concatenate([item.counts[:, j] for item in series])

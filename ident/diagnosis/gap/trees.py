@@ -22,8 +22,8 @@ from ident.diagnosis.gap.residuals import RunResidual
 KINDS = ("state", "memory", "time", "coupling")
 FOLDS = 4
 MOST_SAMPLES = 3000
-# The held-out error must fall in at least all but one fold and by this share to count as more than luck.
-LEAST_FALL = 0.03
+# The held-out error must fall in so many folds, and by this share on average, to count as more than luck.
+LEAST_FOLDS, LEAST_FALL = FOLDS - 1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,5 +136,7 @@ def _held_out(x: Array, y: Array, fold: Array) -> tuple[float, bool]:
             trees.fit(x[~held], y[~held])
             left[held] = y[held] - trees.predict(x[held])
         falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
-    sure = float(np.mean(falls)) > LEAST_FALL and sum(fall > 0 for fall in falls) >= FOLDS - 1
+        if sum(fall <= 0 for fall in falls) > FOLDS - LEAST_FOLDS:
+            return float(np.mean(y**2)), False  # sure it can't be any more
+    sure = float(np.mean(falls)) > LEAST_FALL and sum(fall > 0 for fall in falls) >= LEAST_FOLDS
     return float(np.mean(left**2)), bool(sure and np.mean(falls) > np.std(falls, ddof=1) / np.sqrt(FOLDS))

@@ -35,22 +35,31 @@ class FrictionSums:
         """The friction columns in a joint's rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
-    def tied(self, joint: int, spread: float, blocks: int) -> Float[Array, "B p p"]:
-        """What freeing every stretch's friction level takes off the sums of each block."""
-        sums = self.sums[joint]
-        found = np.zeros((blocks, sums.shape[2], sums.shape[2]))
-        sizes = spread * self.level[joint]
-        if not sizes.any():
-            return found
-        for stretch in np.unique(self.stretch):
-            pieces = np.flatnonzero(self.stretch == stretch)
-            whole = sums[pieces].sum(axis=0)
-            inner = np.eye(2) + sizes[:, None] * whole[:, self.columns] * sizes
-            slope = sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole)
-            for k in pieces:
-                part = sums[k].T @ slope
-                found[self.block[k]] += 0.5 * (part + part.T)
+    def tie(self, sums: Float[Array, "B p p"], joint: int, old: float, new: float) -> Float[Array, "B p p"]:
+        """A joint's sums where every stretch's friction level is free within another share.
+
+        Args:
+            sums: Whitened sums of each block.
+            joint: The joint.
+            old: Relative standard deviation that the sums count with.
+            new: The one that they are to count with.
+        """
+        found, pieces = sums.copy(), self.sums[joint]
+        _, place = np.unique(self.stretch, return_inverse=True)
+        whole = np.zeros((int(place.max()) + 1, *pieces.shape[1:]))
+        np.add.at(whole, place, pieces)
+        slope = 0.5 * (self._slope(whole, joint, old) - self._slope(whole, joint, new))
+        for k, block in enumerate(self.block):
+            # Half of the product and of its transpose, as one product: Fᵀ S + Sᵀ F.
+            mine = np.concatenate([pieces[k], slope[place[k]]])
+            found[block] += mine.T @ np.concatenate([slope[place[k]], pieces[k]])
         return found
+
+    def _slope(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 p"]:
+        """What each stretch's friction level takes with it: (Λ⁻¹ + FᵀF)⁻¹ FᵀX, also where Λ is zero."""
+        sizes = spread * self.level[joint]
+        inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
+        return np.asarray(sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole))
 
     def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
         """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.

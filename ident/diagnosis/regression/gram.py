@@ -24,9 +24,10 @@ Casella and McCulloch 1992 (variance components).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -84,10 +85,8 @@ class Evidence:
         Args:
             spread: Relative standard deviation of each joint's friction level.
         """
-        tied, blocks = self.friction.tied, len(self.fold_of_block)
         white = tuple(
-            sums + tied(j, float(self.spread[j]), blocks) - tied(j, float(spread[j]), blocks)
-            for j, sums in enumerate(self.white)
+            self.friction.tie(sums, j, float(self.spread[j]), float(spread[j])) for j, sums in enumerate(self.white)
         )
         return replace(self, white=white, spread=np.array(spread, dtype=float))
 
@@ -238,19 +237,19 @@ class _Sums:
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
         columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
-        for k, block in enumerate(np.unique(rows.blocks)):
-            inside = rows.blocks == block
-            x = filtered[inside & whole]
+        pieces = list(_stretches(rows.blocks))
+        for k, (block, inside) in enumerate(pieces):
+            x = filtered[inside][whole[inside]]
             product = x.T @ x
             self.white[j][block] += sign * product
             if sign > 0:
                 self.samples[j] += len(x)
                 self.friction[j].append(product[columns])
             else:
-                self.friction[j][len(self.friction[j]) - len(np.unique(rows.blocks)) + k] -= product[columns]
+                self.friction[j][len(self.friction[j]) - len(pieces) + k] -= product[columns]
                 self.noise_power[self.layout.local[j]] += np.diag(product)
-            x = table[inside & counts]
-            fold = self.partition.folds[block]
+        for fold, inside in _stretches(self.partition.folds[rows.blocks]):
+            x = table[inside][counts[inside]]
             self.plain[j][fold] += sign * (x.T @ x)
             self.weights[fold, j] += len(x) if sign > 0 else 0
 
@@ -278,6 +277,13 @@ class _Sums:
             friction=friction,
             spread=np.zeros(self.layout.n),
         )
+
+
+def _stretches(labels: Int[Array, " t"]) -> Iterator[tuple[int, slice]]:
+    """Each stretch of equal labels, and where it is."""
+    bounds = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1, append=labels[-1:] - 1))
+    for start, end in pairwise(bounds):
+        yield int(labels[start]), slice(int(start), int(end))
 
 
 def _column_scale(layout: Layout, held: Sequence[Rows]) -> Float[Array, " P"]:

@@ -30,7 +30,7 @@ def with_gap(analysis: Analysis, seed: int, axis: str, size: float = 2.0, ratio:
         return left
 
     series = [replace(item, before=noisy(item)) for item in analysis.series]
-    return map_gap(series, JOINTS, analysis.evidence.whitening, np.random.default_rng(0))
+    return map_gap(series, JOINTS, analysis.evidence.whitening, np.random.default_rng(0))["before"]
 
 
 def sure(places: list[Place]) -> set[tuple[str, str]]:
