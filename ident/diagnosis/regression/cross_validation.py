@@ -80,12 +80,11 @@ class HeldOut:
         return self.evidence.gram()
 
     @cached_property
-    def _folds(self) -> tuple[Float[Array, "F P P"], ...]:
-        """For each joint, the whitened sums of each fold."""
-        folds = range(int(self.evidence.fold_of_block.max()) + 1)
+    def _parts(self) -> tuple[tuple[Float[Array, "F p p"], Float[Array, "F p p"]], ...]:
+        """For each joint, the whitened sums of all folds but one, and of that one."""
+        held = self.evidence
         return tuple(
-            np.stack([sums[self.evidence.fold_of_block == fold].sum(axis=0) for fold in folds])
-            for sums in self.evidence.white
+            held.friction.part(sums, j, float(held.spread[j]), held.fold_of_block) for j, sums in enumerate(held.white)
         )
 
     def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
@@ -94,18 +93,17 @@ class HeldOut:
         used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
             int
         )
-        whole = self._whole[np.ix_(used, used)]
         spots = [_spots(local, used) for local in layout.local]
         solved = []
-        for fold in range(len(self._folds[0])):
-            gram = whole.copy()
-            for sums, (places, into) in zip(self._folds, spots, strict=True):
-                gram[np.ix_(into, into)] -= sums[fold][np.ix_(places, places)]
+        for fold in range(len(self._parts[0][0])):
+            gram = np.zeros((len(used), len(used)))
+            for (rest, _), (places, into) in zip(self._parts, spots, strict=True):
+                gram[np.ix_(into, into)] += rest[fold][np.ix_(places, places)]
             solved.append(self._solve(gram, used))
         values = np.array(solved)
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
         if once.any():  # what happened once can't be learnt from other runs
-            values[:, once] = self._solve(whole, used)[once]
+            values[:, once] = self._solve(self._whole[np.ix_(used, used)], used)[once]
         return FoldWeights(used, values)
 
     def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
@@ -117,7 +115,7 @@ class HeldOut:
             places, into = _spots(local, found.columns)
             for fold, weights in enumerate(found.values):
                 w = weights[into]
-                misfit[fold, j] = w @ self._folds[j][fold][np.ix_(places, places)] @ w
+                misfit[fold, j] = w @ self._parts[j][1][fold][np.ix_(places, places)] @ w
                 squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 

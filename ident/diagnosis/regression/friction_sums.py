@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.design import LOSS_FIGURES
 
 # Columns of a joint's rows, after the base parameters, that a run's own friction level scales: viscous and Coulomb.
@@ -44,16 +45,54 @@ class FrictionSums:
             old: Relative standard deviation that the sums count with.
             new: The one that they are to count with.
         """
-        found, pieces = sums.copy(), self.sums[joint]
-        _, place = np.unique(self.stretch, return_inverse=True)
-        whole = np.zeros((int(place.max()) + 1, *pieces.shape[1:]))
-        np.add.at(whole, place, pieces)
+        found, pieces, place = sums.copy(), self.sums[joint], self._place
+        whole = self._whole(joint)
         slope = 0.5 * (self._slope(whole, joint, old) - self._slope(whole, joint, new))
         for k, block in enumerate(self.block):
             # Half of the product and of its transpose, as one product: Fᵀ S + Sᵀ F.
             mine = np.concatenate([pieces[k], slope[place[k]]])
             found[block] += mine.T @ np.concatenate([slope[place[k]], pieces[k]])
         return found
+
+    def part(
+        self, sums: Float[Array, "B p p"], joint: int, spread: float, folds: Int[Array, " B"]
+    ) -> tuple[Float[Array, "F p p"], Float[Array, "F p p"]]:
+        """A joint's sums of all folds but one, and of that one alone, fold by fold.
+
+        Where a stretch lies in several folds, each side knows its friction level by its own pieces only. (What the
+        whole stretch's level leaves of some pieces is no sum of squares: models solved with it run away.)
+
+        Args:
+            sums: Whitened sums of each block.
+            joint: The joint.
+            spread: Relative standard deviation of friction that they count with.
+            folds: Fold of each block.
+        """
+        own = np.stack([sums[folds == fold].sum(axis=0) for fold in range(int(folds.max()) + 1)])
+        rest = own.sum(axis=0) - own
+        fold_of_piece = folds[self.block]
+        if len(np.unique(self.stretch)) == len(np.unique(np.stack([self.stretch, fold_of_piece]), axis=1).T):
+            return rest, own
+        free = self.tie(sums, joint, spread, 0.0)
+        own = np.stack([free[folds == fold].sum(axis=0) for fold in range(len(own))])
+        rest = own.sum(axis=0) - own
+        for fold in range(len(own)):
+            for side, inside in ((own, fold_of_piece == fold), (rest, fold_of_piece != fold)):
+                whole = self._whole(joint, inside)
+                side[fold] -= np.einsum("rap,raq->pq", whole, self._slope(whole, joint, spread), optimize=True)
+        return rest, own
+
+    @cached_property
+    def _place(self) -> Int[Array, " K"]:
+        """Number of each piece's stretch."""
+        return np.unique(self.stretch, return_inverse=True)[1]
+
+    def _whole(self, joint: int, inside: Bool[Array, " K"] | None = None) -> Float[Array, "R 2 p"]:
+        """Sums of each stretch, of all its pieces or of some."""
+        pieces = self.sums[joint] if inside is None else self.sums[joint] * inside[:, None, None]
+        whole = np.zeros((int(self._place.max()) + 1, *pieces.shape[1:]))
+        np.add.at(whole, self._place, pieces)
+        return whole
 
     def _slope(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 p"]:
         """What each stretch's friction level takes with it: (Λ⁻¹ + FᵀF)⁻¹ FᵀX, also where Λ is zero."""
@@ -68,8 +107,7 @@ class FrictionSums:
             joint: The joint.
             weights: What the model leaves of a row is their product.
         """
-        stretches, level = np.unique(self.stretch), self.level[joint]
-        whole = np.stack([self.sums[joint][self.stretch == stretch].sum(axis=0) for stretch in stretches])
+        level, whole = self.level[joint], self._whole(joint)
         power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
         seen = power > 1e-9
         return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]

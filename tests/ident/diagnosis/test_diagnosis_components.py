@@ -9,6 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
@@ -50,6 +51,26 @@ def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) 
     free = healthy.evidence.with_run_spread(np.full(3, 0.3)).with_run_spread(healthy.evidence.spread)
     for one, other in zip(free.white, healthy.evidence.white, strict=True):
         assert np.allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("fold_of_block", [[0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 2, 2]])
+def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> None:
+    """Law: each side is weighted by (I + F Λ Fᵀ)⁻¹ of its own rows, whether folds cut stretches or not."""
+    rng, stretch, spread, level = np.random.default_rng(3), np.array([0, 0, 1, 1, 2, 2]), 0.2, np.array([0.7, 1.3])
+    tables = rng.standard_normal((6, 40, 5))
+    free = np.stack([x.T @ x for x in tables])
+    columns = slice(1, 3)
+    sums = FrictionSums(stretch, np.arange(6), (free[:, columns],), level[None], rank=0)
+    folds = np.array(fold_of_block)
+    rest, own = sums.part(sums.tie(free, 0, 0.0, spread), 0, spread, folds)
+    for fold in range(3):
+        for side, inside in ((own[fold], folds == fold), (rest[fold], folds != fold)):
+            expected: Array = np.zeros((5, 5))
+            for one in np.unique(stretch[inside]):
+                x = np.concatenate(tables[inside & (stretch == one)])
+                friction = x[:, columns] * level * spread
+                expected += x.T @ np.linalg.solve(np.eye(len(x)) + friction @ friction.T, x)
+            assert np.allclose(side, expected)
 
 
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
