@@ -12,6 +12,7 @@ from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
+from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import measure_tolerance
@@ -19,9 +20,6 @@ from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search, SearchResults
 from ident.diagnosis.selection.urdf_share import SCALES, one_link_is_wrong, scale_evidence
 from ident.effects.base import SessionContext
-
-# Of friction's variation from run to run, a law of warmth may leave this share of its standard deviation.
-LARGEST_SHARE_LEFT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,22 +87,20 @@ def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
 
 
 def _mere_drift(search: Search, found: SearchResults) -> set[Key]:
-    """Names of slow effects that follow friction's wandering only in part: a slow curve follows some of a random walk.
-
-    A law of warmth leaves of the variation from run to run what a joint of steady warmth has: the standard deviation
-    must fall to half at least.
-    """
-    evidence, prior, gram = search.evidence, search.prior, search.evidence.gram()
+    """Names of slow effects that wandering friction explains as well: a slow curve follows some of any random walk."""
+    evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
+    slow = [group for group in groups if group.effect.by_run]
+    if not slow:
+        return set()
+    free = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
+    gram = free.gram()
+    least = search.settings.family_error / evidence.layout.n
     drifting = set()
-    for group in groups:
-        if not group.effect.by_run:
-            continue
-        others = [other for other in groups if other is not group]
-        free = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
-        left = estimate_run_spread(free, project(gram, evidence, prior, groups))[group.joint]
-        alone = estimate_run_spread(free, project(gram, evidence, prior, others))[group.joint]
-        if left > LARGEST_SHARE_LEFT * alone:
+    for group in slow:
+        model = project(gram, free, prior, [other for other in groups if other is not group])
+        variants = [other for other in evidence.layout.groups if other.key == group.key]
+        if chance_of_law(free, model, variants, np.random.default_rng(search.seed)) > least:
             drifting.add(group.key)
     return drifting
 

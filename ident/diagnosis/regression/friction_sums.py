@@ -100,6 +100,29 @@ class FrictionSums:
         inner = np.eye(2) + sizes[:, None] * whole[:, :, self.columns] * sizes
         return np.asarray(sizes[:, None] * np.linalg.solve(inner, sizes[:, None] * whole))
 
+    def levels(self, joint: int, misfit: float) -> tuple[Float[Array, "s p"], Float[Array, "s s"]]:
+        """Viscous and Coulomb level of each stretch in turn, as shares of the model's: how they follow, and how surely.
+
+        Stretches in which the joint hardly moves are left out.
+
+        Args:
+            joint: The joint.
+            misfit: Mean square of what the model leaves of a whitened row.
+
+        Returns:
+            What takes a model's weights of a row to the levels; their covariance by noise.
+        """
+        level, whole = self.level[joint], self._whole(joint)
+        information = level[:, None] * whole[:, :, self.columns] * level
+        information += 1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+        moved = np.linalg.eigvalsh(information)[:, 0] > 1e-9
+        inverse = np.linalg.inv(information[moved])
+        found = inverse @ (level[:, None] * whole[moved])
+        spread = np.zeros((2 * len(found), 2 * len(found)))
+        for k, each in enumerate(inverse):
+            spread[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = misfit * each
+        return found.reshape(-1, whole.shape[2]), spread
+
     def relative_levels(self, joint: int, weights: Float[Array, " p"]) -> tuple[Float[Array, " R"], Float[Array, " R"]]:
         """How far each stretch's friction is from the model's, as a share, and its variance by whitened noise.
 

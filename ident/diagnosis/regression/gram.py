@@ -106,6 +106,18 @@ class Evidence:
         """What no model of the state can go below: the torque's noise and friction's run-to-run variation [N m]."""
         return np.hypot(self.whitening.level, self.friction_noise)
 
+    def misfit(self, joint: int, weights: Float[Array, " P"]) -> float:
+        """Mean square of what a model leaves of a joint's whitened rows, one at the least.
+
+        Whitened noise has a variance of one where the model fits; where more is left, all is told less surely.
+
+        Args:
+            joint: The joint.
+            weights: What the model leaves of a row is their product.
+        """
+        own = weights[self.layout.local[joint]]
+        return max(float(own @ self.white[joint].sum(axis=0) @ own / max(float(self.samples[joint]), 1.0)), 1.0)
+
     def gram(self, blocks: Bool[Array, " B"] | None = None) -> Float[Array, "P P"]:
         """Whitened sums of all joints over some blocks, in the layout's order."""
         total = np.zeros((self.layout.size + 1, self.layout.size + 1))

@@ -49,9 +49,7 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
     runs, usual = len(level), USUAL_SPREAD**2
     if runs < 2:
         return USUAL_SPREAD
-    # Whitened noise has a variance of one where the model fits; where more is left, friction is told less surely.
-    misfit = own @ evidence.white[joint].sum(axis=0) @ own / max(float(evidence.samples[joint]), 1.0)
-    share = 1.0 / (variance * max(float(misfit), 1.0))
+    share = 1.0 / (variance * evidence.misfit(joint, weights))
     mean = float(share @ level / share.sum())
     excess = float(share @ (level - mean) ** 2) - (runs - 1)
     found = max(0.0, excess) / max(float(share.sum() - share @ share / share.sum()), 1e-300)

@@ -16,6 +16,9 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Key, Named, Search
 from ident.effects.base import Interval, SessionContext
 
+# Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
+SILENT = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -49,8 +52,11 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     blocks = len(part)
     meat = part.T @ part * blocks / max(blocks - 1, 1)
     sandwich = projection.spread @ meat @ projection.spread
-    lift = np.sqrt(np.maximum(1.0, np.diag(projection.spread) / np.maximum(np.diag(sandwich), 1e-300)))
-    return sandwich * np.outer(lift, lift)
+    own, told = np.diag(projection.spread), np.diag(sandwich)
+    # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
+    silent = told <= SILENT * own
+    lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, told))))
+    return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
 
 
 def inflation(evidence: Evidence, projection: Projection) -> float:

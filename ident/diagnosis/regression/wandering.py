@@ -1,0 +1,102 @@
+"""Whether friction changes by a law of warmth or merely wanders from run to run.
+
+A slow curve follows some of any random walk, so that a law of warmth must show beside one. Of every stretch r the level
+of its viscous and of its Coulomb friction are known, as shares y_r of the model's, with covariance V_r. They are
+normal about their mean (and about what the law gives, D_r b) with covariance
+
+    V_r δ_rs + τ² I δ_rs + σ² min(r, s) R,   R = I or 1 1ᵀ:
+
+levels of their own, and a random walk, of either kind of friction alone or of both together. τ, σ, R and b are those of
+the greatest likelihood, with and without the law. How much the law gains by chance is drawn: levels of the best model
+without it, fitted with every variant of the law.
+
+Source: Harvey 1989, section 2.3 (random walk plus noise); Davison and Hinkley 1997, section 4.2 (Monte Carlo tests).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.run_spread import residual_weights
+
+# Standard deviations that are tried, as shares of the friction: of each stretch, and of a step of the walk.
+OWN = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+STEPS = (0.0, 0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
+DRAWS = 499
+
+
+def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Group], rng: np.random.Generator) -> float:
+    """p-value of a slow effect against friction that wanders.
+
+    Args:
+        evidence: Sums of the session, friction free to vary.
+        model: The model without the effect.
+        variants: The effect at its joint, with all its inner figures.
+        rng: Draws levels of friction that wanders.
+    """
+    joint = variants[0].joint
+    weights = residual_weights(evidence, model)
+    seen, spread = evidence.friction.levels(joint, evidence.misfit(joint, weights))
+    levels = seen @ weights[evidence.layout.local[joint]]
+    laws = [seen @ _after(model, evidence, joint, group) for group in variants]
+    if len(levels) < 2 * 3:
+        return 1.0
+    covariances = list(_covariances(spread))
+    _, best = _greatest(levels[:, None], covariances, [])
+    root = np.linalg.cholesky(covariances[int(best[0])])
+    drawn = np.concatenate([levels[:, None], root @ rng.standard_normal((len(levels), DRAWS))], axis=1)
+    alone, _ = _greatest(drawn, covariances, [])
+    with_law, _ = _greatest(drawn, covariances, laws)
+    gain = with_law - alone
+    return float(np.mean(gain >= gain[0] - 1e-9))
+
+
+def _after(model: Projection, evidence: Evidence, joint: int, group: Group) -> Float[Array, "p k"]:
+    """A group's columns after the model: weights that take a joint's rows to what the model leaves of each column."""
+    found = np.zeros((evidence.layout.size + 1, len(group.columns)))
+    found[group.columns, np.arange(len(group.columns))] = 1.0
+    found[model.inside] = -model.slopes[:, group.columns]
+    return found[evidence.layout.local[joint]]
+
+
+def _covariances(spread: Float[Array, "s s"]) -> Iterator[Float[Array, "s s"]]:
+    """Of the levels (viscous and Coulomb of each stretch in turn), for all that is tried."""
+    size = len(spread)
+    order = np.arange(size // 2)
+    walk = 1.0 + np.minimum(order[:, None], order[None, :])
+    walks = [np.kron(walk, kind) for kind in (np.eye(2), np.ones((2, 2)))]
+    for own in OWN:
+        yield spread + own**2 * np.eye(size)
+        for step in STEPS[1:]:
+            for kind in walks:
+                yield spread + own**2 * np.eye(size) + step**2 * kind
+
+
+def _greatest(
+    levels: Float[Array, "s d"], covariances: Sequence[Float[Array, "s s"]], laws: Sequence[Float[Array, "s k"]]
+) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+    """Greatest log likelihood of each column of levels over all covariances and laws, and the number of the former."""
+    mean = np.tile(np.eye(2), (len(levels) // 2, 1))
+    greatest, best = np.full(levels.shape[1], -np.inf), np.zeros(levels.shape[1])
+    for k, covariance in enumerate(covariances):
+        root = np.linalg.cholesky(covariance)
+        y = np.linalg.solve(root, levels)
+        fixed = np.linalg.qr(np.linalg.solve(root, mean))[0]
+        y -= fixed @ (fixed.T @ y)
+        left = np.sum(y**2, axis=0)
+        explained = np.zeros_like(left)
+        for law in laws:
+            curve = np.linalg.solve(root, law)
+            curve -= fixed @ (fixed.T @ curve)
+            axes, sizes, _ = np.linalg.svd(curve, full_matrices=False)
+            explained = np.maximum(explained, np.sum((axes[:, sizes > 1e-6 * sizes[0]].T @ y) ** 2, axis=0))
+        value = -0.5 * (left - explained) - np.log(np.diag(root)).sum()
+        best = np.where(value > greatest, k, best)
+        greatest = np.maximum(greatest, value)
+    return greatest, best
