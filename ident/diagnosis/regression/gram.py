@@ -46,6 +46,7 @@ MOST_BLOCKS = 128
 # Runs that have blocks of their own; of more than this, several share one.
 MOST_LONE_RUNS = 256
 STRETCH = 12.0  # [s], about the length of a run, over which friction keeps its level
+FEWEST_RUNS = 5  # of fewer, each without one would be judged by a model of another motion
 SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
 
 
@@ -130,11 +131,20 @@ class Evidence:
 def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
 
-    Very many runs share blocks, neighbours with neighbours, so that the sums stay few.
+    Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a joint moves in one run
+    more than in all others together, runs are as good as few: without that run the joint's model is a guess.
     """
     motions = (run.motion for run in session.runs)
-    figures = [(each.filtered_length, each.interval * each.lowpass.factor, each.continues) for each in motions]
-    lengths, steps, continues = (np.array(values) for values in zip(*figures, strict=True))
+    figures = [
+        (
+            each.filtered_length,
+            each.interval * each.lowpass.factor,
+            each.continues,
+            each.interval * np.abs(each.dq).sum(axis=0),
+        )
+        for each in motions
+    ]
+    lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
     recorded = np.cumsum(~continues) - 1
     if len(lengths) > MOST_LONE_RUNS:
         block, run_of_block = _share_blocks(recorded)
@@ -149,7 +159,21 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     parts = np.maximum(1, np.round(lengths * steps / STRETCH)).astype(int)
     stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
     stretches += np.repeat(np.cumsum(parts) - parts, counts)
-    return Partition(starts, np.cumsum(counts) - counts, _deal_folds(np.repeat(recorded, counts), folds), stretches)
+    fold = _deal_folds(np.repeat(recorded, counts), folds, few=_few(travel, recorded))
+    return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
+
+
+def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"]) -> bool:
+    """Whether runs are too few to be left out whole, for some joint.
+
+    Args:
+        travel: How far each joint goes in each run, or piece of one [rad or m].
+        recorded: Number of the recorded run that each run is, or is a piece of.
+    """
+    of_run = np.zeros((int(recorded[-1]) + 1, travel.shape[1]))
+    np.add.at(of_run, recorded, travel)
+    alone = of_run.max(axis=0) > of_run.sum(axis=0) - of_run.max(axis=0)
+    return bool(len(of_run) < FEWEST_RUNS or alone.any())
 
 
 def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
@@ -170,10 +194,10 @@ def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Arr
     return block, np.repeat(np.arange(len(pieces)), counts)
 
 
-def _deal_folds(run_of_block: Int[Array, " B"], folds: int) -> Int[Array, " B"]:
+def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool = False) -> Int[Array, " B"]:
     """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
     runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
-    if runs < 5:
+    if few:
         # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would be judged by a model
         # that never saw such motion.
         return np.arange(total) % min(folds, total)

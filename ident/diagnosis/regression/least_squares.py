@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -78,9 +79,17 @@ class Projection:
         """Penalised sum of whitened squares that the model leaves."""
         return float(self.rest[-1, -1])
 
+    @cached_property
+    def _power(self) -> Float[Array, " P"]:
+        return np.diag(self.total).copy()
+
+    @cached_property
+    def _left(self) -> Float[Array, " P"]:
+        return np.diag(self.rest).copy()
+
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
         """Share of each column's power that the model can't absorb."""
-        return np.diag(self.rest)[columns] / np.maximum(np.diag(self.total)[columns], 1e-300)
+        return self._left[columns] / np.maximum(self._power[columns], 1e-300)
 
     def gain_without(self, group: Group, columns: Sequence[int]) -> float:
         """What a group gains without some of its columns."""
@@ -94,10 +103,14 @@ class Projection:
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
-        power = np.diag(self.total)[columns]
-        seen = (self.visibility(columns) > LEAST_VISIBLE) & (power > 0)
-        seen &= np.diag(self.rest)[columns] > LEAST_OVER_NOISE * self.noise[columns]
+        power, left = self._power[columns], self._left[columns]
+        seen = (left > LEAST_VISIBLE * power) & (power > 0) & (left > LEAST_OVER_NOISE * self.noise[columns])
         beta = np.zeros(len(columns))
+        if len(columns) == 1:  # most candidates: no matrix is needed
+            if seen[0]:
+                value = self.rest[columns[0], -1] / (left[0] + 1e-6 * power[0])
+                beta[0] = max(value, 0.0) if signed[0] else value
+            return beta
         if seen.any():
             at = columns[seen]
             matrix = positive(self.rest[np.ix_(at, at)] + np.diag(1e-6 * power[seen]))
@@ -105,7 +118,9 @@ class Projection:
         return beta
 
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
-        beta = self.solve(columns, np.isin(np.arange(len(columns)), nonnegative))
+        signed = np.zeros(len(columns), dtype=bool)
+        signed[list(nonnegative)] = True
+        beta = self.solve(columns, signed)
         fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
         return float(max(fall, 0.0)), beta
 
