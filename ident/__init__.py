@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ident.api.patching import patch as patch
     from ident.api.simulating import simulate as simulate
     from ident.api.starting import new as new
+    from ident.api.watching import watch as watch
     from ident.diagnosis.diagnose import Diagnosis as Diagnosis
     from ident.effects.base import Effect as Effect
     from ident.errors import InputError as InputError
@@ -47,6 +48,7 @@ _HOMES = {
     "open_sessions": "ident.opening",
     "patch": "ident.api.patching",
     "simulate": "ident.api.simulating",
+    "watch": "ident.api.watching",
 }
 __all__ = [
     "ArmModel",
@@ -66,5 +68,6 @@ __all__ = [
     "open_sessions",
     "patch",
     "simulate",
+    "watch",
 ]
 __getattr__, __dir__ = lazily(__name__, _HOMES)

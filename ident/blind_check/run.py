@@ -17,7 +17,6 @@ from ident.blind_check.pages import write_blind_pages
 from ident.blind_check.scoring import Outcome, score_case
 from ident.blind_check.semi_real import EFFECTS, find_sources
 from ident.blind_check.summary import BlindReport
-from ident.blind_check.workers import run_tasks
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.plant.answer import open_envelope
@@ -25,6 +24,7 @@ from ident.plant.simulate import SimulationOptions
 from ident.plant.world_presets import find_worlds
 from ident.provenance import Provenance
 from ident.reading import read_json
+from ident.workers import run_tasks
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
 # The two kinds of process: cases are made, or diagnosed, again when the code that they import has changed.

@@ -1,17 +1,18 @@
-"""The commands of a lab's daily work: `ident new`."""
+"""The commands of a lab's daily work: `ident new` and `ident watch`."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ident.cli.shared import JsonFile, Robot, app, console, write_json
-from ident.errors import visible
+from ident.errors import InputError, visible
 from ident.files import deliver
 from ident.ownership import SESSION_KIND, check_outputs
-from ident.show.console import print_issues
+from ident.show.console import print_issues, progress_bar
 
 
 @app.command()
@@ -37,3 +38,50 @@ def new(
         console.print(f"written to {found.file}: look through it, then `ident inspect`", markup=False, soft_wrap=True)
 
     deliver(show, lambda: write_json(json_file, found.to_dict()))
+
+
+@app.command()
+def watch(
+    folder: Annotated[Path, typer.Argument(help="Folder of sessions, or of arms that hold sessions.")],
+    store: Annotated[Path, typer.Option(help="Folder of the results: tables, diagnoses, pages.")],
+    robot: Robot = None,
+    model: Annotated[Path | None, typer.Option(help="Fitted model whose inertias all figures refer to.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Look once and end, as cron wants it.")] = False,
+    every: Annotated[float, typer.Option(help="Look again after so many seconds.")] = 60.0,
+    settle: Annotated[float, typer.Option(help="Leave a session alone that was written to within so many s.")] = 10.0,
+    diagnose: Annotated[bool, typer.Option(help="Diagnose each session too (ten times the work).")] = True,
+    level: Annotated[float, typer.Option(help="Chance of any false alarm in an arm's life.")] = 0.05,
+    workers: Annotated[int, typer.Option(help="Processes on this machine.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for each arm."""
+    from ident.api.watching import watch as look
+
+    check_outputs([robot, model], {"--json": json_file})
+    if not every > 0.0:
+        raise InputError("--every", f"{every:g} is no time", "give seconds")
+    shown = ""
+    while True:
+        with progress_bar(console, "sessions", "") as progress:
+            found = look(
+                folder,
+                store,
+                robot,
+                model=model,
+                diagnosed=diagnose,
+                level=level,
+                settle=settle,
+                workers=workers,
+                scheduler=scheduler,
+                progress=lambda done, total: progress(done, total, 0.0),
+            )
+        words = visible(found.summary(), lines=True)
+        if words != shown:
+            console.print(words, markup=False, highlight=False, soft_wrap=True)
+            console.print(f"written to {store}; look at {store / 'index.html'}", markup=False, soft_wrap=True)
+        shown = words
+        write_json(json_file, found.to_dict())
+        if once:
+            return
+        time.sleep(every)

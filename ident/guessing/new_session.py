@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,9 @@ class NewSession(Result):
         """The guesses in plain lines."""
         lines = [f"{reason.what}: {reason.guess} ({reason.evidence})" for reason in self.guess.reasons]
         return "\n".join([*lines, *self.guess.left_out])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.summary())}</pre>"
 
     def write(self) -> None:
         """Writes the file, whole or not at all; only an uncorrected guess of armgap's own is ever replaced."""

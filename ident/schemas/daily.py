@@ -1,8 +1,8 @@
-"""Files of the commands of daily work: `ident new` with --json."""
+"""Files of the commands of daily work: `ident new` and `ident watch` with --json."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -28,3 +28,67 @@ class NewSessionRecord(TypedDict):
     left_out: list[str]
     telemetry: list[IssueRecord]
     provenance: ProvenanceRecord
+
+
+class FigurePointRecord(TypedDict):
+    """A figure in one session, with its 95 % interval by that session alone."""
+
+    session: str
+    date: str
+    value: float
+    low: float
+    high: float
+    std: float
+
+
+class WatchedSessionRecord(TypedDict):
+    """A session as it was examined: `done`, `refused` or `failed`, with the reason."""
+
+    arm: str
+    session: str
+    date: str
+    status: Literal["done", "refused", "failed"]
+    verdict: str | None
+    reason: str | None
+    samples: int | None
+    duration_s: float | None
+    stamp: str
+    path: str
+
+
+class WatchedArmRecord(TypedDict):
+    """An arm through time; figures by `joint/figure`."""
+
+    arm: str
+    sessions: list[WatchedSessionRecord]
+    figures: dict[str, list[FigurePointRecord]]
+    effects: list[dict[str, Any]]
+
+
+class AlarmRecord(TypedDict):
+    """A figure that has changed, with the 95 % interval of the change."""
+
+    arm: str
+    session: str
+    joint: str
+    figure: str
+    since: str
+    probability: float
+    evidence: float
+    before: float
+    after: float
+    low: float
+    high: float
+    spread: float
+
+
+class WatchRecord(TypedDict):
+    """All arms of a store, and what has changed; the chance of any false alarm in an arm's life is at most `level`."""
+
+    schema: Literal["ident.watch/1"]
+    level: float
+    arms: list[WatchedArmRecord]
+    alarms: list[AlarmRecord]
+    provenance: ProvenanceRecord
+    fresh: NotRequired[list[str]]
+    waiting: NotRequired[list[str]]

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ident.errors import InputError
-from ident.schemas.daily import NewSessionRecord
+from ident.schemas.daily import NewSessionRecord, WatchRecord
 from ident.schemas.diagnosis import DiagnosisRecord
 from ident.schemas.models import (
     DemoRecord,
@@ -33,6 +33,7 @@ RECORDS: dict[str, Any] = {
     "simulation": SimulationRecord,
     "telemetry": TelemetryRecord,
     "view": ViewRecord,
+    "watch": WatchRecord,
 }
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from errands import Errand, run_errand
 
-from ident.blind_check.workers import run_tasks
 from ident.errors import InputError
+from ident.workers import run_tasks
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,6 @@ def test_a_killed_worker_of_a_cluster_loses_no_task(tmp_path: Path, scheduler: s
 
 
 def test_no_scheduler_at_the_address_is_the_users_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ident.blind_check.workers.PATIENCE_S", 0.5)
+    monkeypatch.setattr("ident.workers.PATIENCE_S", 0.5)
     with pytest.raises(InputError, match="--scheduler"):
         run_tasks(run_errand, [Errand(Path("never"))], scheduler="tcp://127.0.0.1:1")

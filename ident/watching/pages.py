@@ -1,0 +1,228 @@
+"""The pages of a watch: `index.html` for all arms, one page for each arm."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ident.show.report.numbers import significant
+from ident.show.report.page import Section, write_report
+from ident.show.report.provenance import FactsSection
+from ident.show.report.words import effect_name
+from ident.watching.alarms import Alarm
+from ident.watching.figures import UNITS
+from ident.watching.history_strip import draw_strip
+from ident.watching.store import Store
+from ident.watching.watch import ArmHistory, Watch
+
+# What a person at the cell does about a figure that has changed.
+ACTIONS = {
+    "gain": "check the drive's current scale and firmware, and what the arm carries",
+    "rotor": "check coupling and gear: the motor turns another inertia",
+    "viscous": "check lubrication and temperature of the gear; warm up before precise work",
+    "coulomb": "look for wear, dirt or a tight seal at the joint",
+    "offset": "check brake, cables, mounting, and what the arm carries",
+    "gap": "run `ident diagnose` on the session: something that the figures do not name has come",
+}
+NAMES = {
+    "gain": "torque per model torque",
+    "rotor": "rotor inertia",
+    "viscous": "viscous friction",
+    "coulomb": "dry friction",
+    "offset": "constant torque",
+    "gap": "unexplained torque",
+}
+
+
+def write_pages(store: Path, found: Watch) -> None:
+    """Writes all pages into the store.
+
+    Args:
+        store: Its folder.
+        found: All that is in it.
+    """
+    kept = Store(store)
+    facts = FactsSection(found.provenance.to_dict())
+    for arm in found.arms:
+        last = arm.sessions[-1]
+        subtitle = f"{len(arm.sessions)} sessions, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
+        sections = [ArmVerdict(arm, found.level), ArmFigures(arm), ArmSessions(arm), facts]
+        write_report(kept.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
+    count = sum(len(arm.sessions) for arm in found.arms)
+    sections = [FleetVerdict(found), FleetTable(found, kept), FleetEffects(found, kept), facts]
+    write_report(store / "index.html", "Arms through time", sections, f"{len(found.arms)} arms, {count} sessions")
+
+
+def alarm_card(alarm: Alarm) -> dict[str, str]:
+    """An alarm as text for a page."""
+    unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
+    change = alarm.after - alarm.before
+    share = f" ({change / alarm.before:+.0%})" if alarm.before else ""
+    return {
+        "arm": alarm.arm,
+        "joint": alarm.joint,
+        "what": f"{NAMES[alarm.figure]} of {alarm.joint}",
+        "change": f"{significant(alarm.before, 3)} → {significant(alarm.after, 3)}{unit}{share}",
+        "interval": f"change {significant(alarm.low, 2)} to {significant(alarm.high, 2)}{unit}",
+        "spread": f"day to day it varies by {significant(alarm.spread, 2)}{unit}",
+        "since": alarm.since,
+        "told": alarm.session,
+        "action": ACTIONS[alarm.figure],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class ArmVerdict(Section):
+    """One sentence, and every change with what to do."""
+
+    arm: ArmHistory
+    level: float
+    anchor: ClassVar[str] = "verdict"
+    title: ClassVar[str] = "What has changed"
+    template: ClassVar[str] = "watch_verdict.html"
+
+    def context(self) -> dict[str, Any]:
+        cards = [alarm_card(alarm) for alarm in reversed(self.arm.alarms)]
+        if not cards:
+            headline = f"Nothing has changed beyond what days differ by, in {len(self.arm.sessions)} sessions."
+        else:
+            first = cards[0]
+            headline = f"The {first['what']} has changed since {first['since']}: {first['change']}."
+        return {"headline": headline, "cards": cards, "level": self.level, "fleet": False}
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFigures(Section):
+    """Every figure over the dates, with intervals and the changes marked."""
+
+    arm: ArmHistory
+    anchor: ClassVar[str] = "figures"
+    title: ClassVar[str] = "Figures over time"
+    template: ClassVar[str] = "watch_figures.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.arm.figures)
+
+    def context(self) -> dict[str, Any]:
+        marks: dict[tuple[str, str], list[str]] = defaultdict(list)
+        for alarm in self.arm.alarms:
+            marks[alarm.joint, alarm.figure].append(alarm.since)
+        rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+        for (joint, figure), points in self.arm.figures.items():
+            unit = "" if UNITS[figure] == "1" else f" {UNITS[figure]}"
+            last = points[-1]
+            told = f"{significant(last.value, 3)}{unit} [{significant(last.low, 3)}, {significant(last.high, 3)}]"
+            svg = draw_strip(points, marks.get((joint, figure), []), f"{NAMES[figure]} of {joint} over the sessions")
+            rows[joint].append({"name": NAMES[figure], "last": told, "svg": svg})
+        return {"rows": list(rows.items())}
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSessions(Section):
+    """All sessions, the last first."""
+
+    arm: ArmHistory
+    anchor: ClassVar[str] = "sessions"
+    title: ClassVar[str] = "Sessions"
+    template: ClassVar[str] = "watch_sessions.html"
+
+    def context(self) -> dict[str, Any]:
+        effects: dict[str, list[str]] = defaultdict(list)
+        for row in self.arm.effects:
+            effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
+        return {"rows": [_session_row(row, effects[row["session"]]) for row in reversed(self.arm.sessions)]}
+
+
+def _session_row(row: dict[str, Any], effects: list[str]) -> dict[str, str]:
+    """A session in words: what the diagnosis said, or why there is none."""
+    said = row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")
+    return {"session": row["session"], "date": row["date"][:16], "said": said or "", "effects": ", ".join(effects)}
+
+
+@dataclass(frozen=True, eq=False)
+class FleetVerdict(Section):
+    """One sentence, and the changes of all arms, the last first."""
+
+    found: Watch
+    anchor: ClassVar[str] = "verdict"
+    title: ClassVar[str] = "What has changed"
+    template: ClassVar[str] = "watch_verdict.html"
+
+    def context(self) -> dict[str, Any]:
+        dates = {(arm.arm, row["session"]): row["date"] for arm in self.found.arms for row in arm.sessions}
+        alarms = sorted(self.found.alarms, key=lambda one: dates[one.arm, one.session], reverse=True)
+        changed = {alarm.arm for alarm in alarms}
+        if alarms:
+            headline = f"{len(changed)} of {len(self.found.arms)} arms have changed; the last: arm {alarms[0].arm}."
+        else:
+            headline = f"None of {len(self.found.arms)} arms has changed beyond what days differ by."
+        cards = [alarm_card(alarm) for alarm in alarms]
+        return {"headline": headline, "cards": cards, "level": self.found.level, "fleet": True}
+
+
+@dataclass(frozen=True, eq=False)
+class FleetTable(Section):
+    """A line an arm; sorted by a click on a heading, filtered by a word."""
+
+    found: Watch
+    store: Store
+    anchor: ClassVar[str] = "arms"
+    title: ClassVar[str] = "Arms"
+    template: ClassVar[str] = "watch_arms.html"
+
+    def context(self) -> dict[str, Any]:
+        return {"rows": [self._row(arm) for arm in self.found.arms]}
+
+    def _row(self, arm: ArmHistory) -> dict[str, Any]:
+        good = [row for row in arm.sessions if row["status"] == "done"]
+        last = good[-1] if good else None
+        named = {
+            f"{effect_name(row['effect'])} ({row['joints']})"
+            for row in arm.effects
+            if last is not None and row["session"] == last["session"]
+        }
+        newest = arm.alarms[-1] if arm.alarms else None
+        changed = "" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
+        return {
+            "arm": arm.arm,
+            "page": self.store.page(arm.arm).name,
+            "sessions": len(good),
+            "unfit": len(arm.sessions) - len(good),
+            "last": arm.sessions[-1]["date"][:10],
+            "alarms": len(arm.alarms),
+            "changed": changed,
+            "effects": ", ".join(sorted(named)),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FleetEffects(Section):
+    """Which arms share which effect, by the last session of each."""
+
+    found: Watch
+    store: Store
+    anchor: ClassVar[str] = "effects"
+    title: ClassVar[str] = "Which arms share which effect"
+    template: ClassVar[str] = "watch_effects.html"
+
+    @property
+    def is_present(self) -> bool:
+        return any(arm.effects for arm in self.found.arms)
+
+    def context(self) -> dict[str, Any]:
+        shared: dict[str, dict[str, str]] = defaultdict(dict)
+        for arm in self.found.arms:
+            good = [row["session"] for row in arm.sessions if row["status"] == "done"]
+            for row in arm.effects:
+                if good and row["session"] == good[-1]:
+                    shared[effect_name(row["effect"])][arm.arm] = row["joints"]
+        ranked = sorted(shared.items(), key=lambda item: -len(item[1]))
+        pages = {arm.arm: self.store.page(arm.arm).name for arm in self.found.arms}
+        rows = [
+            {"effect": effect, "arms": [{"arm": arm, "joints": own[arm], "page": pages[arm]} for arm in sorted(own)]}
+            for effect, own in ranked
+        ]
+        return {"rows": rows, "count": len(self.found.arms)}

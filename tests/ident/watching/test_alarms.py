@@ -1,0 +1,72 @@
+"""Alarms of an arm: the figure that changed is named, dated and sized; the others are left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.watching.alarms import Alarm, Point, find_alarms
+
+KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
+NAMES = [f"s{i:03}" for i in range(60)]
+
+
+def history(
+    rng: np.random.Generator, changes: dict[tuple[tuple[str, str], int], float], count: int = 60
+) -> dict[tuple[str, str], list[Point]]:
+    """Figures of mean 10 and spread 1, with steps from some session on."""
+    found = {}
+    for key in KEYS:
+        values = 10.0 + rng.standard_normal(count)
+        for (changed, start), size in changes.items():
+            if changed == key:
+                values[start:] += size
+        found[key] = [
+            Point(NAMES[i], f"2026-01-{i % 28 + 1:02}", float(v), v - 0.2, v + 0.2, 0.1) for i, v in enumerate(values)
+        ]
+    return found
+
+
+def alarms_of(changes: dict[tuple[tuple[str, str], int], float], seed: int) -> tuple[Alarm, ...]:
+    return find_alarms("arm", history(np.random.default_rng(seed), changes), NAMES)
+
+
+def test_an_arm_that_does_not_change_is_left_alone() -> None:
+    """Ten arms over 60 sessions of six figures."""
+    assert [alarms_of({}, seed) for seed in range(10)].count(()) >= 9
+
+
+def test_a_change_is_named_dated_and_sized() -> None:
+    """Joint 2's dry friction rises by four spreads at session 25."""
+    (alarm,) = alarms_of({(("joint_2", "coulomb"), 25): 4.0}, 1)
+    assert (alarm.joint, alarm.figure) == ("joint_2", "coulomb")
+    assert abs(NAMES.index(alarm.since) - 25) <= 1
+    assert alarm.low < 4.0 < alarm.high
+    assert 25 < NAMES.index(alarm.session) < 40
+    assert 0.95 < alarm.probability < 1.0
+    assert 0.6 < alarm.spread < 1.5
+
+
+def test_after_an_alarm_the_figure_starts_anew() -> None:
+    """A service takes the change back: told as a second one, from the changed state on."""
+    key = ("joint_1", "viscous")
+    first, second = alarms_of({(key, 15): 6.0, (key, 40): -6.0}, 4)
+    assert first.after - first.before > 4.0
+    assert second.after - second.before < -4.0
+    assert NAMES.index(second.session) >= 40
+
+
+def test_a_session_that_tells_a_figure_badly_is_passed_over() -> None:
+    """Fifteen short sessions, ten times as uncertain and far off, are no change."""
+    points = history(np.random.default_rng(6), {})
+    key = KEYS[0]
+    points[key][30:45] = [Point(p.session, p.date, 20.0, 10.0, 30.0, 5.0) for p in points[key][30:45]]
+    assert find_alarms("arm", points, NAMES) == ()
+
+
+def test_what_is_told_does_not_depend_on_what_comes_later() -> None:
+    """Looking after every session gives the alarms of one look at the end."""
+    points = history(np.random.default_rng(7), {(KEYS[1], 20): 5.0})
+    whole = find_alarms("arm", points, NAMES)
+    for end in (25, 30, 45):
+        cut = {key: own[:end] for key, own in points.items()}
+        assert find_alarms("arm", cut, NAMES[:end]) == tuple(a for a in whole if NAMES.index(a.session) < end)
