@@ -81,7 +81,7 @@ def test_others_read_the_store(watched: tuple[Path, Watch]) -> None:
     assert pq.read_schema(store / "alarms.parquet").names[0] == "arm"
     duckdb = pytest.importorskip("duckdb")
     query = f"select count(*) from '{store}/figures/*/*.parquet' where figure = 'viscous' and unit = 'N m s/rad'"
-    assert duckdb.sql(query).fetchone() == (24,)
+    assert duckdb.sql(query).fetchall() == [(24,)]
 
 
 def test_pages_link_to_each_other(watched: tuple[Path, Watch]) -> None:
