@@ -82,6 +82,19 @@ class AlarmRecord(TypedDict):
     spread: float
 
 
+class OddSessionRecord(TypedDict):
+    """A figure that one session alone has."""
+
+    arm: str
+    joint: str
+    figure: str
+    session: str
+    value: float
+    usual: float
+    spread: float
+    p_value: float
+
+
 class WatchRecord(TypedDict):
     """All arms of a store, and what has changed; the chance of any false alarm in an arm's life is at most `level`."""
 
@@ -92,3 +105,4 @@ class WatchRecord(TypedDict):
     provenance: ProvenanceRecord
     fresh: NotRequired[list[str]]
     waiting: NotRequired[list[str]]
+    odd: NotRequired[list[OddSessionRecord]]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ident.show.report.numbers import significant
+from ident.show.report.numbers import plural, significant
 from ident.show.report.page import Section, write_report
 from ident.show.report.provenance import FactsSection
 from ident.show.report.words import effect_name
@@ -15,7 +15,7 @@ from ident.watching.alarms import Alarm
 from ident.watching.figures import UNITS
 from ident.watching.history_strip import draw_strip
 from ident.watching.store import Store
-from ident.watching.watch import ArmHistory, Watch
+from ident.watching.watch import ArmHistory, Watch, tell_odd
 
 # What a person at the cell does about a figure that has changed.
 ACTIONS = {
@@ -47,12 +47,17 @@ def write_pages(store: Path, found: Watch) -> None:
     facts = FactsSection(found.provenance.to_dict())
     for arm in found.arms:
         last = arm.sessions[-1]
-        subtitle = f"{len(arm.sessions)} sessions, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
+        subtitle = f"{plural(len(arm.sessions), 'session')}, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
         sections = [ArmVerdict(arm, found.level), ArmFigures(arm), ArmSessions(arm), facts]
         write_report(kept.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
     count = sum(len(arm.sessions) for arm in found.arms)
     sections = [FleetVerdict(found), FleetTable(found, kept), FleetEffects(found, kept), facts]
-    write_report(store / "index.html", "Arms through time", sections, f"{len(found.arms)} arms, {count} sessions")
+    write_report(
+        store / "index.html",
+        "Arms through time",
+        sections,
+        f"{plural(len(found.arms), 'arm')}, {plural(count, 'session')}",
+    )
 
 
 def alarm_card(alarm: Alarm) -> dict[str, str]:
@@ -86,11 +91,14 @@ class ArmVerdict(Section):
     def context(self) -> dict[str, Any]:
         cards = [alarm_card(alarm) for alarm in reversed(self.arm.alarms)]
         if not cards:
-            headline = f"Nothing has changed beyond what days differ by, in {len(self.arm.sessions)} sessions."
+            headline = (
+                f"Nothing has changed beyond what days differ by, in {plural(len(self.arm.sessions), 'session')}."
+            )
         else:
             first = cards[0]
             headline = f"The {first['what']} has changed since {first['since']}: {first['change']}."
-        return {"headline": headline, "cards": cards, "level": self.level, "fleet": False}
+        odd = [tell_odd(one).removeprefix(f"{self.arm.arm}: ") for one in self.arm.odd]
+        return {"headline": headline, "cards": cards, "odd": odd, "level": self.level, "fleet": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +166,11 @@ class FleetVerdict(Section):
         if alarms:
             headline = f"{len(changed)} of {len(self.found.arms)} arms have changed; the last: arm {alarms[0].arm}."
         else:
-            headline = f"None of {len(self.found.arms)} arms has changed beyond what days differ by."
+            who = "The arm has not" if len(self.found.arms) == 1 else f"None of {len(self.found.arms)} arms has"
+            headline = f"{who} changed beyond what days differ by."
         cards = [alarm_card(alarm) for alarm in alarms]
-        return {"headline": headline, "cards": cards, "level": self.found.level, "fleet": True}
+        odd = [tell_odd(one) for arm in self.found.arms for one in arm.odd]
+        return {"headline": headline, "cards": cards, "odd": odd, "level": self.found.level, "fleet": True}
 
 
 @dataclass(frozen=True, eq=False)

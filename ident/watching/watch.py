@@ -14,6 +14,7 @@ from ident.results import Result
 from ident.watching.alarms import LEVEL, Alarm, Point, find_alarms
 from ident.watching.figures import UNITS
 from ident.watching.folder import STORE_KIND, FoundSession, find_sessions, is_settled
+from ident.watching.odd_sessions import OddSession, find_odd_sessions
 from ident.watching.session_work import SessionTask, examine_session
 from ident.watching.store import Store, write_rows
 from ident.workers import run_tasks
@@ -54,6 +55,7 @@ class ArmHistory:
         figures: (joint, figure) -> its points, in order of time.
         effects: Rows of the effects that diagnoses named.
         alarms: What has changed.
+        odd: Sessions that stand out.
     """
 
     arm: str
@@ -61,6 +63,7 @@ class ArmHistory:
     figures: dict[tuple[str, str], list[Point]]
     effects: tuple[dict[str, Any], ...] = ()
     alarms: tuple[Alarm, ...] = ()
+    odd: tuple[OddSession, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,7 @@ class Watch(Result):
             "waiting": list(self.waiting),
             "arms": [_arm_record(arm) for arm in self.arms],
             "alarms": [alarm.to_dict() for alarm in self.alarms],
+            "odd": [one.to_dict() for arm in self.arms for one in arm.odd],
             "provenance": self.provenance.to_dict(),
         }
 
@@ -102,6 +106,7 @@ class Watch(Result):
         lines = [f"{len(self.arms)} arms, {count} sessions, {len(self.fresh)} of them new"]
         unfit = [row for arm in self.arms for row in arm.sessions if row["status"] != "done"]
         lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
+        lines += [tell_odd(one) for arm in self.arms for one in arm.odd]
         lines += [tell_alarm(alarm) for alarm in self.alarms]
         return "\n".join([*lines, *([] if self.alarms else ["no alarm"])])
 
@@ -116,6 +121,15 @@ def tell_alarm(alarm: Alarm) -> str:
     return (
         f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change:+.3g}{unit} [{alarm.low:.3g}, {alarm.high:.3g}] "
         f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
+    )
+
+
+def tell_odd(one: OddSession) -> str:
+    """A session that stands out, in one line."""
+    unit = "" if UNITS[one.figure] == "1" else f" {UNITS[one.figure]}"
+    return (
+        f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit}, "
+        f"otherwise {one.usual:.3g} ± {one.spread:.2g}"
     )
 
 
@@ -202,7 +216,9 @@ def make_history(
     for own in points.values():
         own.sort(key=lambda point: place[point.session])
     alarms = find_alarms(arm, points, order, level)
-    return ArmHistory(arm, ordered, dict(points), tuple(row for row in effects if row["session"] in place), alarms)
+    odd = find_odd_sessions(arm, points, alarms)
+    named = tuple(row for row in effects if row["session"] in place)
+    return ArmHistory(arm, ordered, dict(points), named, alarms, odd)
 
 
 def _by_arm(rows: Iterable[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:

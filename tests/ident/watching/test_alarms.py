@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.watching.alarms import Alarm, Point, find_alarms
+from ident.watching.odd_sessions import find_odd_sessions
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
 NAMES = [f"s{i:03}" for i in range(60)]
@@ -70,3 +71,16 @@ def test_what_is_told_does_not_depend_on_what_comes_later() -> None:
     for end in (25, 30, 45):
         cut = {key: own[:end] for key, own in points.items()}
         assert find_alarms("arm", cut, NAMES[:end]) == tuple(a for a in whole if NAMES.index(a.session) < end)
+
+
+def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
+    """A tool left on for a day: named by its session and its oddest figure; a lasting change is not."""
+    points = history(np.random.default_rng(8), {(("joint_2", "viscous"), 30): 5.0})
+    key, place = ("joint_1", "coulomb"), 20
+    odd = points[key][place]
+    points[key][place] = Point(odd.session, odd.date, 25.0, 24.8, 25.2, 0.1)
+    alarms = find_alarms("arm", points, NAMES)
+    (found,) = find_odd_sessions("arm", points, alarms)
+    assert (found.joint, found.figure, found.session) == (*key, NAMES[place])
+    assert 9.0 < found.usual < 11.0
+    assert {(alarm.joint, alarm.figure) for alarm in alarms} == {("joint_2", "viscous")}
