@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
-from scipy.optimize import minimize_scalar
 
 from ident.arrays import Array, Float, freeze
+from ident.compiled import compiled
+from ident.motion.bounded_minimum import find_minimum
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
 FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD = 3.0, 30.0
@@ -35,6 +35,8 @@ REGULARITY = 1e-6
 # Covariances have settled when a step changes them by less than this share. Rounding keeps some from ever coming
 # closer than 1e-15; what is left after 1e-13 moves no state by 1e-9.
 SETTLED = 1e-13
+# On so many first samples the smoother's start, which is wide against all that is measured, is still felt.
+ANCHORED = 8
 # Samples of a session that the likelihood is evaluated on: more changes nothing but the time.
 LIKELIHOOD_SAMPLES = 20_000
 
@@ -75,143 +77,173 @@ class Smoothed:
     std: Float[Array, "3 n"]
 
 
-@njit(cache=True)
-def _predict_covariance(p: Array, dt: float, s: float, out: Array) -> None:
-    """out = F p Fᵀ + Q for a symmetric 3×3 matrix."""
-    h = 0.5 * dt * dt
-    fp = np.empty((3, 3))
-    for j in range(3):
-        fp[0, j] = p[0, j] + dt * p[1, j] + h * p[2, j]
-        fp[1, j] = p[1, j] + dt * p[2, j]
-        fp[2, j] = p[2, j]
-    for i in range(3):
-        out[i, 0] = fp[i, 0] + dt * fp[i, 1] + h * fp[i, 2]
-        out[i, 1] = fp[i, 1] + dt * fp[i, 2]
-        out[i, 2] = fp[i, 2]
-    out[0, 0] += s * dt**5 / 20
-    out[0, 1] += s * dt**4 / 8
-    out[1, 0] += s * dt**4 / 8
-    out[0, 2] += s * dt**3 / 6
-    out[2, 0] += s * dt**3 / 6
-    out[1, 1] += s * dt**3 / 3
-    out[1, 2] += s * dt**2 / 2
-    out[2, 1] += s * dt**2 / 2
-    out[2, 2] += s * dt
+def _predict(
+    a: float, b: float, c: float, d: float, e: float, f: float, h: float, s: float
+) -> tuple[float, float, float, float, float, float]:
+    """F P Fᵀ + Q of a symmetric P = [[a, b, c], [b, d, e], [c, e, f]], a step of h seconds on."""
+    g = 0.5 * h * h
+    top, right, corner = a + h * b + g * c, b + h * d + g * e, c + h * e + g * f
+    return (
+        top + h * right + g * corner + s * h**5 / 20,
+        right + h * corner + s * h**4 / 8,
+        corner + s * h**3 / 6,
+        d + h * e + h * (e + h * f) + s * h**3 / 3,
+        e + h * f + s * h**2 / 2,
+        f + s * h,
+    )
 
 
-@njit(cache=True)
-def _update_covariance(predicted: Array, r: float, gain: Array, out: Array) -> float:
-    """Joseph form of the measurement update; returns the innovation's variance."""
-    variance = predicted[0, 0] + r
-    for i in range(3):
-        gain[i] = predicted[i, 0] / variance
-    left = np.eye(3)
-    for i in range(3):
-        left[i, 0] -= gain[i]
-    for i in range(3):
-        for j in range(3):
-            total = r * gain[i] * gain[j]
-            for k in range(3):
-                for m in range(3):
-                    total += left[i, k] * predicted[k, m] * left[j, m]
-            out[i, j] = total
-    return variance
+def _update(
+    a: float, b: float, c: float, d: float, e: float, f: float, r: float
+) -> tuple[float, float, float, float, float, float]:
+    """Joseph's form of the covariance after a measured position: (I − K H) P (I − K H)ᵀ + K r Kᵀ."""
+    v = a + r
+    k0, k1, k2 = a / v, b / v, c / v
+    return (
+        a * (r / v) ** 2 + k0 * k0 * r,
+        b - k1 * a - k0 * b + k0 * k1 * v,
+        c - k2 * a - k0 * c + k0 * k2 * v,
+        d - 2 * k1 * b + k1 * k1 * v,
+        e - k1 * c - k2 * b + k1 * k2 * v,
+        f - 2 * k2 * c + k2 * k2 * v,
+    )
 
 
-@njit(cache=True)
-def _settled(new: Array, old: Array) -> bool:
-    for i in range(3):
-        for j in range(3):
-            if abs(new[i, j] - old[i, j]) > SETTLED * np.sqrt(new[i, i] * new[j, j]):
-                return False
-    return True
+def _moved(new: float, old: float, size: float) -> bool:
+    """Whether an entry of a covariance has not settled; `size` is the product of the two variances."""
+    return abs(new - old) > SETTLED * np.sqrt(size)
 
 
-@njit(cache=True)
-def _first_covariance(r: float, velocity_std: float, acceleration_std: float) -> Array:
-    return np.diag(np.array([r, velocity_std**2, acceleration_std**2]))
+@compiled("f1 f1 i f f f f1", _predict, _update, _moved)
+def _log_likelihood(z: Array, dt: Array, regular: int, s: float, speed: float, rate: float, out: Array) -> None:
+    """Sums of log innovation variance and of normalised squared innovations, for r = 1.
 
-
-@njit(cache=True)
-def _log_likelihood(z: Array, dt: Array, regular: bool, s: float, first: Array) -> tuple[float, float]:
-    """Sums of log innovation variance and of normalised squared innovations, for r = 1."""
-    p, pp, gain, old = first.copy(), np.empty((3, 3)), np.empty(3), np.zeros((3, 3))
+    `speed` and `rate` are the standard deviations of the first velocity and acceleration.
+    """
+    a, b, c, d, e, f = 1.0, 0.0, 0.0, speed * speed, 0.0, rate * rate
     x0, x1, x2 = z[0], 0.0, 0.0
-    variance, settled, log_sum, square_sum = 1.0, False, 0.0, 0.0
+    variance, k0, k1, k2, settled = 1.0, 0.0, 0.0, 0.0, False
+    log_sum, square_sum = 0.0, 0.0
     for k in range(1, len(z)):
         h = dt[k - 1]
         if not settled:
-            _predict_covariance(p, h, s, pp)
-            old[:] = p
-            variance = _update_covariance(pp, 1.0, gain, p)
-            settled = regular and _settled(p, old)
+            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
+            variance = pa + 1.0
+            k0, k1, k2 = pa / variance, pb / variance, pc / variance
+            oa, ob, oc, od, oe, of = a, b, c, d, e, f
+            a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, 1.0)
+            if regular:
+                settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
+                settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
         x0 += h * x1 + 0.5 * h * h * x2
         x1 += h * x2
         innovation = z[k] - x0
         log_sum += np.log(variance)
         square_sum += innovation * innovation / variance
-        x0 += gain[0] * innovation
-        x1 += gain[1] * innovation
-        x2 += gain[2] * innovation
-    return log_sum, square_sum
+        x0 += k0 * innovation
+        x1 += k1 * innovation
+        x2 += k2 * innovation
+    out[0], out[1] = log_sum, square_sum
 
 
-@njit(cache=True)
-def _smoother_gain(p: Array, dt: float, s: float, predicted: Array, out: Array) -> None:
-    """out = p Fᵀ (F p Fᵀ + Q)⁻¹."""
-    _predict_covariance(p, dt, s, predicted)
-    h = 0.5 * dt * dt
-    right = np.empty((3, 3))
-    for i in range(3):
-        right[i, 0] = p[i, 0] + dt * p[i, 1] + h * p[i, 2]
-        right[i, 1] = p[i, 1] + dt * p[i, 2]
-        right[i, 2] = p[i, 2]
-    out[:] = np.linalg.solve(predicted.T, right.T).T
+@compiled("f1 f1 i f f f f f2 f2 f1", _predict, _update, _moved)
+def _smooth(
+    z: Array,
+    dt: Array,
+    regular: int,
+    s: float,
+    r: float,
+    speed: float,
+    rate: float,
+    states: Array,
+    history: Array,
+    middle: Array,
+) -> None:
+    """States of one joint, shape (T, 3), and the smoothed variances in the middle of the run.
 
-
-@njit(cache=True, nogil=True)
-def _smooth(z: Array, dt: Array, regular: bool, s: float, r: float, first: Array) -> tuple[Array, Array]:
-    """States of one joint, shape (T, 3), and the smoothed covariance in the middle of the run."""
+    Backwards by adjoints (Bryson and Frazier): x̂ = x − P λ with λ⁻ = Fᵀ ((I − K H)ᵀ λ − Hᵀ e / S), which inverts
+    nothing and needs no smoothed covariance; Λ, that of λ, is carried to the middle only. `history` keeps the six
+    numbers of each filtered covariance and 1 / S.
+    """
     samples = len(z)
-    states = np.empty((samples, 3))
-    history = np.empty((samples if not regular else min(samples, 4096), 3, 3))
-    gain, pp = np.empty(3), np.empty((3, 3))
+    a, b, c, d, e, f = r, 0.0, 0.0, speed * speed, 0.0, rate * rate
     kept, settled = 1, False
-    history[0] = first
+    history[0, 0], history[0, 1], history[0, 2], history[0, 3], history[0, 4], history[0, 5] = a, b, c, d, e, f
+    k0, k1, k2 = 0.0, 0.0, 0.0
     states[0, 0], states[0, 1], states[0, 2] = z[0], 0.0, 0.0
     for k in range(1, samples):
         h = dt[k - 1]
         if not settled:
-            if kept == len(history):
-                history = np.concatenate((history, np.empty_like(history)))
-            _predict_covariance(history[k - 1], h, s, pp)
-            _update_covariance(pp, r, gain, history[k])
+            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
+            variance = pa + r
+            k0, k1, k2 = pa / variance, pb / variance, pc / variance
+            oa, ob, oc, od, oe, of = a, b, c, d, e, f
+            a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, r)
+            history[k, 0], history[k, 1], history[k, 2], history[k, 3] = a, b, c, d
+            history[k, 4], history[k, 5], history[k, 6] = e, f, 1.0 / variance
             kept = k + 1
-            settled = regular and _settled(history[k], history[k - 1])
+            if regular:
+                settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
+                settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
         x0 = states[k - 1, 0] + h * states[k - 1, 1] + 0.5 * h * h * states[k - 1, 2]
         x1 = states[k - 1, 1] + h * states[k - 1, 2]
         innovation = z[k] - x0
-        states[k, 0] = x0 + gain[0] * innovation
-        states[k, 1] = x1 + gain[1] * innovation
-        states[k, 2] = states[k - 1, 2] + gain[2] * innovation
-    c, smoothed = np.zeros((3, 3)), history[kept - 1].copy()
-    middle = smoothed.copy()
-    settled = False
-    for k in range(samples - 2, -1, -1):
-        h = dt[k]
-        if not (settled and k >= kept - 1):
-            _smoother_gain(history[min(k, kept - 1)], h, s, pp, c)
-            new = history[min(k, kept - 1)] + c @ (smoothed - pp) @ c.T
-            settled = regular and _settled(new, smoothed)
-            smoothed = new
+        states[k, 0] = x0 + k0 * innovation
+        states[k, 1] = x1 + k1 * innovation
+        states[k, 2] = states[k - 1, 2] + k2 * innovation
+    l0, l1, l2 = 0.0, 0.0, 0.0
+    m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(samples - 1, -1, -1):
+        i = min(k, kept - 1)
+        a, b, c, d, e, f = history[i, 0], history[i, 1], history[i, 2], history[i, 3], history[i, 4], history[i, 5]
         if k == samples // 2:
-            middle = smoothed.copy()
-        e0 = states[k + 1, 0] - (states[k, 0] + h * states[k, 1] + 0.5 * h * h * states[k, 2])
-        e1 = states[k + 1, 1] - (states[k, 1] + h * states[k, 2])
-        e2 = states[k + 1, 2] - states[k, 2]
-        for i in range(3):
-            states[k, i] += c[i, 0] * e0 + c[i, 1] * e1 + c[i, 2] * e2
-    return states, middle
+            w0, w1, w2 = m00 * a + m01 * b + m02 * c, m01 * a + m11 * b + m12 * c, m02 * a + m12 * b + m22 * c
+            middle[0] = a - (a * w0 + b * w1 + c * w2)
+            w0, w1, w2 = m00 * b + m01 * d + m02 * e, m01 * b + m11 * d + m12 * e, m02 * b + m12 * d + m22 * e
+            middle[1] = d - (b * w0 + d * w1 + e * w2)
+            w0, w1, w2 = m00 * c + m01 * e + m02 * f, m01 * c + m11 * e + m12 * f, m02 * c + m12 * e + m22 * f
+            middle[2] = f - (c * w0 + e * w1 + f * w2)
+        if k < samples - 1:
+            states[k, 0] -= a * l0 + b * l1 + c * l2
+            states[k, 1] -= b * l0 + d * l1 + e * l2
+            states[k, 2] -= c * l0 + e * l1 + f * l2
+        if k == 0:
+            break
+        h = dt[k - 1]
+        g = 0.5 * h * h
+        # 1 − K₀ is r / S: the difference would lose all its digits on a run's first samples.
+        weight = history[i, 6]
+        k0, k1, k2 = r * weight, b / r, c / r
+        innovation = z[k] - (states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2])
+        l0 = k0 * l0 - k1 * l1 - k2 * l2 - innovation * weight
+        if k <= ANCHORED:
+            # The same from what smoothing changed: λ⁻ = −(F P Fᵀ + Q)⁻¹ (x̂ − F x). A wide first P times a small λ
+            # loses digits that this keeps.
+            i = min(k - 1, kept - 1)
+            a, b, c, d, e, f = history[i, 0], history[i, 1], history[i, 2], history[i, 3], history[i, 4], history[i, 5]
+            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
+            x1 = states[k - 1, 1] + h * states[k - 1, 2]
+            x0 = states[k - 1, 0] + h * states[k - 1, 1] + g * states[k - 1, 2]
+            y0, y1, y2 = states[k, 0] - x0, states[k, 1] - x1, states[k, 2] - states[k - 1, 2]
+            f10, f20 = pb / pa, pc / pa
+            d1 = pd - f10 * pb
+            f21 = (pe - f20 * pb) / d1
+            d2 = pf - f20 * pc - f21 * f21 * d1
+            y1 -= f10 * y0
+            y2 = (y2 - f20 * y0 - f21 * y1) / d2
+            y1 = y1 / d1 - f21 * y2
+            l0, l1, l2 = f10 * y1 + f20 * y2 - y0 / pa, -y1, -y2
+        l2 += g * l0 + h * l1
+        l1 += h * l0
+        if k > samples // 2:
+            # (I − K H)ᵀ Λ (I − K H) + Hᵀ H / S, then Fᵀ Λ F.
+            w1, w2 = k1 * m11 + k2 * m12, k1 * m12 + k2 * m22
+            m00 = k0 * (k0 * m00 - 2 * (k1 * m01 + k2 * m02)) + k1 * w1 + k2 * w2 + weight
+            m01, m02 = k0 * m01 - w1, k0 * m02 - w2
+            n00, n01, n02 = m00, m01 + h * m00, m02 + h * m01 + g * m00
+            n11, n12 = m11 + 2 * h * m01 + h * h * m00, m12 + h * m02 + h * m11 + (h * h + g) * m01 + g * h * m00
+            m22 += 2 * h * m12 + 2 * g * m02 + h * h * m11 + 2 * g * h * m01 + g * g * m00
+            m00, m01, m02, m11, m12 = n00, n01, n02, n11, n12
 
 
 def _intervals(time: Float[Array, " T"]) -> tuple[Float[Array, " T-1"], bool]:
@@ -263,7 +295,7 @@ def fit_noise_levels(times: Sequence[Float[Array, " T"]], positions: Sequence[Fl
 def _fit_one_joint(
     columns: list[Float[Array, " T"]], steps: list[tuple[Float[Array, " T"], bool]], interval: float
 ) -> tuple[float, float]:
-    count = sum(len(z) - 1 for z in columns)
+    count, sums = sum(len(z) - 1 for z in columns), np.empty(2)
 
     def ratio(log_frequency: float) -> float:
         return float((2 * np.pi * np.exp(log_frequency)) ** 6 * interval)
@@ -272,16 +304,15 @@ def _fit_one_joint(
         s, log_sum, square_sum = ratio(log_frequency), 0.0, 0.0
         for z, (dt, regular) in zip(columns, steps, strict=True):
             # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
-            first = _first_covariance(1.0, FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4)
-            logs, squares = _log_likelihood(z, dt, regular, s, first)
-            log_sum, square_sum = log_sum + logs, square_sum + squares
+            _log_likelihood(z, dt, regular, s, FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4, sums)
+            log_sum, square_sum = log_sum + float(sums[0]), square_sum + float(sums[1])
         noise = max(square_sum / count, LEAST_NOISE**2)
         return count * np.log(noise) + log_sum, noise
 
     bounds = (np.log(0.2), np.log(0.45 / interval))
-    best = minimize_scalar(lambda f: profile(f)[0], bounds=bounds, method="bounded", options={"xatol": 0.02})
-    noise = profile(best.x)[1]
-    return ratio(best.x) * noise, noise
+    best = find_minimum(lambda f: profile(f)[0], *bounds, within=0.02)
+    noise = profile(best)[1]
+    return ratio(best) * noise, noise
 
 
 def smooth(
@@ -302,18 +333,19 @@ def smooth(
     dt, regular = _intervals(time)
     samples, n = position.shape
     states, std = np.zeros((3, samples, n)), np.zeros((3, n))
+    # Pages of the history that a settled filter never reaches cost nothing.
+    track, history, variances = np.empty((samples, 3)), np.empty((samples, 7)), np.empty(3)
     run = _smooth if method == "fast" else _smooth_filterpy
+    first = (FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD)
     for j in range(n):
         z = np.ascontiguousarray(position[:, j], dtype=float)
         if levels.jerk[j] == 0.0:
             states[0, :, j] = z.mean()
             std[0, j] = np.sqrt(levels.position[j] / samples)
             continue
-        r = float(levels.position[j])
-        first = _first_covariance(r, FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD)
-        track, covariance = run(z, dt, regular, float(levels.jerk[j]), r, first)
+        run(z, dt, regular, levels.jerk[j], levels.position[j], *first, track, history, variances)
         states[:, :, j] = track.T
-        std[:, j] = np.sqrt(np.diag(covariance))
+        std[:, j] = np.sqrt(variances)
     return Smoothed(freeze(states[0]), freeze(states[1]), freeze(states[2]), freeze(std))
 
 
@@ -325,12 +357,24 @@ def _transition(dt: float, s: float) -> tuple[Float[Array, "3 3"], Float[Array, 
     return step, noise
 
 
-def _smooth_filterpy(z: Array, dt: Array, regular: bool, s: float, r: float, first: Array) -> tuple[Array, Array]:
+def _smooth_filterpy(
+    z: Array,
+    dt: Array,
+    regular: bool,
+    s: float,
+    r: float,
+    speed: float,
+    rate: float,
+    out: Array,
+    history: Array,
+    middle: Array,
+) -> None:
     """The same as `_smooth` through filterpy's general Kalman filter and smoother."""
     from filterpy.kalman import KalmanFilter  # slow to load, and only the reference needs it
 
     kalman = KalmanFilter(dim_x=3, dim_z=1)
     kalman.H, kalman.R = np.array([[1.0, 0.0, 0.0]]), np.array([[r]])
+    first = np.diag([r, speed**2, rate**2])
     kalman.x, kalman.P = np.array([[z[0]], [0.0], [0.0]]), first.copy()
     pairs = [_transition(float(h), s) for h in dt]
     steps, noises = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
@@ -339,4 +383,4 @@ def _smooth_filterpy(z: Array, dt: Array, regular: bool, s: float, r: float, fir
     covariances = np.concatenate([[first], covariances])
     # Entry k of filterpy's lists belongs to the step that arrives at sample k.
     states, smoothed, _, _ = kalman.rts_smoother(means, covariances, [steps[0], *steps], [noises[0], *noises])
-    return states[:, :, 0], smoothed[len(z) // 2]
+    out[:], middle[:] = states[:, :, 0], np.diag(smoothed[len(z) // 2])

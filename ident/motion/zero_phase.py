@@ -10,9 +10,9 @@ Source: Gustafsson 1996 for filtering both ways; direct form II transposed.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.motion.butterworth import resting_states
 
 
@@ -32,15 +32,15 @@ def filter_both_ways(
     extended[middle] = columns
     extended[:padding] = 2.0 * columns[0] - columns[padding:0:-1]
     extended[middle.stop :] = 2.0 * columns[-1] - columns[-2 : -padding - 2 : -1]
-    _filter(extended, np.ascontiguousarray(sections), resting_states(sections))
+    state = np.empty((len(sections), 2, columns.shape[1]))
+    _filter(extended, np.ascontiguousarray(sections), resting_states(sections), state)
     return extended[middle].reshape(np.shape(values))
 
 
-@njit(cache=True)
-def _filter(values: Array, sections: Array, steady: Array) -> None:
-    """Filters columns in place, first forwards, then backwards."""
+@compiled("f2 f2 f2 f3")
+def _filter(values: Array, sections: Array, steady: Array, state: Array) -> None:
+    """Filters columns in place, first forwards, then backwards; `state` is room to work in."""
     length, columns = values.shape
-    state = np.empty((len(sections), 2, columns))
     for way in range(2):
         first = 0 if way == 0 else length - 1
         for s in range(len(sections)):

@@ -26,7 +26,7 @@ def _seconds(action: Callable[[], object], repeats: int = 5) -> float:
 
 
 def test_fast_path_is_two_hundred_times_faster() -> None:
-    """10⁵ samples × 6 joints, regular sampling: at least 200 times; the irregular path is told beside it."""
+    """10⁵ samples × 6 joints: at least 200 times, with regular sampling and with jitter."""
     rng = np.random.default_rng(0)
     t = 0.004 * np.arange(SAMPLES)
     z = np.sin(t[:, None] * np.arange(1, JOINTS + 1)) + 1e-5 * rng.standard_normal((SAMPLES, JOINTS))
@@ -41,4 +41,4 @@ def test_fast_path_is_two_hundred_times_faster() -> None:
     for name, seconds in (("regular", fast), ("irregular", irregular)):
         print(f"{name} {seconds * 1e3:.0f} ms: {slow / seconds:.0f} times")
     print(f"noise levels by maximum likelihood {fitting * 1e3:.0f} ms")
-    assert slow / fast >= 200
+    assert min(slow / fast, slow / irregular) >= 200
