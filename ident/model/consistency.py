@@ -8,6 +8,8 @@ Source: Wensing, Kim and Slotine 2018, eq. 12 (pseudo-inertia).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ident.arrays import Array, Float
@@ -52,7 +54,6 @@ def solve_bounded(
         ArithmeticError: The solver found no solution.
     """
     import clarabel
-    from scipy.sparse import csc_matrix
 
     size = len(score)
     rows, right = np.zeros((len(bounded), size)), np.zeros(len(bounded))
@@ -67,12 +68,33 @@ def solve_bounded(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     weight = float(np.max(np.diag(information)))
-    quadratic = csc_matrix(np.triu(information / weight))
-    solver = clarabel.DefaultSolver(quadratic, -score / weight, csc_matrix(rows), right, cones, settings)
+    quadratic = _Sparse.of(np.triu(information / weight))
+    solver = clarabel.DefaultSolver(quadratic, -score / weight, _Sparse.of(rows), right, cones, settings)
     found = solver.solve()
     if not np.all(np.isfinite(found.x)) or "Solved" not in str(found.status):
         raise ArithmeticError(f"no consistent figures were found ({found.status})")
     return np.asarray(found.x)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sparse:
+    """A matrix by its columns, as far as Clarabel asks for one of SciPy's: loading those costs more than solving."""
+
+    data: Array
+    indices: Array
+    indptr: Array
+    shape: tuple[int, int]
+    has_canonical_format: bool = True
+
+    @classmethod
+    def of(cls, full: Float[Array, "r c"]) -> _Sparse:
+        column, row = np.nonzero(full.T)
+        ends = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=full.shape[1]))])
+        return cls(full[row, column], row, ends, (full.shape[0], full.shape[1]))
+
+    @property
+    def nnz(self) -> int:
+        return len(self.data)
 
 
 def nearest_consistent(parameters: Float[Array, " 10n"], scale: Float[Array, " 10n"]) -> Float[Array, " 10n"]:

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.linalg import qr
 
 from ident.arrays import Array, Float, freeze
 from ident.model.loss import LossModel, loss_columns
 from ident.motion.motion import Motion
+from ident.numerics import factor_by_pivots
 from ident.robot.arm import ArmModel
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def base_parameters(arm: ArmModel) -> BaseParameters:
     rng = np.random.default_rng(0)
     q, dq, ddq = (rng.uniform(-np.pi, np.pi, (STATES_FOR_RANK, arm.n)) for _ in range(3))
     rows = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
-    factor, order = qr(rows, mode="r", pivoting=True)
+    factor, order = factor_by_pivots(rows)
     pivots = np.abs(np.diag(factor))
     rank = int(np.sum(pivots > RANK_TOLERANCE * pivots[0]))
     columns, others = order[:rank], order[rank:]

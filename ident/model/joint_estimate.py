@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, BlockSums
 from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect
+from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
 SETTLED_SHARE, MOST_PASSES = 0.01, 20
@@ -286,7 +286,7 @@ def _inverse(matrix: Float[Array, "m m"]) -> Float[Array, "m m"]:
 
 def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
     """Half width of an interval in standard deviations, by Student's t."""
-    return np.asarray(stdtrit(np.minimum(dof, 1e6), 0.5 + level / 2))
+    return student_quantile(0.5 + level / 2, np.minimum(dof, 1e6))
 
 
 def require_motion(sums: BlockSums, joints: tuple[str, ...], where: str) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.compiled import compiled
-from ident.motion.bounded_minimum import find_minimum
+from ident.numerics import find_minimum
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
 FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD = 3.0, 30.0

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float
+from ident.numerics import solve_non_negative
 from ident.reading import toml_key
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -130,7 +130,7 @@ def fit_signed(
     free = np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring])
     free = free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)
     full = np.hstack([scaled, free, -free])
-    weights, _ = nnls(full, tau)
+    weights = solve_non_negative(full, tau)
     residual = tau - full @ weights
     variance = float(tau.var())
     coefficients = np.where(live, weights[:4] / np.where(live, size, 1.0), 0.0)

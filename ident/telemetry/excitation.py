@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import qr
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.numerics import factor_by_pivots
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -109,9 +109,8 @@ def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.
-    triangle = np.asarray(np.linalg.qr(table, mode="r"))
-    _, _, order = qr(triangle, pivoting=True)
-    values = np.linalg.svd(triangle[:, order[: base_rank(arm)]], compute_uv=False)
+    factor, _ = factor_by_pivots(table)
+    values = np.linalg.svd(factor[:, : base_rank(arm)], compute_uv=False)
     return float(values[0] / max(values[-1], 1e-12 * values[0]))
 
 
