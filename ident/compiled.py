@@ -28,7 +28,7 @@ LAYOUT = "1"
 Function = Callable[..., Any]
 ADDRESS, COUNT = ctypes.c_void_p, ctypes.c_ssize_t
 # Functions outside that a kernel's code may call: those of the mathematical library, and what copies and fills memory.
-OUTSIDE = frozenset("sqrt exp log log1p pow sin cos tan tanh hypot memcpy memmove memset".split())
+OUTSIDE = frozenset(("sqrt", "exp", "log", "pow", "sin", "cos", "tanh", "memcpy", "memmove", "memset"))
 _linking = threading.Lock()
 
 

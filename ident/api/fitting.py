@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ident.errors import ModelError
-from ident.model import evaluation, hybrid
-from ident.model.evaluation import Evaluation
+from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.opening import Opened, Robot, Sources, open_for_model, open_sessions
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
+
+if TYPE_CHECKING:
+    from ident.model.evaluation import Evaluation
 
 Model = HybridModel | str | Path
 
@@ -71,6 +74,8 @@ def evaluate(
     Raises:
         InputError: Recordings or model can't be used.
     """
+    from ident.model import evaluation
+
     loaded = load_model(model)
     opened = source if isinstance(source, Opened) else open_for_model(source, loaded, topic, session_file, cutoff)
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)

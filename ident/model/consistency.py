@@ -53,6 +53,12 @@ def solve_bounded(
     Raises:
         ArithmeticError: The solver found no solution.
     """
+    inside = _without_bounds(information, score)
+    if inside is not None and np.all(inside[bounded] >= 0.0):
+        bodies = None if links is None else links + (1.0 if scale is None else scale) * inside[: len(links)]
+        if bodies is None or is_consistent(bodies):
+            return inside
+    # Slow to load (with it come SciPy's LAPACK bindings), and only where a bound binds.
     import clarabel
 
     size = len(score)
@@ -74,6 +80,16 @@ def solve_bounded(
     if not np.all(np.isfinite(found.x)) or "Solved" not in str(found.status):
         raise ArithmeticError(f"no consistent figures were found ({found.status})")
     return np.asarray(found.x)
+
+
+def _without_bounds(information: Float[Array, "m m"], score: Float[Array, " m"]) -> Float[Array, " m"] | None:
+    """The minimum where nothing bounds it; None where the data leave it open."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    try:
+        root = np.linalg.cholesky(information / np.outer(size, size))
+    except np.linalg.LinAlgError:
+        return None
+    return np.asarray(np.linalg.solve(root.T, np.linalg.solve(root, score / size)) / size)
 
 
 @dataclass(frozen=True, eq=False)

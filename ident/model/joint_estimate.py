@@ -116,19 +116,19 @@ class JointProblem:
         noise, inflation = self._first_noise(), np.ones(self.n)
         spread = np.full((self.n, 2), FIRST_SPREAD if len(self.labels) > 1 else 0.0)
         values, std = np.zeros(self.size), np.full(self.size, np.inf)
+        sums = self._by_run(weight)
         for _ in range(MOST_PASSES):
-            sums = self._by_run(weight)
             weighted = self._weigh(sums, values, noise * inflation, spread)
             spread = np.array([effect.spread for effect in weighted.effects])
             bread = _inverse(self._with_prior(weighted.information))
             before, values = values, bread @ weighted.score
             if self.robust:
                 weight = self._robust_weights(values, weighted.effects)
+                sums = self._by_run(weight)
             noise, inflation = self._noise(values, weighted.effects, weight)
             std = np.sqrt(np.diag(bread))
             if np.all(np.abs(values - before) <= SETTLED_SHARE * std):
                 break
-        sums = self._by_run(weight)
         weighted = self._weigh(sums, values, noise * inflation, spread)
         return self._result(sums, weighted, values, noise, inflation, weight)
 
@@ -144,14 +144,12 @@ class JointProblem:
         return noise
 
     def _by_run(self, weight: Float[Array, "b n"]) -> list[RunSums]:
-        found = []
-        for j in range(self.n):
-            gram = np.zeros((len(self.labels), *self.gram.shape[2:]))
-            moment = np.zeros(gram.shape[:2])
-            np.add.at(gram, self.run, self.gram[:, j] * weight[:, j, None, None])
-            np.add.at(moment, self.run, self.moment[:, j] * weight[:, j, None])
-            found.append(RunSums(gram, moment))
-        return found
+        starts = np.searchsorted(self.run, np.arange(len(self.labels)))  # blocks stand in the order of their runs
+        gram, moment = (
+            np.add.reduceat(part * weight.reshape(*weight.shape, *[1] * (part.ndim - 2)), starts)
+            for part in (self.gram, self.moment)
+        )
+        return [RunSums(gram[:, j], moment[:, j]) for j in range(self.n)]
 
     def _weigh(self, sums: list[RunSums], values: Array, noise: Array, spread: Array) -> _Weighted:
         information, score = np.zeros((self.size, self.size)), np.zeros(self.size)
@@ -174,7 +172,7 @@ class JointProblem:
         """Sum of squares and Xᵀe of each block that the figures and the run's change leave."""
         own = values[self.index(joint)] + effect.change[self.run] @ effect.columns.T
         gram, moment = self.gram[:, joint], self.moment[:, joint]
-        through = np.einsum("bpq,bq->bp", gram, own)
+        through = (gram @ own[:, :, None])[:, :, 0]
         squares = self.square[:, joint] - np.einsum("bp,bp->b", 2 * moment - through, own)
         return np.maximum(squares, 0.0), moment - through
 

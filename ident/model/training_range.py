@@ -119,7 +119,7 @@ def _torque_variance(
         for j in range(dq.shape[1]):
             index = np.concatenate([kept, figures.index(j)])
             x = np.concatenate([regressor[:, j], losses[:, j]], axis=1)
-            out[:, j] = np.einsum("ti,ij,tj->t", x, figures.covariance[np.ix_(index, index)], x)
+            out[:, j] = np.sum((x @ figures.covariance[np.ix_(index, index)]) * x, axis=1)
             run = found.spread[j] * np.array([found.loss.params.viscous[j], found.loss.params.coulomb[j]])
             out[:, j] += (run[0] * dq[:, j]) ** 2 + (run[1] * sign[:, j]) ** 2
         yield out

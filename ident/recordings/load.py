@@ -10,18 +10,18 @@ from pathlib import Path
 
 from ident.errors import RecordingError
 from ident.reading import require_regular
-from ident.recordings.bag_topics import names_topics, read_topics
 from ident.recordings.columns import Table, assemble
 from ident.recordings.lerobot import is_dataset, read_dataset
 from ident.recordings.matlab import read_mat
 from ident.recordings.parquet import read_npz, read_parquet
 from ident.recordings.recording import Recording, Session, TelemetryIssue
-from ident.recordings.rosbag import METADATA, read_bag
 from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
 from ident.recordings.text import read_text_table
 
 BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
+# The file that makes a folder a ROS 2 bag.
+METADATA = "metadata.yaml"
 # Where a folder holds one run in several formats, the first of these is read: most exact and most complete first.
 SUFFIXES = (".parquet", *BAGS, ".npz", ".mat", *TEXTS)
 TOPIC = "/joint_states"
@@ -186,6 +186,10 @@ def _exists(path: Path) -> bool:
 def _reader(path: Path, topic: str) -> Reader:
     suffix = path.suffix.lower()
     if path.is_dir() or suffix in BAGS:
+        # Slow to load, and most recordings are tables.
+        from ident.recordings.bag_topics import names_topics, read_topics
+        from ident.recordings.rosbag import read_bag
+
         return lambda file, settings: (
             read_topics(file, settings) if names_topics(settings) else read_bag(file, settings, topic)
         )

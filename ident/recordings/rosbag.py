@@ -21,7 +21,6 @@ from ident.recordings.recording import TelemetryIssue
 from ident.recordings.session_toml import SessionFile
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-METADATA = "metadata.yaml"
 FIELDS = ("position", "velocity", "effort")
 # Bags written before Humble carry no message definitions; JointState has not changed since.
 TYPES = get_typestore(Stores.ROS2_HUMBLE)

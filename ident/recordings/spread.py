@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ident.recordings.columns import is_native
 
@@ -46,6 +45,8 @@ def spread_list(
     length = list_length(column)
     if not length:
         return {name: column}
+    import pyarrow.compute as pc  # slow to load, and few tables hold lists
+
     own = labels if len(set(labels)) == length else [str(i) for i in range(length)]
     return {f"{name}.{label}": pc.list_element(column, i) for i, label in enumerate(own)}
 

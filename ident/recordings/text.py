@@ -11,7 +11,6 @@ import pyarrow.csv as pacsv
 
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import Damage, describe_damage
-from ident.recordings.bad_text import read_damaged
 from ident.recordings.columns import Table, native_names
 from ident.recordings.dialect import TextLayout, ends_within_cell, sniff
 from ident.recordings.session_toml import SessionFile
@@ -42,6 +41,8 @@ def read_text_table(path: Path, session_file: SessionFile) -> tuple[Table, tuple
     except pa.ArrowInvalid:
         columns = None
     if columns is None or not all(np.isfinite(values).all() for values in columns.values()):
+        from ident.recordings.bad_text import read_damaged  # slow to load, and few tables need it
+
         return read_damaged(path, data, layout, chosen), layout.names
     rows = len(next(iter(columns.values())))
     if not rows:

@@ -1,54 +1,61 @@
-"""Results in words and pictures, for Python and notebooks: the words are those that the commands print."""
+"""Results in words and pictures, for Python and notebooks: the words are those that the commands print.
+
+Kinds of results are known by name, so that the words of a fit load no diagnosis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import singledispatch
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
-from ident.diagnosis.diagnose import Diagnosis
-from ident.model.evaluation import Evaluation
-from ident.model.hybrid import FitResults
-from ident.model.identification import describe
-from ident.model.net_gate import describe_gate
 from ident.results import Result
 from ident.show.console import ladder_table, print_effort, print_issues
 from ident.show.palette import MEASURED, rung_colours
 from ident.show.panels import as_text, draw_bars, panel
-from ident.telemetry.report import Inspection
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ident.diagnosis.diagnose import Diagnosis
+    from ident.model.evaluation import Evaluation
+    from ident.model.hybrid import FitResults
+    from ident.telemetry.report import Inspection
+
 NOISE, LEFT, EXPLAINABLE = "#999999", MEASURED, "#d55e00"
 
 
-@singledispatch
 def summary(result: Result) -> str:
     """A result in plain lines; where it has no words of its own, its figures."""
+    words = _of_kind(WORDS, result)
+    if words is not None:
+        return words(result)
     record = result.to_dict()
     plain = {name: value for name, value in record.items() if not isinstance(value, dict | list)}
     return "\n".join(f"{name}: {value}" for name, value in plain.items())
 
 
-@singledispatch
 def draw(result: Result) -> Figure:
     """A result as a picture."""
-    raise TypeError(f"{type(result).__name__} has no picture")
+    picture = _of_kind(PICTURES, result)
+    if picture is None:
+        raise TypeError(f"{type(result).__name__} has no picture")
+    return picture(result)
 
 
-@summary.register(Diagnosis)
-def _(result: Diagnosis) -> str:
+def _of_kind(table: Mapping[str, Callable[[Any], Any]], result: Result) -> Callable[[Any], Any] | None:
+    return next((table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None)
+
+
+def _tell_diagnosis(result: Diagnosis) -> str:
     from ident.show.terminal import print_diagnosis
 
     return as_text(lambda console: print_diagnosis(console, result))
 
 
-@draw.register(Diagnosis)
-def _(result: Diagnosis) -> Figure:
+def _draw_diagnosis(result: Diagnosis) -> Figure:
     """Of each joint what is left, what is noise, and what could still be explained."""
     gap: Mapping[str, Any] = result.to_dict()["gap"]
     rows = {
@@ -59,8 +66,7 @@ def _(result: Diagnosis) -> Figure:
     return draw_bars(list(gap), rows, "torque [N m]", f"{result.robot}: {result.verdict}")
 
 
-@summary.register(Evaluation)
-def _(result: Evaluation) -> str:
+def _tell_evaluation(result: Evaluation) -> str:
     def write(console: Console) -> None:
         console.print(result.model)
         for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
@@ -69,8 +75,7 @@ def _(result: Evaluation) -> str:
     return as_text(write)
 
 
-@draw.register(Evaluation)
-def _(result: Evaluation) -> Figure:
+def _draw_evaluation(result: Evaluation) -> Figure:
     """Torque error of each rung at each joint."""
     score = result.pooled
     colours = rung_colours(score.rungs)
@@ -78,16 +83,17 @@ def _(result: Evaluation) -> Figure:
     return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
 
 
-@summary.register(FitResults)
-def _(result: FitResults) -> str:
+def _tell_fit(result: FitResults) -> str:
+    from ident.model.identification import describe
+    from ident.model.net_gate import describe_gate
+
     lines = [result.loss.summary(), *describe(result.identified)]
     if result.model.net is not None and result.model.net.gate:
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
     return "\n".join(lines)
 
 
-@draw.register(FitResults)
-def _(result: FitResults) -> Figure:
+def _draw_fit(result: FitResults) -> Figure:
     """Loss figures: rotor inertia, viscous and Coulomb friction of each joint."""
     loss = result.model.loss
     rows = {
@@ -98,8 +104,7 @@ def _(result: FitResults) -> Figure:
     return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
 
 
-@summary.register(Inspection)
-def _(result: Inspection) -> str:
+def _tell_inspection(result: Inspection) -> str:
     def write(console: Console) -> None:
         for report in result.reports:
             session = report.session
@@ -112,8 +117,7 @@ def _(result: Inspection) -> str:
     return as_text(write)
 
 
-@draw.register(Inspection)
-def _(result: Inspection) -> Figure:
+def _draw_inspection(result: Inspection) -> Figure:
     """Torque of every joint over the first run of each session."""
     figure, axes = panel("time in the run [s]", "torque [N m]", "first runs")
     for report in result.reports:
@@ -124,3 +128,17 @@ def _(result: Inspection) -> Figure:
                 axes.plot(time, run.effort[::step, j], linewidth=0.8, label=f"{report.session.name}: {joint}")
     axes.legend(fontsize=6, ncols=2)
     return figure
+
+
+WORDS: dict[str, Callable[[Any], str]] = {
+    "Diagnosis": _tell_diagnosis,
+    "Evaluation": _tell_evaluation,
+    "FitResults": _tell_fit,
+    "Inspection": _tell_inspection,
+}
+PICTURES: dict[str, Callable[[Any], Figure]] = {
+    "Diagnosis": _draw_diagnosis,
+    "Evaluation": _draw_evaluation,
+    "FitResults": _draw_fit,
+    "Inspection": _draw_inspection,
+}
