@@ -140,7 +140,8 @@ def _compile(
     signature = tuple(kinds.get(kind) or types.Array(types.float64, int(kind[1:]), "C") for kind in arguments)
     function = njit(error_model="numpy")(FunctionType(python.__code__, names, python.__name__))
     function.compile(signature)
-    name = function.overloads[signature].fndesc.llvm_func_name
+    entry: Any = function.overloads[signature]
+    name = entry.fndesc.llvm_func_name
     module = llvm.parse_assembly(function.inspect_llvm(signature))
     for one in module.functions:
         if not one.is_declaration and one.name != name:

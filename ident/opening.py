@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
+from ident.telemetry.accepted import TOLD_BY_A_FIT, check_accepted, overrule
 
 Sources = Source | Sequence[Source]
 Robot = str | Path | ArmModel
@@ -114,6 +116,7 @@ def inspect_in_parts(
     topic: str = TOPIC,
     session_file: str | Path | None = None,
     ledger: StampLedger | None = None,
+    accept: Sequence[str] = (),
 ) -> tuple[ArmModel, Iterable[TelemetryReport]]:
     """The same; sessions too long to be held come in parts of consecutive runs, each read when its turn comes.
 
@@ -122,7 +125,9 @@ def inspect_in_parts(
     Args:
         paths, robot, topic, session_file: As for `open_sessions`.
         ledger: Takes note of what passes.
+        accept: Names of issues whose refusal is overruled.
     """
+    accepted = check_accepted(accept)
     ledger, sources = ledger or StampLedger(), _gather(paths, session_file)
     if robot is None:
         # Asked of all settings at once: the session that names the robot may be far from its turn.
@@ -138,9 +143,10 @@ def inspect_in_parts(
         parts.append(part)
         if sum(each.samples for each in parts) >= PART_SAMPLES:
             arm = load_robot(robot, parts)
-            return arm, inspect_parts(chain(emptied(parts), coming), arm)
+            reports = inspect_parts(chain(emptied(parts), coming), arm)
+            return arm, map(partial(overrule, accept=accepted), reports)
     arm = load_robot(robot, parts)
-    return arm, inspect_sessions(parts, arm)
+    return arm, tuple(overrule(report, accepted) for report in inspect_sessions(parts, arm))
 
 
 def _robot_of(source: str | Path | Session, session_file: str | Path | None) -> str | None:
@@ -154,6 +160,7 @@ def open_sessions(
     session_file: str | Path | None = None,
     cutoff: float | None = None,
     learning: bool = True,
+    accept: Sequence[str] = (),
 ) -> Opened:
     """Reads, checks, mends and smooths sessions.
 
@@ -164,12 +171,14 @@ def open_sessions(
         session_file: A session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
         learning: Whether something is to be fitted: then too little data is refused too.
+        accept: Names of issues whose refusal is overruled.
 
     Raises:
-        InputError: Recordings or robot can't be used.
+        InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
+    accepted = check_accepted(accept)
     sessions = load_sources(paths, topic, session_file)
-    return _open(sessions, load_robot(robot, sessions), cutoff, learning)
+    return _open(sessions, load_robot(robot, sessions), cutoff, learning, accepted)
 
 
 def open_for_model(
@@ -195,8 +204,10 @@ def open_for_model(
     return opened
 
 
-def _open(sessions: Sequence[Session], arm: ArmModel, cutoff: float | None, learning: bool) -> Opened:
-    reports = inspect_sessions(sessions, arm)
+def _open(
+    sessions: Sequence[Session], arm: ArmModel, cutoff: float | None, learning: bool, accept: Sequence[str] = ()
+) -> Opened:
+    reports = tuple(overrule(report, accept, TOLD_BY_A_FIT) for report in inspect_sessions(sessions, arm))
     for report in reports:
         report.require_fit(learning)
     joints = reports[0].session.joints

@@ -49,6 +49,7 @@ def diagnose(
     seed: int = 0,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
+    accept: Sequence[str] = (),
 ) -> Diagnosis:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told.
 
@@ -61,9 +62,10 @@ def diagnose(
         seed: Of the sign-flip tests.
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
+        accept: Names of telemetry issues whose refusal is overruled.
 
     Raises:
-        InputError: Recordings, robot, model or effects can't be used.
+        InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
     """
     return examine(
         source,
@@ -74,6 +76,7 @@ def diagnose(
         seed=seed,
         topic=topic,
         session_file=session_file,
+        accept=accept,
     ).diagnosis
 
 
@@ -87,12 +90,13 @@ def examine(
     seed: int = 0,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
+    accept: Sequence[str] = (),
 ) -> Examined:
     """The same with all that pages and timelines need."""
     loaded = None if model is None else load_model(model)
     effects = gather_effects(catalogue)
     ledger = StampLedger()
-    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger)
+    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger, accept)
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
     diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded)
@@ -102,6 +106,7 @@ def examine(
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],
         "diagnosis": USUAL.to_dict(),
+        "accepted": list(accept),
     }
     origin = Provenance("ident diagnose", settings=settings, sessions=ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)

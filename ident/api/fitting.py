@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,8 +47,14 @@ def fit_hybrid(
         InputError: Recordings or robot can't be used.
     """
     options = options or FitOptions()
-    opened = source if isinstance(source, Opened) else open_sessions(source, robot, topic, session_file, cutoff)
+    if isinstance(source, Opened):
+        opened = source
+    else:
+        opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept)
     found = hybrid.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
+    accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
+    model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
+    found = replace(found, model=model)
     settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     return found.with_provenance(Provenance("ident fit", settings=settings, sessions=opened.stamps))
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ident.cli.shared import (
+    Accept,
     Catalogue,
     Cutoff,
     JsonFile,
@@ -124,6 +125,7 @@ def fit(
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
+    accept: Accept = None,
     json_file: JsonFile = None,
 ) -> None:
     """Fits analytic + loss + residual net."""
@@ -131,9 +133,9 @@ def fit(
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
-    options = FitOptions(links, inertia, net, offset, robust, seed)  # type: ignore[arg-type]
+    options = FitOptions(links, inertia, net, offset, robust, seed, tuple(accept or ()))  # type: ignore[arg-type]
     check_outputs([*sessions, session_file, robot], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
-    opened = open_sessions(sessions, robot, topic, session_file, cutoff)
+    opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept)
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_bar(console, "residual net") as progress:
@@ -204,6 +206,7 @@ def diagnose(
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
     seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    accept: Accept = None,
     json_file: JsonFile = None,
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
@@ -222,6 +225,7 @@ def diagnose(
         seed=seed,
         topic=topic,
         session_file=session_file,
+        accept=accept or (),
     )
     diagnosis, analysis, loaded = examined.diagnosis, examined.analysis, examined.model
     record = diagnosis.to_dict()

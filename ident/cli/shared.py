@@ -30,6 +30,9 @@ SessionFile = Annotated[Path | None, typer.Option(help="A session.toml, for fold
 Catalogue = Annotated[
     Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
 ]
+Accept = Annotated[
+    list[str] | None, typer.Option(help="Use the recordings although this issue refuses them; may be given again.")
+]
 Cutoff = Annotated[float | None, typer.Option(help="Corner of the filter for torques and columns [Hz].")]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import tomli_w
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.model.identification import Identified, InertiaFigure, identify
@@ -254,6 +254,7 @@ class FitOptions:
         offset: Whether a constant torque is a loss figure too.
         robust: Whether stretches that fit badly lose their pull.
         seed: Of the net.
+        accept: Issues of the recordings whose refusal the user overruled.
     """
 
     links: int = FULL_ARM
@@ -262,6 +263,7 @@ class FitOptions:
     offset: bool = False
     robust: bool = False
     seed: int = 0
+    accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -384,11 +386,10 @@ def _provenance(
     found: Identified,
     net: ResidualNet | None,
 ) -> dict[str, Any]:
-    samples = freeze([len(motion.time) for motion in motions])
     return {
         "options": vars(options).copy(),
         "runs": len(motions),
-        "samples": int(samples.sum()),
+        "samples": sum(len(motion.time) for motion in motions),
         "cutoff_hz": motions[0].lowpass.cutoff,
         **found.record(),
         "net_parameters": net.parameters if net else 0,

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.recordings.arrow import as_numbers
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
@@ -79,7 +80,7 @@ def column_numbers(column: pa.ChunkedArray | pa.Array, name: str, where: str | P
         if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
             nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
-        return column.cast(pa.float64()).to_numpy()
+        return as_numbers(column.cast(pa.float64()))
     except (pa.ArrowException, ValueError, TypeError) as error:
         raise RecordingError(
             f"{where}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"

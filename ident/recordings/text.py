@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from ident.errors import RecordingError
+from ident.recordings.arrow import as_numbers
 from ident.recordings.bad_cells import Damage, describe_damage
 from ident.recordings.columns import Table, native_names
 from ident.recordings.dialect import TextLayout, ends_within_cell, sniff
@@ -75,15 +76,4 @@ def _read_fast(data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, st
             decimal_point=layout.decimal,
         ),
     )
-    return {native: _numbers(table.column(name)) for name, native in zip(wanted, chosen.values(), strict=True)}
-
-
-def _numbers(column: pa.ChunkedArray) -> np.ndarray:
-    """A column of doubles; Arrow's own `to_numpy` loads pandas where there is one, which takes half a second."""
-    return np.concatenate([np.empty(0), *(_chunk(chunk) for chunk in column.chunks)])
-
-
-def _chunk(chunk: pa.DoubleArray) -> np.ndarray:
-    if chunk.null_count:
-        return np.asarray(chunk.fill_null(float("nan")).to_numpy(zero_copy_only=False))
-    return np.frombuffer(chunk.buffers()[1], dtype=float)[chunk.offset : chunk.offset + len(chunk)]
+    return {native: as_numbers(table.column(name)) for name, native in zip(wanted, chosen.values(), strict=True)}

@@ -40,6 +40,9 @@ def _facts(model: HybridModel) -> dict[str, Any]:
         ("data, SHA-256 of all", past.get("data_sha256", "not recorded")),
         ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
     ]
+    if past.get("accepted"):
+        told = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
+        facts.insert(3, ("refusals overruled", told))
     return {"facts": facts, "data": past.get("data", [])}
 
 
