@@ -15,10 +15,9 @@ from ident.recordings.bag_topics import join_topics, load_topics
 from ident.recordings.columns import TIME
 from ident.recordings.dialect import SNIFF_BYTES, is_number, sniff
 from ident.recordings.lerobot import INFO, REMEDY, is_dataset, load_columns, load_features
-from ident.recordings.load import BAGS, TEXTS, require_readable_size
+from ident.recordings.load import BAGS, METADATA, TEXTS, require_readable_size
 from ident.recordings.matlab import load_mat
 from ident.recordings.parquet import column_numbers, load_npz, spread_joints
-from ident.recordings.rosbag import METADATA
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.text import read_text_table
 

@@ -32,8 +32,7 @@ from ident.ownership import ELSEWHERE, require_plain
 from ident.reading import toml_key
 from ident.recordings.columns import TIME
 from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import SUFFIXES
-from ident.recordings.rosbag import METADATA
+from ident.recordings.load import METADATA, SUFFIXES
 from ident.recordings.session_toml import NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel

@@ -13,8 +13,7 @@ from pathlib import Path
 from ident.errors import InputError
 from ident.ownership import MARKER, is_begun
 from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import SUFFIXES
-from ident.recordings.rosbag import METADATA
+from ident.recordings.load import METADATA, SUFFIXES
 from ident.recordings.session_toml import NAME, load_session_file
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over there.
