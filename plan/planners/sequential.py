@@ -21,8 +21,9 @@ from plan.planners.transcription import Grid
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
-# Via points and fewest sections of the first grid, whatever the task asks for: more of them hold what fewer can.
-FIRST_VIAS, COARSE = 2, 5
+# Via points of the first grid, and its fewest sections, for energy and for time, whatever the task asks for: more of
+# them hold what fewer can. Times of five sections hardly tell which start ends lowest.
+FIRST_VIAS, COARSE = 2, (5, 10)
 # Shares of the duration by which a motion is slowed down until it keeps its limits between the nodes, too.
 SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
 # Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and on finer ones.
@@ -51,7 +52,7 @@ class Sequential(Planner):
         starts: Initial trajectories that are tried.
         first: Steps on the coarse grid from each start.
         steps: Steps on each finer grid.
-        kept: Starts that go on to finer grids.
+        kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
         gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
         levels: Most refinements, for energy and for time.
     """
@@ -59,9 +60,9 @@ class Sequential(Planner):
     starts: int = 10
     first: int = 36
     steps: int = 30
-    kept: int = 2
+    kept: tuple[int, ...] = (4, 2, 1)
     gains: tuple[float, float] = (0.005, 0.001)
-    levels: tuple[int, int] = (3, 4)
+    levels: tuple[int, int] = (3, 3)
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
@@ -82,7 +83,7 @@ class Sequential(Planner):
             if ledger.remaining == 0:
                 return
         courses.sort(key=lambda course: course.rank)
-        self._finer(courses[: self.kept], ledger)
+        self._finer(courses, ledger)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
 
@@ -121,21 +122,26 @@ class Sequential(Planner):
             yield problem
 
     def _finer(self, courses: Sequence[Course], ledger: Ledger) -> None:
-        """Halves the sections until that brings less than the gain; after the first time, for the best course alone."""
-        timed, costs = courses[0].local.timed, [enter(course, ledger) for course in courses]
+        """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
+
+        What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
+        has ended 2 % below the best. So several go on, and are compared again on each grid.
+        """
+        timed, known = courses[0].local.timed, np.inf
         for level in range(self.levels[timed]):
             finer = []
-            for course, known in zip(courses, costs, strict=True):
+            for course in courses[: self.kept[min(level, len(self.kept) - 1)]]:
                 refined = refine(course, *WIDTHS[min(level + 1, 2)], _nodes(timed, 2 * course.local.grid.sections))
                 refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
                 refined, cost = self._settle(refined, ledger)
                 if ledger.remaining == 0:
                     return
-                finer.append((cost, refined.rank, known, refined))
-            cost, _, known, best = min(finer, key=lambda found: found[:2])
-            courses, costs = [best], [cost]
-            if known < np.inf and cost > known * (1.0 - self.gains[timed]):
+                finer.append((cost, refined.rank, refined))
+            finer.sort(key=lambda found: found[:2])
+            courses, cost = [found[2] for found in finer], finer[0][0]
+            if level > 0 and known < np.inf and cost > known * (1.0 - self.gains[timed]):
                 return
+            known = min(known, cost)
 
 
 def begin_course(problem: PlanningProblem) -> Course:
@@ -144,7 +150,7 @@ def begin_course(problem: PlanningProblem) -> Course:
         raise MethodError("--method sqp", "this model has effects without derivatives", "use --method cma")
     knots = np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum()
     knots[-1] = 1.0
-    while len(knots) < COARSE + 1:
+    while len(knots) < COARSE[problem.objective == "time"] + 1:
         widest = int(np.argmax(np.diff(knots)))
         knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
     nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)

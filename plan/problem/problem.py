@@ -32,7 +32,8 @@ SQUEEZE = 0.05
 TIME_NODES = np.linspace(0.0, 1.0, 25)
 # A motion with a jerk limit may start with the acceleration that the limit builds within this time, a controller's [s].
 TICK = 1e-3
-# Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost.
+# Below this share of the arm's best manipulability a position counts as singular; the penalty is a share of the cost,
+# where the task asks for one: a motion that is planned and run in joint angles passes singular positions at no cost.
 SINGULAR = 0.02
 SINGULAR_PENALTY = 0.2
 
@@ -72,7 +73,7 @@ class BatchEvaluation:
     """What a batch of candidates costs and breaks.
 
     Attributes:
-        cost: Energy by the metric [J] or duration [s], with the penalty for singular positions.
+        cost: Energy by the metric [J] or duration [s], with the penalty for singular positions where one is asked for.
         collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
         speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too.
         position: Worst excess over the position limits [rad].
@@ -120,6 +121,7 @@ class PlanningProblem:
         label: Where the initial trajectory comes from.
         grows: Whether a planner may insert via points and move stamps beyond what is named free.
         trained: Where the model was fitted; None where that is not known.
+        avoid_singular: Whether singular positions are fined, as in the paper's section 2.2.
     """
 
     scene: Scene
@@ -136,6 +138,7 @@ class PlanningProblem:
     label: str = "straight"
     grows: bool = True
     trained: TrainingRange | None = None
+    avoid_singular: bool = False
 
     def __post_init__(self) -> None:
         for name in ("start", "goal", "vias", "durations"):
@@ -210,7 +213,7 @@ class PlanningProblem:
         gap, shortfall = self.scene.sweep(splines, self.margin)
         over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
         return BatchEvaluation(
-            cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)),
+            cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
             collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,
             speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines)),
             torque=_excess(peak / (SHARE * self.limits.torque)),

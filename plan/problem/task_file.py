@@ -29,6 +29,7 @@ KEYS = {
         "wrist_deg",
         "clearance_m",
         "reach_deg",
+        "avoid_singular",
         "via_points_deg",
         "times_s",
     },
@@ -79,6 +80,7 @@ class Task:
         srdf: File that names pairs of links to leave out of checks.
         taught: Via points of the file itself.
         pose: Where a frame is to end, in place of the goal's angles.
+        avoid_singular: Whether singular positions are fined.
     """
 
     source: Path
@@ -103,6 +105,7 @@ class Task:
     srdf: Path | None = None
     taught: tuple[Trial, ...] = field(default_factory=tuple)
     pose: Pose | None = None
+    avoid_singular: bool = False
 
     @property
     def n(self) -> int:
@@ -150,6 +153,7 @@ def load_task(path: str | Path) -> Task:
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
         pose=pose,
+        avoid_singular=reader.flag(task, "task.avoid_singular"),
     )
 
 
@@ -327,6 +331,13 @@ class Reader:
         found = entry.get(key.rsplit(".", 1)[-1], default)
         if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= 20:
             raise SceneError(self.file, f"{key} is {found!r}, not a whole number from 1 to 20", "give one")
+        return found
+
+    def flag(self, entry: Mapping[str, Any], key: str) -> bool:
+        """True or false; false where the key is not there."""
+        found = entry.get(key.rsplit(".", 1)[-1], False)
+        if not isinstance(found, bool):
+            raise SceneError(self.file, f"{key} is {found!r}", "give true or false")
         return found
 
     def numbers(

@@ -96,6 +96,7 @@ def set_up(
         radius=task.reach,
         grows=free is None,
         trained=trained,
+        avoid_singular=task.avoid_singular,
     )
 
 

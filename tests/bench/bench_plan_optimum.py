@@ -104,7 +104,7 @@ def box(number: int, of: int, rng: np.random.Generator) -> Box:
 def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None, seconds: float) -> float:
     """The best of many starts, polished by CMA-ES on coarse grids, and of the default's own plan polished."""
     ledger = Ledger(Budget(10**7, seconds))
-    Sequential(starts=starts, kept=6).run([task], ledger, np.random.default_rng(99))
+    Sequential(starts=starts, kept=(8, 6, 4, 2)).run([task], ledger, np.random.default_rng(99))
     around = [p for p in (known, ledger.best.problem if ledger.best else None) if p is not None and p.dimension < 60]
     if around:
         Evolution(step=0.01, most=6000).run([replace(p, radius=0.3) for p in around], ledger, np.random.default_rng(98))

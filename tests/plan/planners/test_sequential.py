@@ -16,7 +16,7 @@ from plan.problem.problem import PlanningProblem
 from plan.problem.result import certify
 from tests.plan.worlds import GOAL, MONITOR, START, ledger, problem
 
-QUICK = Sequential(starts=2, kept=1, levels=(1, 1))
+QUICK = Sequential(starts=2, kept=(1,), levels=(1, 1))
 
 
 def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]:

@@ -8,6 +8,7 @@ import pytest
 
 from ident.robot.arm import ArmModel
 from plan.dynamics.manipulability import Manipulability
+from plan.dynamics.power import energy
 from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
 from tests.plan.worlds import MONITOR, problem, three_joints
 
@@ -110,7 +111,7 @@ def test_six_joints_lose_a_direction() -> None:
 
 
 def test_singular_motions_cost_more() -> None:
-    """Passing a singular position adds a share of the cost; a task that starts in one is not fined for it."""
+    """Where that is asked for, passing a singular position adds a share of the cost; starting in one does not."""
 
     def straightened(task: PlanningProblem) -> PlanningProblem:
         vias = np.array(task.vias)
@@ -123,6 +124,9 @@ def test_singular_motions_cost_more() -> None:
     assert through._manipulability(q[0]).min() < 0.02
     assert through._singular(q)[0] > 0
     assert task._singular(task.decode(task.initial).states(np.linspace(0, 1, 40))[0])[0] == 0
+    plain, fined = (replace(through, avoid_singular=asked).initial_evaluation.cost[0] for asked in (False, True))
+    assert plain == pytest.approx(energy(through.model, through.decode(through.initial), "absolute")[0][0])
+    assert 1.01 * plain < fined <= 1.2001 * plain
 
 
 def find_singular_elbow(task: PlanningProblem) -> float:

@@ -1,0 +1,264 @@
+"""A second opinion on plans: reads what is on disk (plan, scene, model, URDF) and shares no code with `plan`.
+
+Kinematics and dynamics are written out anew from the URDF's XML and the model's figures, the net from its weights'
+bytes, energy by Simpson's rule, and shapes collide by Coal on the URDF's own geometry (meshes, not their hulls).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import tomllib
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+# Samples of a motion for torque and energy (even number of steps), and for collisions.
+FINE, COARSE = 20_000, 600
+# Rounding that is let pass, as a share of a limit.
+ROUNDING = 1e-6
+# What a proven clearance may fall short of what was asked for, and rounding [m].
+SHORT = 5e-4 + 1e-6
+# How closely energy must agree: the plan's own quadrature and Simpson's rule both stumble where friction turns.
+ENERGY = 2e-3
+
+
+def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotations about a unit axis by T angles (Rodrigues), shape (T, 3, 3)."""
+    x, y, z = axis
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + s * k + (1 - c) * (k @ k)
+
+
+def place(element: ET.Element | None) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and shift of an <origin>."""
+    if element is None:
+        return np.eye(3), np.zeros(3)
+    roll, pitch, yaw = (float(v) for v in element.get("rpy", "0 0 0").split())
+    parts = [turn(axis, np.array([angle]))[0] for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True)]
+    return parts[2] @ parts[1] @ parts[0], np.array([float(v) for v in element.get("xyz", "0 0 0").split()])
+
+
+@dataclass
+class Arm:
+    """A chain of revolute joints with ten inertial numbers each, about the joint's own frame."""
+
+    rotations: list[np.ndarray]
+    shifts: list[np.ndarray]
+    axes: list[np.ndarray]
+    inertias: np.ndarray
+
+    @classmethod
+    def read(cls, urdf: str, joints: list[str], inertias: np.ndarray) -> Arm:
+        root = ET.fromstring(urdf)
+        parents = {j.find("child").get("link"): j for j in root.findall("joint")}  # type: ignore[union-attr]
+        named = {j.get("name"): j for j in root.findall("joint")}
+        rotations, shifts, axes = [], [], []
+        for k, name in enumerate(joints):
+            before = named[joints[k - 1]].find("child").get("link") if k else None  # type: ignore[union-attr]
+            joint, rotation, shift = named[name], np.eye(3), np.zeros(3)
+            axis = joint.find("axis")
+            axes.append(np.array([float(v) for v in axis.get("xyz").split()]) if axis is not None else np.eye(3)[0])  # type: ignore[union-attr]
+            while True:
+                r, p = place(joint.find("origin"))
+                rotation, shift = r @ rotation, p + r @ shift
+                link = joint.find("parent").get("link")  # type: ignore[union-attr]
+                if link == before or link not in parents:
+                    break
+                joint = parents[link]
+                assert joint.get("type") == "fixed", joint.get("name")
+            rotations.append(rotation)
+            shifts.append(shift)
+        return cls(rotations, shifts, axes, inertias)
+
+    def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Newton and Euler's equations in each link's own axes, T states at a time."""
+        steps, n = q.shape
+        w, dw, a = np.zeros((steps, 3)), np.zeros((steps, 3)), np.tile([0.0, 0.0, 9.81], (steps, 1))
+        turns, forces, moments = [], [], []
+        for j in range(n):
+            into = np.einsum("ab,tbc->tac", self.rotations[j], turn(self.axes[j], q[:, j])).transpose(0, 2, 1)
+            p, z = self.shifts[j], self.axes[j]
+            at = a + np.cross(dw, p) + np.cross(w, np.cross(w, p))
+            before = np.einsum("tab,tb->ta", into, w)
+            a, w = np.einsum("tab,tb->ta", into, at), before + dq[:, j, None] * z
+            dw = np.einsum("tab,tb->ta", into, dw) + np.cross(before, dq[:, j, None] * z) + ddq[:, j, None] * z
+            m, mc = self.inertias[j, 0], self.inertias[j, 1:4]
+            xx, xy, yy, xz, yz, zz = self.inertias[j, 4:]
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            forces.append(m * a + np.cross(dw, mc) + np.cross(w, np.cross(w, mc)))
+            moments.append(dw @ inertia + np.cross(w, w @ inertia) + np.cross(mc, a))
+            turns.append(into)
+        out, f, tau = np.empty((steps, n)), np.zeros((steps, 3)), np.zeros((steps, 3))
+        for j in reversed(range(n)):
+            if j + 1 < n:
+                back = turns[j + 1].transpose(0, 2, 1)
+                f, tau = np.einsum("tab,tb->ta", back, f), np.einsum("tab,tb->ta", back, tau)
+                tau = tau + np.cross(self.shifts[j + 1], f)
+            f, tau = f + forces[j], tau + moments[j]
+            out[:, j] = tau @ self.axes[j]
+        return out
+
+
+class Net:
+    """The default residual net, from its bytes: a small perceptron for each joint and member, SiLU inside."""
+
+    def __init__(self, folder: Path) -> None:
+        record = json.loads((folder / "residual.json").read_text())
+        self.mean, self.std = np.array(record["input_mean"]), np.array(record["input_std"])
+        self.scale, self.members = np.array(record["output_std"]), record["options"]["members"]
+        raw = (folder / "residual.safetensors").read_bytes()
+        size = struct.unpack("<Q", raw[:8])[0]
+        self.parts = {}
+        for name, part in json.loads(raw[8 : 8 + size]).items():
+            if name != "__metadata__":
+                begin, end = (8 + size + offset for offset in part["data_offsets"])
+                self.parts[name] = np.frombuffer(raw[begin:end], "<f4").reshape(part["shape"]).astype(float)
+
+    def torque(self, dq: np.ndarray, ddq: np.ndarray, load: np.ndarray) -> np.ndarray:
+        steep = np.tanh(dq / 0.02)
+        features = [dq, ddq, steep, np.tanh(dq / 0.15), load, np.sqrt(load**2 + 0.25) * steep]
+        x = (np.stack(features, axis=2) - self.mean) / self.std
+        n, total = dq.shape[1], np.zeros(dq.shape)
+        layers = len(self.parts) // 2
+        for k in range(self.members * n):
+            y = x[:, k % n]
+            for i in range(layers):
+                y = y @ self.parts[f"weights.{i}"][k] + self.parts[f"biases.{i}"][k]
+                y = y / (1.0 + np.exp(-y)) if i + 1 < layers else y
+            total[:, k % n] += y[:, 0]
+        return total / self.members * self.scale
+
+
+class Model:
+    """Torque of a model folder."""
+
+    def __init__(self, folder: Path) -> None:
+        record = tomllib.loads((folder / "model.toml").read_text())
+        self.joints = record["robot"]["joints"]
+        numbers = np.array(list(record["inertia"]["links"].values()))
+        self.arm = Arm.read((folder / "arm.urdf").read_text(), self.joints, numbers)
+        self.loss = {k: np.array(v) for k, v in record["loss"].items() if k != "figures"}
+        self.net = Net(folder) if (folder / "residual.json").exists() else None
+
+    def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        rigid, loss = self.arm.torque(q, dq, ddq), self.loss
+        width = loss["transition_speed_rad_s"]
+        slip = np.where(width > 0, np.tanh(dq / np.where(width > 0, width, 1.0)), np.sign(dq))
+        total = rigid + loss["motor_inertia"] * ddq + loss["viscous"] * dq + loss["coulomb"] * slip + loss["offset"]
+        return total if self.net is None else total + self.net.torque(dq, ddq, rigid)
+
+
+class World:
+    """Coal on the URDF's own geometry and the scene's boxes."""
+
+    def __init__(self, urdf: Path, packages: list[str], scene: dict[str, Any]) -> None:
+        self.model = pin.buildModelFromUrdf(str(urdf))
+        self.shapes = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=packages)
+        self.data = self.model.createData()
+        self.boxes = []
+        for entry in scene.get("obstacle", []):
+            r, _ = place(ET.Element("origin", rpy=" ".join(map(str, entry.get("rpy_rad", [0, 0, 0])))))
+            pose = coal.Transform3s(r, np.array(entry["xyz_m"], dtype=float))
+            self.boxes.append((entry["name"], coal.Box(*entry["size_m"]), pose))
+
+    def near(self, named: dict[str, float], q: np.ndarray, left_out: set[frozenset[str]], margin: float) -> list[str]:
+        """Pairs that come nearer than a margin somewhere along T positions of named joints."""
+        request = coal.CollisionRequest()
+        found: set[str] = set()
+        objects = list(self.shapes.geometryObjects)
+        links = [self.model.frames[one.parentFrame].name for one in objects]
+        whole = pin.neutral(self.model)
+        # A column follows a joint by name; held joints stay at their places.
+        columns = []
+        for k, (name, value) in enumerate(named.items()):
+            index = self.model.joints[self.model.getJointId(name)].idx_q
+            if np.isnan(value):
+                columns.append((index, k))
+            else:
+                whole[index] = value
+        # Links between which no joint moves can't come nearer to each other.
+        moving = {self.model.getJointId(name) for name, value in named.items() if np.isnan(value)}
+        carried = [moving.intersection(self.model.supports[one.parentJoint]) for one in objects]
+        pairs = [
+            (a, b)
+            for a in range(len(objects))
+            for b in range(a)
+            if carried[a] != carried[b]
+            and not ({frozenset((links[a], links[b])), frozenset((objects[a].name, objects[b].name))} & left_out)
+        ]
+        for row in q:
+            for index, k in columns:
+                whole[index] = row[k]
+            pin.forwardKinematics(self.model, self.data, whole)
+            at = [self.data.oMi[one.parentJoint] * one.placement for one in objects]
+            poses = [coal.Transform3s(one.rotation, one.translation) for one in at]
+            for k, one in enumerate(objects):
+                if not carried[k]:
+                    continue
+                for name, box, pose in self.boxes:
+                    request.security_margin = margin
+                    if coal.collide(one.geometry, poses[k], box, pose, request, coal.CollisionResult()):
+                        found.add(f"{links[k]} and {name}")
+            request.security_margin = 0.0
+            for a, b in pairs:
+                shapes = objects[a].geometry, poses[a], objects[b].geometry, poses[b]
+                if coal.collide(*shapes, request, coal.CollisionResult()):
+                    found.add(f"{links[a]} and {links[b]}")
+        return sorted(found)
+
+
+def faults(
+    plan: dict[str, Any], scene: dict[str, Any], model: Model, world: World, limits: dict[str, Any]
+) -> list[str]:
+    """What an independent look finds broken in a plan's record; nothing where all is as it says.
+
+    Args:
+        plan: The record of `plan.result/1`.
+        scene: The scene file's contents.
+        model: The model's torque, of all joints of the arm.
+        world: Shapes.
+        limits: `lower`, `upper`, `speed` and `torque` of the joints that move, and `clearance`.
+    """
+    n, found = len(plan["joints"]), []
+    points = np.array([plan["start_rad"], *plan["via_points_rad"], plan["goal_rad"]])
+    times = np.array([0.0, *plan["times_s"], plan["duration_s"]])
+    curve = CubicSpline(times, points, bc_type="clamped")
+    t = np.linspace(0.0, times[-1], FINE + 1)
+    q, dq, ddq = curve(t), curve(t, 1), curve(t, 2)
+    for name, asked in (("start", scene["task"]["start_deg"]), ("goal", scene["task"].get("goal_deg"))):
+        if asked is not None and np.abs(points[0 if name == "start" else -1] - np.radians(asked)).max() > 1e-9:
+            found.append(f"{name} is another")
+    held = np.array(list(plan["held"].values()))[: len(model.joints) - n]
+    full = [
+        np.hstack([part, np.tile(rest, (len(t), 1))]) for part, rest in ((q, held), (dq, 0 * held), (ddq, 0 * held))
+    ]
+    tau = model.torque(*full)[:, :n]
+    for name, share in (("torque", np.abs(tau) / limits["torque"]), ("speed", np.abs(dq) / limits["speed"])):
+        if share.max() > 1.0 + ROUNDING:
+            found.append(f"{name}: {100 * share.max():.3f} %")
+    if (q < limits["lower"] - 1e-9).any() or (q > limits["upper"] + 1e-9).any():
+        found.append("position")
+    if scene["task"]["objective"] == "energy" and abs(times[-1] - scene["task"]["duration_s"]) > 1e-9:
+        found.append("duration is another")
+    weights = np.ones(FINE + 1)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    power = tau * dq
+    sums = {"signed": power, "positive": np.maximum(power, 0.0), "absolute": np.abs(power)}
+    scale = max(abs(plan["energy_J"]["absolute"]), 1.0)
+    for name, part in sums.items():
+        joules = float(weights @ part.sum(axis=1)) * times[-1] / FINE / 3.0
+        if abs(joules - plan["energy_J"][name]) > ENERGY * scale:
+            found.append(f"{name} energy is {joules:.4f} J, the plan says {plan['energy_J'][name]:.4f} J")
+    left_out = {frozenset(pair["links"]) for pair in plan["unchecked_pairs"]}
+    named = {**dict.fromkeys(plan["joints"], float("nan")), **plan["held"]}
+    some = q[:: max(1, FINE // COARSE)]
+    found += world.near(named, some, left_out, limits["clearance"] - SHORT)
+    return found

@@ -1,0 +1,66 @@
+"""Plans before a checker that shares no code with the planner: what is sound passes, what was touched is named."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ident.model.hybrid import HybridModel
+from ident.model.loss import LossParameters
+from ident.robot.arm import ArmModel
+from plan.api.planning import solve
+from tests.plan.checker import Model, World, faults
+
+DATA = Path(__file__).parent / "data"
+URDF = Path(__file__).parents[2] / "urdf" / "tm5_900.urdf"
+LOSS = LossParameters(*(np.full(6, value) for value in (0.3, 4.0, 3.0, 0.2, 0.02)))
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="module")
+def folder(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    heavier = arm.with_inertial_parameters(1.1 * arm.inertial_parameters)
+    return HybridModel(arm, arm, heavier, LOSS, inertia="base").save(tmp_path_factory.mktemp("checked") / "model")
+
+
+def test_the_checker_knows_the_arm(arm: ArmModel, folder: Path) -> None:
+    """Its torque is the model's own, at random states."""
+    q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 6))
+    assert Model(folder).torque(q, dq, ddq) == pytest.approx(HybridModel.load(folder).torque(q, dq, ddq), abs=1e-9)
+
+
+def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -> None:
+    """A plan round a box is found sound; a moved via point, a faster motion and other joules are not."""
+    scene = tomllib.loads((DATA / "obstacle.toml").read_text())
+    scene["task"]["objective"] = "energy"
+    plan = solve(DATA / "obstacle.toml", folder, method="cma", evaluations=1500, gap=False).to_dict()
+    assert plan["status"] == "solved"
+    limits = {
+        "lower": arm.lower[:3],
+        "upper": arm.upper[:3],
+        "speed": arm.velocity_limit[:3],
+        "torque": arm.effort_limit[:3],
+        "clearance": 0.005,
+    }
+    model, world = Model(folder), World(URDF, [], scene)
+
+    def found(**changes: Any) -> str:
+        return "; ".join(faults({**json.loads(json.dumps(plan)), **changes}, scene, model, world, limits))
+
+    assert found() == ""
+    straight = [
+        [(1 - s) * a + s * b for a, b in zip(plan["start_rad"], plan["goal_rad"], strict=True)] for s in (0.3, 0.7)
+    ]
+    assert "and monitor" in found(via_points_rad=straight, times_s=[0.3, 0.7])
+    assert "energy is" in found(energy_J={**plan["energy_J"], "absolute": 1.01 * plan["energy_J"]["absolute"]})
+    faster = found(times_s=[0.2 * t for t in plan["times_s"]], duration_s=0.2)
+    assert "speed" in faster
+    assert "torque" in faster
+    assert "goal is another" in found(goal_rad=[0.0, 0.0, 0.0])
