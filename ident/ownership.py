@@ -22,10 +22,22 @@ SCHEMA = "armgap.folder/1"
 SESSION_KIND = "session"
 # A marker lists some thousand files at most; a larger one is not ours [bytes].
 LARGEST_MARKER = 1 << 24
-# How far into a file its mark is looked for [bytes]: Rerun's recordings name their application after the header.
-HEAD_BYTES = 1 << 12
-# What the files of results have near their beginning: JSON, HTML, pictures and timelines.
-MARKS = (b'"schema": "ident.', b'"schema": "plan.', b'name="generator" content="armgap', b"armgap")
+# How far into a file its mark is looked for [bytes]: Rerun's recordings name their application after the header,
+# Parquet files their writer before the end.
+HEAD_BYTES, TAIL_BYTES = 1 << 12, 1 << 14
+# How the files of results begin, and what they have near there: JSON, HTML, pictures, timelines, texts.
+MARKS = (
+    (b"{", b'"schema": "ident.'),
+    (b"{", b'"schema": "plan.'),
+    (b"<", b'name="generator" content="armgap'),
+    (b"<?xml", b"<dc:title>armgap</dc:title>"),
+    (b"\x89PNG", b"Software\x00armgap"),
+    (b"RR", b"armgap"),
+    (b"# written by armgap", b"armgap"),
+    (b"<!-- written by armgap", b"armgap"),
+)
+# Text that is put into a Parquet file's own notes.
+WRITER = {b"writer": b"armgap"}
 ELSEWHERE = "choose another place, or remove it yourself"
 
 
@@ -133,10 +145,14 @@ def require_plain(path: Path) -> None:
 
 
 def is_own_file(path: Path) -> bool:
-    """Whether a plain file shows the mark of armgap's results in its first bytes."""
+    """Whether a plain file shows the mark of armgap's results."""
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
-    return any(mark in head for mark in MARKS)
+        if head.startswith(b"PAR1"):
+            stream.seek(-min(TAIL_BYTES, path.stat().st_size), os.SEEK_END)
+            tail = stream.read()
+            return all(word in tail for pair in WRITER.items() for word in pair)
+    return any(head.startswith(begin) and mark in head for begin, mark in MARKS)
 
 
 def check_outputs(

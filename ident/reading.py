@@ -1,4 +1,4 @@
-"""Small files of settings and results, looked at before they are read: no device, no pipe, nothing without an end."""
+"""Files of settings, results and arrays, looked at before they are read: no device, no pipe, nothing without an end."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.errors import InputError
 
 # Settings and results are some kilobytes, a diagnosis of hundreds of runs some megabytes [bytes].
 LARGEST_TEXT = 1 << 28
+# Settings are written by hand [bytes].
+LARGEST_TOML = 1 << 24
 # Tables nest three or four levels deep; far fewer than this where Python's own recursion ends.
 DEEPEST = 64
+# The time that the reader of TOML takes for a dotted key grows with the square of its parts.
+LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
 # Beyond these no figure of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
+# Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
+LARGEST_PACKING, LEAST_UNPACKED = 100, 1 << 28
 
 
 def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:
@@ -84,13 +92,49 @@ def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     Raises:
         InputError: As `read_text`; or not TOML, too deep, or with integers beyond 64 bit.
     """
-    text = read_text(path, remedy, error)
+    text = read_text(path, remedy, error, LARGEST_TOML)
+    if LONG_KEY.search(text):
+        raise error(path, f"not TOML that can be used (a key of more than {DEEPEST} parts)", remedy)
     try:
         record = tomllib.loads(text)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
         raise error(path, f"not TOML ({_first_line(failed)})", remedy) from None
     return record
+
+
+def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, np.ndarray]:
+    """The plain arrays of a NumPy archive; nothing is unpickled, nothing larger than its file lets expect is made.
+
+    Raises:
+        InputError: As `require_regular`; or not such an archive.
+    """
+    require_regular(path, remedy, error)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            _require_sizes(archive, path)
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
+        raise error(path, f"not a NumPy archive of plain arrays ({_first_line(failed)})", remedy) from None
+
+
+def _require_sizes(archive: Any, path: Path) -> None:
+    """Raises ValueError for a packed array that is far larger than its file: nobody's recording of floats is."""
+    unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+    if unpacked > max(LARGEST_PACKING * path.stat().st_size, LEAST_UNPACKED):
+        raise ValueError(f"its arrays would take {unpacked / 1e9:.1f} GB")
+    for name in archive.zip.namelist():
+        with archive.zip.open(name) as stream:
+            _require_shape(stream, archive.zip.getinfo(name).file_size)
+
+
+def _require_shape(stream: Any, size: int) -> None:
+    """Raises ValueError for an array whose header speaks of more numbers than follow."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(stream)
+    if math.prod(shape) * kind.itemsize > size:
+        raise ValueError(f"an array of shape {shape} in {size} bytes")
 
 
 def toml_key(name: str) -> str:

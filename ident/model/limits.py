@@ -15,7 +15,6 @@ A file of limits names figures of `ident evaluate`, each by joint or for the `to
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.model.evaluation import SessionScore
+from ident.reading import read_toml
 
 SCHEMA = "ident.verification/1"
 LARGEST, LEAST = ("torque_rmse_Nm", "energy_error_J"), ("r2_moving",)
@@ -91,12 +91,7 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
     Raises:
         InputError: Not TOML, an unknown figure, joint or rung, a bound that is no number, or no limit at all.
     """
-    try:
-        record = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"can't be read ({error.strerror})", "give a TOML file of limits") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, f"not TOML ({error})", "mend the file") from None
+    record = read_toml(path, "give a TOML file of limits")
     rung = record.pop("rung", None)
     if rung is not None and rung not in rungs:
         raise InputError(f"{path}, rung", f"{rung!r} is no rung of this model", f"use one of: {', '.join(rungs)}")

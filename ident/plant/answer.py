@@ -16,6 +16,7 @@ from typing import Any
 
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.reading import read_json
 
 SCHEMA = "ident.answer/1"
 ENVELOPE_SCHEMA = "ident.envelope/1"
@@ -101,8 +102,8 @@ def read_answer(path: Path) -> Answer:
         InputError: Not an answer.
     """
     try:
-        return Answer.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return Answer.from_dict(read_json(path, "give the answer.json of a session"))
+    except (AttributeError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             path, f"no answer can be read from it ({error})", "give the answer.json of a session"
         ) from None
@@ -141,11 +142,12 @@ def open_envelope(path: Path, key: bytes) -> Answer:
     """
     path = path / ENVELOPE_NAME if path.is_dir() else path
     try:
-        envelope = json.loads(path.read_text(encoding="utf-8"))
-        text, tag = bytes.fromhex(envelope["text"]), envelope["tag"]
-    except (OSError, ValueError, KeyError) as error:
+        envelope = read_json(path, "give the folder of a sealed session")
+        text, tag = bytes.fromhex(envelope["text"]), str(envelope["tag"])
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(path, f"no envelope ({error})", "give the folder of a sealed session") from None
-    if not hmac.compare_digest(tag, hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()):
+    wanted = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()
+    if not hmac.compare_digest(tag.encode("utf-8", "replace"), wanted.encode()):
         raise InputError(path, "the key does not fit, or the envelope was changed", "give the key printed at sealing")
     return Answer.from_dict(json.loads(_cipher(text, key)))
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,15 +11,13 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.reading import read_arrays
 from ident.recordings.arrow import as_numbers
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import list_length, spread_arrays, spread_list
-
-# Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
-LARGEST_PACKING, LEAST_UNPACKED = 100, 1 << 28
 
 
 def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
@@ -140,33 +136,12 @@ def spread_joints(arrays: Mapping[str, np.ndarray], path: Path, always: bool) ->
 
 
 def load_npz(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            _require_sizes(archive, path)
-            return {name: np.asarray(archive[name]) for name in archive.files}
-    except Exception as error:  # zipfile, zlib, struct and NumPy each raise their own
-        raise RecordingError(
-            path, f"not a NumPy archive of plain arrays ({_first_line(error)})", "write it with numpy.savez"
-        ) from None
+    """The arrays of an archive.
 
-
-def _require_sizes(archive: Any, path: Path) -> None:
-    """Raises ValueError for a packed array that is far larger than its file: nobody's recording of floats is."""
-    unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-    if unpacked > max(LARGEST_PACKING * path.stat().st_size, LEAST_UNPACKED):
-        raise ValueError(f"its arrays would take {unpacked / 1e9:.1f} GB")
-    for name in archive.zip.namelist():
-        with archive.zip.open(name) as stream:
-            _require_shape(stream, archive.zip.getinfo(name).file_size)
-
-
-def _require_shape(stream: Any, size: int) -> None:
-    """Raises ValueError for an array whose header speaks of more numbers than follow."""
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, kind = read(stream)
-    if math.prod(shape) * kind.itemsize > size:
-        raise ValueError(f"an array of shape {shape} in {size} bytes")
+    Raises:
+        RecordingError: Not one of plain arrays.
+    """
+    return read_arrays(path, "write it with numpy.savez", RecordingError)
 
 
 def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:

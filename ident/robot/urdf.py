@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.errors import RobotError
+from ident.errors import InputError, RobotError
+from ident.reading import DEEPEST
 from ident.robot.urdf_checks import check_urdf
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -17,13 +18,28 @@ MOST_FINGER_JOINTS = 4
 
 def parse_urdf(text: str, where: str) -> ET.Element:
     """The `<robot>` element of a URDF text."""
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError(where, f"not XML ({error})", "give a URDF file") from None
+    root = read_xml(text, where, "give a URDF file", RobotError)
     if root.tag != "robot":
         raise RobotError(where, f"the root element is <{root.tag}>, not <robot>", "give a URDF file (expand xacro)")
     check_urdf(root, where)
+    return root
+
+
+def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError]) -> ET.Element:
+    """The root element of an XML text.
+
+    Raises:
+        InputError: Not XML, or nested deeper than readers of robots can follow.
+    """
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as failed:
+        raise error(where, f"not XML ({failed})", remedy) from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
     return root
 
 

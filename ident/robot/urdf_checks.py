@@ -13,6 +13,8 @@ import numpy as np
 from ident.errors import RobotError
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+# Arms on humanoids with all their sensors have some two hundred; a chain of more is deeper than parsers can follow.
+MOST_JOINTS = 500
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -25,6 +27,9 @@ def check_urdf(root: ET.Element, where: str) -> None:
     """
     if not root.get("name"):
         raise RobotError(where, "<robot> has no name", 'add name="…"')
+    count = len(root.findall("joint"))
+    if count > MOST_JOINTS:
+        raise RobotError(where, f"it has {count} joints, fixed ones counted", "give the URDF of one arm")
     for kind in ("link", "joint"):
         _require_names(root.findall(kind), kind, where)
     for link in root.findall("link"):

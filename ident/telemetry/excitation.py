@@ -11,6 +11,8 @@ from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_block
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.effort import collect_states
+from ident.telemetry.filtered_run import filter_run
+from ident.telemetry.independence import Independence
 
 # An error of the torque becomes up to this many times larger in the base parameters. Optimised exciting motion
 # reaches 10 to 60; above 100 a torque error of 1 % can double a parameter.
@@ -36,6 +38,7 @@ class Amount:
         self._high: Array = np.array(-np.inf)
         self._states: list[Float[Array, "4 T n"]] = []
         self._arm: ArmModel | None = None
+        self._independence = Independence(LEAST_TRAVEL)
 
     def take(self, session: Session, arm: ArmModel | None) -> None:
         """Counts one more session, mended, with the robot as it needs it.
@@ -57,6 +60,8 @@ class Amount:
             self._low = np.minimum(self._low, run.position.min(axis=0))
             self._high = np.maximum(self._high, run.position.max(axis=0))
         self._arm = self._arm or arm
+        for motion in filter(None, map(filter_run, session.runs)):
+            self._independence.take(motion.q, motion.dq, motion.ddq)
         if arm is not None and (states := collect_states(session, arm)) is not None:
             step = slice(None, None, max(1, len(states.q) // self._most) if self._most else 1)
             self._states.append(np.stack([values[step] for values in (states.q, states.dq, states.ddq, states.tau)]))
@@ -84,6 +89,7 @@ class Amount:
             what = f"hardly any motion ({travel[still].max():.3f} rad at most) of {', '.join(names)}"
             severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
             issues.append(TelemetryIssue("insufficient_excitation", names, severity, f"{self._name}: {what}", remedy))
+        issues += self._check_independence()
         if self._arm is None or not self._states or len(still) == len(self._joints):
             return issues
         condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
@@ -91,6 +97,25 @@ class Amount:
             what = f"the base parameters' regressor has a condition number of {condition:.3g}"
             issues.append(TelemetryIssue("insufficient_excitation", (), "warning", f"{self._name}: {what}", remedy))
         return issues
+
+    def _check_independence(self) -> list[TelemetryIssue]:
+        """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
+        shown = self._independence.shown()
+        moving = np.isfinite(shown.share)
+        up, down = shown.strokes
+        found = []
+        for j in np.flatnonzero(shown.one_sinusoid):
+            told = f"{100 * shown.share[j]:.2g} % of its acceleration does not follow from its angle"
+            found.append((j, f"{told} where one recording is left out: one sinusoid, or nearly"))
+        once = np.flatnonzero(shown.once & ~shown.one_sinusoid)
+        found += [(j, f"it moves {up[j]} times up and {down[j]} times down") for j in once]
+        if not found:
+            return []
+        joints = tuple(self._joints[j] for j, _ in found)
+        severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
+        what = f"{self._name}: {joints[0]}: {found[0][1]}" + (f"; so {', '.join(joints[1:])}" if joints[1:] else "")
+        remedy = "move every joint to and fro at several speeds in several recordings (`plan excite` proposes how)"
+        return [TelemetryIssue("insufficient_excitation", joints, severity, what, remedy)]
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:

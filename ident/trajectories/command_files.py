@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.recordings.load import require_readable_size
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import TICK_S, Motion, sampled, ticks
 
@@ -59,6 +60,7 @@ def _read_one(path: Path, arm: ArmModel) -> Motion:
 
 
 def _table(path: Path) -> pa.Table:
+    require_readable_size(path)
     try:
         return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
     except (OSError, ValueError, pa.ArrowException) as error:  # a name that is not UTF-8 is a ValueError

@@ -6,7 +6,6 @@ comes to rest (`ramp_s`), and by how much it is slowed down for that (`stretch`)
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, RobotError
+from ident.reading import read_json
 from ident.robot.arm import ArmModel
 from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
 from ident.trajectories.reference import TICK_S, Motion, ticks
@@ -59,13 +59,8 @@ def read_plan(path: str | Path, arm: ArmModel) -> Motion:
 
 
 def _record(file: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RecordingError(file, "no such plan", "give the file of `plan solve --json`") from None
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise RecordingError(file, f"not JSON ({error})", "give the file of `plan solve --json`") from None
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+    record = read_json(file, "give the file of `plan solve --json`", RecordingError)
+    if record.get("schema") != SCHEMA:
         raise RecordingError(file, f"no record of {SCHEMA}", "give the file of `plan solve --json`")
     if record.get("status") != "solved":
         raise RecordingError(file, f"the plan is {record.get('status')!r}, not solved", "plan the motion anew")

@@ -24,6 +24,9 @@ from plan.solving.goals import rank_goals, reach_goals
 from plan.solving.set_up import require_valid_ends, set_up
 from plan.solving.solve import solve
 
+# What a comparison's folder holds: all methods, and the best plan.
+COMPARISON_FILES = ("comparison.png", "best.png", "best.rrd", "best.json")
+
 
 @dataclass(frozen=True, eq=False)
 class OpenedTask:
@@ -178,11 +181,12 @@ def save_comparison(opened: OpenedTask, comparison: Comparison, json_file: Path 
     best = comparison.best()
     if out is None:
         return
+    picture, motion, timeline, record = (out / name for name in COMPARISON_FILES)
     from plan.show.pictures import draw_comparison, draw_motion, save_figure
     from plan.show.timeline import save_timeline
 
-    save_figure(draw_comparison(comparison), out / "comparison.png")
+    save_figure(draw_comparison(comparison), picture)
     if best is not None:
-        save_figure(draw_motion(opened.problem, best), out / "best.png")
-        save_timeline(opened.problem, best, out / "best.rrd")
-        best.save(out / "best.json")
+        save_figure(draw_motion(opened.problem, best), motion)
+        save_timeline(opened.problem, best, timeline)
+        best.save(record)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ident.errors import InputError
+from ident.ownership import check_outputs
+from ident.process import run_command
 from plan.show.console import make_console, print_comparison, print_result, progress_bar
 
 app = typer.Typer(
@@ -93,9 +93,16 @@ def solve(
     from plan.api.planning import origin
     from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
     from plan.problem.execution import require_writable
+    from plan.show.pictures import require_picture
 
     if out is not None:
         require_writable(out, rate)
+    places = {"--json": json_file, "--picture": picture, "--rrd": rrd, "--out": out}
+    if resume is not None and not resume.exists():  # one that is there is looked at by whoever takes it up
+        places["--resume"] = resume
+    check_outputs([scene, model, vias, resume], places)
+    if picture is not None:
+        require_picture(picture)
     opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
@@ -130,8 +137,10 @@ def compare(
 ) -> None:
     """Runs all methods on one task."""
     from plan.api.planning import origin
-    from plan.api.tasks import compare_task, open_task, save_comparison
+    from plan.api.tasks import COMPARISON_FILES, compare_task, open_task, save_comparison
 
+    written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
+    check_outputs([scene, model, vias], {**written, "--json": json_file})
     opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
@@ -151,9 +160,10 @@ def paper(
 ) -> None:
     """The paper's planning tables and figures beside ours, on one page."""
     from ident.model.hybrid import HybridModel
-    from plan.show.paper_page import write_page
+    from plan.show.paper_page import FILES, write_page
     from plan.solving.paper import Effort, repeat_paper
 
+    check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
     with progress_bar(console, "paper") as progress:
         found = repeat_paper(fitted, Effort(epochs, generations, trials, levels), progress)
@@ -189,10 +199,9 @@ def excite(
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
     from plan.api.exciting import excite as find_motion
     from plan.experiment.console import print_excitation
-    from plan.experiment.result import require_replaceable, save_record
+    from plan.experiment.result import MOTION_KIND, save_record
 
-    if out is not None:
-        require_replaceable(out)
+    check_outputs([robot, diagnosis, catalogue, scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
     with progress_bar(console, "excite") as progress:
         found = find_motion(
             robot,
@@ -231,20 +240,7 @@ def schema(
 
 def main() -> None:
     """Runs the command; the user's mistakes end in one line and exit status 2."""
-    try:
-        status = app(standalone_mode=False)
-    except InputError as error:
-        print(f"plan: {error}".replace("\n", " "), file=sys.stderr)
-        sys.exit(2)
-    except (typer.Abort, KeyboardInterrupt):
-        print("plan: stopped", file=sys.stderr)
-        sys.exit(130)
-    except Exception as error:
-        if type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
-            print(f"plan: {error.format_message()}; see plan --help", file=sys.stderr)
-            sys.exit(2)
-        raise
-    sys.exit(status if isinstance(status, int) else 0)
+    run_command("plan", __name__)
 
 
 if __name__ == "__main__":

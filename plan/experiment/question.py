@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import family_for
 from ident.errors import InputError
+from ident.reading import read_json, require_finite
 from ident.robot.arm import ArmModel
 from plan.experiment.distance import View
 from plan.experiment.indistinguishable import widen
@@ -100,6 +100,19 @@ def ask(
         InputError: Unknown effect or joint, or a file that is no diagnosis of this arm.
     """
     record = {} if diagnosis is None else _read(diagnosis, arm)
+    try:
+        return _ask(arm, separate, joint, record, catalogue)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        if diagnosis is None:
+            raise
+        path = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
+        what = f"it is damaged ({type(error).__name__}: {error})"
+        raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+
+
+def _ask(
+    arm: ArmModel, separate: str | None, joint: str | None, record: Mapping[str, Any], catalogue: Sequence[Effect]
+) -> Question:
     ids = [name.strip() for name in (separate or "").split(",") if name.strip()]
     names: list[str] = []
     aim: Aim = "separate" if len(ids) > 1 else "show"
@@ -113,16 +126,17 @@ def ask(
 
 def _read(diagnosis: Mapping[str, Any] | str | Path, arm: ArmModel) -> dict[str, Any]:
     path = Path(diagnosis) if isinstance(diagnosis, str | Path) else Path("diagnosis")
-    try:
-        record = json.loads(path.read_text(encoding="utf-8")) if isinstance(diagnosis, str | Path) else dict(diagnosis)
-    except (OSError, ValueError) as error:
-        raise InputError(path, f"can't be read ({error})", "give the file of `ident diagnose --json`") from None
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        raise InputError(path, f"is no {SCHEMA}", "give the file of `ident diagnose --json`")
+    remedy = "give the file of `ident diagnose --json`"
+    record = read_json(path, remedy) if isinstance(diagnosis, str | Path) else dict(diagnosis)
+    if record.get("schema") != SCHEMA:
+        raise InputError(path, f"is no {SCHEMA}", remedy)
     robot = record.get("robot", arm.name)
     if robot != arm.name:
         raise InputError(path, f"it is of {robot!r}, the robot is {arm.name!r}", "give --robot as for `ident diagnose`")
-    unknown = [name for name in record["joints"] if name not in arm.joint_names]
+    named = record.get("joints")
+    if not isinstance(named, list) or not named:
+        raise InputError(path, f"its joints are {named!r}, not a list of names", remedy)
+    unknown = [name for name in named if name not in arm.joint_names]
     if unknown:
         raise InputError(path, f"it speaks of {unknown[0]}, which {arm.name} lacks", "give the robot that it is of")
     return record
@@ -166,7 +180,9 @@ def _joint(arm: ArmModel, name: str | None) -> int:
 
 def _told(record: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     return {
-        finding["effect"]: {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+        finding["effect"]: {
+            name: require_finite(figure["value"], name) for name, figure in finding["parameters"].items()
+        }
         for finding in record.get("findings", [])
     }
 
@@ -175,4 +191,7 @@ def _noise(record: Mapping[str, Any], arm: ArmModel) -> Array | None:
     gap = record.get("gap") or {}
     if any(name not in gap for name in arm.joint_names):
         return None
-    return np.array([float(gap[name]["noise_floor_Nm"]) for name in arm.joint_names])
+    floors = [require_finite(gap[name]["noise_floor_Nm"], f"noise floor of {name}") for name in arm.joint_names]
+    if min(floors) < 0.0:
+        raise ValueError("a noise floor is below zero")
+    return np.array(floors)

@@ -14,7 +14,6 @@ import pyarrow.csv as pacsv
 
 from ident.diagnosis.settings import USUAL
 from ident.files import atomic_folder, atomic_write
-from ident.ownership import require_own_folder
 from ident.results import Result
 from ident.trajectories.reference import TICK_S, Motion
 from plan.experiment.programme import Programme, duration_of
@@ -23,6 +22,7 @@ from plan.geometry.scene import Unchecked
 
 SCHEMA = "plan.excite/1"
 RECORD_NAME = "excite.json"
+MOTION_KIND = "motion"
 Status = Literal["ready", "one_sided", "needs_set_up"]
 # Odds at which a class counts as decided.
 ODDS = 20.0
@@ -156,7 +156,7 @@ class Excitation(Result):
 
     def write(self, folder: str | Path) -> None:
         """The runs as command files and `excite.json`, whole or not at all."""
-        with atomic_folder(folder, "motion") as part:
+        with atomic_folder(folder, MOTION_KIND) as part:
             for name, run in zip(file_names(self.runs), self.runs, strict=True):
                 pacsv.write_csv(command_table(run, tuple(self.noise)), part / name)
             (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
@@ -167,11 +167,6 @@ def save_record(found: Excitation, path: Path | None) -> None:
     if path is not None:
         with atomic_write(path) as part:
             part.write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
-
-
-def require_replaceable(folder: Path) -> None:
-    """Raises InputError if the folder holds anything but an earlier motion."""
-    require_own_folder(folder, "motion")
 
 
 def _keyed(distances: Distances) -> dict[str, float]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pinocchio as pin
 
+from ident.reading import read_text
 from ident.robot.arm import ArmModel
+from ident.robot.urdf import read_xml
 from plan.errors import SceneError
 
 
@@ -17,14 +18,10 @@ def read_disabled(path: Path, arm: ArmModel) -> dict[frozenset[str], str]:
     Raises:
         SceneError: Not an SRDF file, or that of another robot.
     """
-    try:
-        root = ET.fromstring(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SceneError(path, "no such SRDF file", "give its path, from the scene file on") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(path, f"can't be read ({error})", "give an SRDF file") from None
-    except ET.ParseError as error:
-        raise SceneError(path, f"not XML ({error})", "give an SRDF file") from None
+    if not path.exists():
+        raise SceneError(path, "no such SRDF file", "give its path, from the scene file on")
+    text = read_text(path, "give an SRDF file", SceneError)
+    root = read_xml(text, path, "give an SRDF file", SceneError)
     if root.tag != "robot":
         raise SceneError(path, f"the root element is <{root.tag}>, not <robot>", "give an SRDF file")
     if root.get("name") != arm.name:

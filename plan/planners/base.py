@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -14,7 +15,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
+from ident.reading import read_arrays, require_regular
 from plan.dynamics.torch_threads import torch_threads
+from plan.errors import MethodError
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
@@ -22,6 +25,7 @@ from plan.spline import Splines
 Progress = Callable[[int, int, float], None]
 # Seconds between two checkpoints.
 CHECKPOINT_EVERY = 2.0
+JOURNAL_REMEDY = "choose another file for --resume, or remove it yourself"
 
 
 @dataclass(frozen=True)
@@ -109,12 +113,24 @@ class Ledger:
     _saved: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.journal is not None and self.journal.is_file():
-            with np.load(self.journal) as stored:
-                if str(stored["fingerprint"]) == self._digest:
-                    self._replay = stored["rows"]
-                    self._seconds_before = float(stored["seconds"])
-                    self._cpu_before = float(stored["cpu_seconds"]) if "cpu_seconds" in stored else 0.0
+        if self.journal is None or not os.path.lexists(self.journal):
+            return
+        if require_regular(self.journal, JOURNAL_REMEDY, MethodError):  # an empty one is a place made for it
+            stored = read_arrays(self.journal, JOURNAL_REMEDY, MethodError)
+            try:
+                self._take_up(stored)
+            except (ValueError, KeyError, TypeError) as error:
+                what = f"no checkpoint of a search ({type(error).__name__}: {error})"
+                raise MethodError(self.journal, what, JOURNAL_REMEDY) from None
+
+    def _take_up(self, stored: Mapping[str, np.ndarray]) -> None:
+        """Takes up what an interrupted search of the same task left; that of another task is not used."""
+        rows = np.asarray(stored["rows"], dtype=float)
+        seconds, cpu = float(stored["seconds"]), float(stored["cpu_seconds"])
+        if rows.ndim != 2 or not (seconds >= 0.0 and cpu >= 0.0):
+            raise ValueError("its figures are none of a search")
+        if str(stored["fingerprint"]) == self._digest:
+            self._replay, self._seconds_before, self._cpu_before = rows, seconds, cpu
 
     @property
     def seconds(self) -> float:

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
+from ident.ownership import WRITER
 from plan.errors import MethodError
 from plan.problem.result import PlanResult
 
@@ -67,11 +68,15 @@ class Execution:
             columns[f"{name}/position_command"] = self.q[:, j]
             columns[f"{name}/velocity_command"] = self.dq[:, j]
             columns[f"{name}/acceleration_command"] = self.ddq[:, j]
-        return pa.table(columns)
+        return pa.table(columns).replace_schema_metadata(WRITER)
 
     def yaml(self) -> str:
         """The message `trajectory_msgs/JointTrajectory` of ROS 2."""
-        lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps(list(self.joints))}"]
+        lines = [
+            "# written by armgap",
+            "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
+            f"joint_names: {json.dumps(list(self.joints))}",
+        ]
         lines.append("points:")
         for k, time in enumerate(self.times):
             second, nano = divmod(round(float(time) * 1e9), 1_000_000_000)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.reading import read_toml
 from ident.recordings.recording import Payload
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
@@ -274,14 +274,7 @@ def _payload(reader: Reader, document: Mapping[str, Any]) -> Payload | None:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SceneError(file, "no such file", "give a scene file (TOML)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(file, f"can't be read ({error})", "give a scene file (TOML)") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(file, f"not TOML ({error})", "mend that line") from None
+    return read_toml(file, "give a scene file (TOML)", SceneError)
 
 
 @dataclass(frozen=True)

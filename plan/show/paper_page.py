@@ -29,6 +29,9 @@ PICTURES = {
     "figure_13_6.png": "Fig. 13a: before and after, from the learned energy optimum",
     "figure_13_7.png": "Fig. 13b: before and after, from a drawn tester's via points",
 }
+PAGE, MARK = "paper.md", "<!-- written by armgap -->"
+# All that a page's folder may hold.
+FILES = (PAGE, *PICTURES)
 
 
 def write_page(repeat: Repeat, out: Path) -> Path:
@@ -39,11 +42,11 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         if result.splines is not None:
             save_figure(draw_motion(problem, result), out / f"{name}.png")
             drawn.add(f"{name}.png")
-    parts = ["# The paper's plans and ours\n"]
+    parts = [f"{MARK}\n", "# The paper's plans and ours\n"]
     for table, lines in groupby(repeat.lines, key=lambda line: line.table):
         parts += [f"## {table}\n", _table(list(lines))]
     parts += [f"## {words}\n\n![{words}]({name})\n" for name, words in PICTURES.items() if name in drawn]
-    page = out / "paper.md"
+    page = out / PAGE
     with atomic_write(page) as part:
         part.write_text("\n".join([*parts, MISSING]), encoding="utf-8")
     return page

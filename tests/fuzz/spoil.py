@@ -84,7 +84,7 @@ def change_json(data: bytes, rng: Rng) -> bytes:
     """A value somewhere in a JSON text becomes another one, or goes; or the text nests without end."""
     try:
         record = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return flip_bytes(data, rng)
     if rng.random() < 0.05:
         return b'{"a":' * 100_000
@@ -101,7 +101,7 @@ def change_json(data: bytes, rng: Rng) -> bytes:
         place = place[key]
     try:
         return json.dumps(record).encode()
-    except ValueError:  # an integer too long to be written by Python itself
+    except (ValueError, RecursionError):  # an integer too long to be written by Python itself
         return data.replace(b"1", b"9" * 5000, 1)
 
 
@@ -113,6 +113,7 @@ def change_archive(data: bytes, rng: Rng) -> bytes:
     except Exception:
         return flip_bytes(data, rng)
     name = str(rng.choice(list(arrays)))
+    arrays[name] = np.atleast_1d(arrays[name])
     kinds: list[np.ndarray] = [
         np.zeros(0),
         np.array(3.0),
@@ -143,15 +144,89 @@ def _lie_about_shape(data: bytes) -> bytes:
     return out.getvalue()
 
 
+def change_header(data: bytes, rng: Rng) -> bytes:
+    """The JSON before a safetensors file's weights lies; a weight is no number."""
+    size = int.from_bytes(data[:8], "little") if len(data) > 8 else 0
+    if not 0 < size < len(data) - 8:
+        return flip_bytes(data, rng)
+    header, rest = data[8 : 8 + size], bytearray(data[8 + size :])
+    kind = int(rng.integers(3))
+    if kind == 0:
+        header = change_json(header, rng)
+    elif kind == 1 and len(rest) > 4:
+        at = 4 * int(rng.integers(len(rest) // 4))
+        rest[at : at + 4] = np.float32(rng.choice([np.nan, np.inf, 1e30])).tobytes()
+    else:
+        size = int(rng.integers(2**40))
+        return size.to_bytes(8, "little") + header + bytes(rest)
+    return len(header).to_bytes(8, "little") + header + bytes(rest)
+
+
+def nest(data: bytes, rng: Rng) -> bytes:
+    """Tables, lists or elements without end."""
+    depth = int(rng.integers(100, 20_000))
+    ways = (
+        b"a = " + b"[" * depth,
+        b"a" + b".a" * depth + b" = 1\n",
+        b'<robot name="a">' + b"<link>" * depth,
+        b'{"a":' * depth,
+        b"[" + b"a." * depth + b"a]\n",
+    )
+    return ways[int(rng.integers(len(ways)))]
+
+
+def change_chain(data: bytes, rng: Rng) -> bytes:
+    """A robot with very many links, one that hangs from itself, or entities that grow."""
+    kind, count = int(rng.integers(4)), int(rng.integers(200, 3000))
+    if kind == 0:
+        mass = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+        links = "".join(f'<link name="l{k}">{mass}</link>' for k in range(count + 1))
+        kinds = ("fixed", "revolute")
+        joint = '<joint name="j{0}" type="{1}"><parent link="l{0}"/><child link="l{2}"/>{3}</joint>'
+        limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        chosen = kinds[int(rng.integers(2))]
+        joints = "".join(joint.format(k, chosen, k + 1, limit) for k in range(count))
+        return f'<robot name="long">{links}{joints}</robot>'.encode()
+    if kind == 1:
+        return data.replace(b"<parent link=", b"<child link=", 1).replace(b"<child link=", b"<parent link=", 1)
+    if kind == 2:
+        levels = "".join(f'<!ENTITY l{k + 1} "{f"&l{k};" * 10}">' for k in range(12))
+        return f'<!DOCTYPE r [<!ENTITY l0 "ha">{levels}]><robot name="&l12;"/>'.encode()
+    return b'<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + data.replace(b'name="', b'name="&x;', 1)
+
+
+def change_words(data: bytes, rng: Rng) -> bytes:
+    """Some words of a text become other numbers or texts."""
+    words = data.decode("utf-8", "surrogateescape").split(" ")
+    for _ in range(int(rng.integers(1, 4))):
+        words[int(rng.integers(len(words)))] = str(rng.choice(NUMBERS + TEXTS))
+    return " ".join(words).encode("utf-8", "surrogateescape")
+
+
+def lengthen(data: bytes, rng: Rng) -> bytes:
+    """Its length fields lie: eight bytes become a very large or a negative number."""
+    if len(data) < 16:
+        return data
+    at = int(rng.integers(len(data) - 8))
+    number = int(rng.choice([2**31 - 1, 2**32 - 1, 2**40, 2**62, -1]))
+    return data[:at] + number.to_bytes(8, "little", signed=True) + data[at + 8 :]
+
+
 BYTES: tuple[Spoil, ...] = (cut_short, flip_bytes, repeat_part, insert_noise, nothing_left)
 BY_KIND: dict[str, tuple[Spoil, ...]] = {
-    "csv": (change_cells, change_cells, change_rows, *BYTES),
-    "npz": (change_archive, change_archive, *BYTES),
-    "parquet": BYTES,
-    "mcap": BYTES,
-    "db3": BYTES,
-    "toml": (change_values, change_values, change_rows, *BYTES),
-    "urdf": (change_values, change_values, change_rows, *BYTES),
-    "json": (change_json, change_json, *BYTES),
-    "safetensors": BYTES,
+    "csv": (change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
+    "txt": (change_words, change_words, change_rows, *BYTES),
+    "npz": (change_archive, change_archive, change_archive, lengthen, *BYTES),
+    "parquet": (lengthen, *BYTES),
+    "mcap": (lengthen, lengthen, *BYTES),
+    "db3": (lengthen, *BYTES),
+    "yaml": (change_words, change_words, change_rows, *BYTES),
+    "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
+    "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),
+    "srdf": (change_values, change_values, change_words, nest, *BYTES),
+    "json": (change_json, change_json, change_json, change_json, nest, *BYTES),
+    "safetensors": (change_header, change_header, change_header, *BYTES),
+    "stl": (change_words, change_words, change_rows, lengthen, *BYTES),
+    "obj": (change_words, change_words, change_rows, *BYTES),
+    "py": (change_words, change_rows, *BYTES),
 }

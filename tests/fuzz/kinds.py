@@ -1,0 +1,270 @@
+"""Every kind of file that a command takes: a good one, its reader, and what must hold of whatever is read."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin
+
+from ident.effects.catalogue import load_catalogue
+from ident.model.checkpoint import NAME as CHECKPOINT
+from ident.model.hybrid import HybridModel
+from ident.model.limits import load_limits
+from ident.model.residual_net import ResidualNet, fit_residual_net
+from ident.ownership import require_own_folder
+from ident.patches.change import Diagnosed
+from ident.plant.answer import ENVELOPE_NAME, open_envelope, read_answer
+from ident.plant.world_presets import find_world
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
+from ident.recordings.session_toml import load_session_file
+from ident.robot.arm import ArmModel
+from ident.telemetry import inspect
+from ident.telemetry.report import TelemetryReport
+from ident.trajectories.command_files import read_commands
+from ident.trajectories.plan_files import read_plan
+from plan.experiment.question import ask
+from plan.geometry.mesh_obstacles import read_mesh
+from plan.geometry.srdf import read_disabled
+from plan.planners import Budget, Ledger
+from plan.problem.task_file import load_surroundings, load_task, load_trials
+from tests.fuzz.corpus import KEY, OPTIONS, training_data
+
+# Of nanoseconds since 1970, in seconds or metres no figure of an arm; and no figure that is told has more digits.
+BEYOND = 1e12
+UNTOLD = re.compile(r"\d[eE]\+?(\d{2,})")
+LARGEST_TOLD = 20
+Read = Callable[[Path], object]
+
+
+class WrongError(AssertionError):
+    """What was read can't be right."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file.
+
+    Attributes:
+        name: In the table.
+        path: A good one.
+        read: Its reader, as a command calls it.
+        check: Raises WrongError where what was read must not have been taken.
+        share: How often it is drawn against the others.
+    """
+
+    name: str
+    path: Path
+    read: Read
+    check: Callable[[Any], None] = lambda found: None
+    share: float = 1.0
+
+
+def must(holds: object, what: str) -> None:
+    if not holds:
+        raise WrongError(what)
+
+
+def finite(what: str, *values: Any) -> None:
+    for one in values:
+        if one is not None:
+            must(np.isfinite(np.asarray(one, dtype=float)).all(), f"{what} is not finite")
+
+
+def check_report(report: TelemetryReport) -> None:
+    """Whatever is fit for use is finite and of this world; nothing told is beyond physics."""
+    for issue in report.issues:
+        told = [int(power) for power in UNTOLD.findall(issue.evidence)]
+        must(max(told, default=0) <= LARGEST_TOLD, f"tells {issue.evidence!r}")
+        must(len(issue.evidence.splitlines()) == 1, f"tells several lines: {issue.evidence!r}")
+    if report.is_fit:
+        check_session(report.session)
+
+
+def check_session(session: Session) -> None:
+    for run in session.runs:
+        must((np.diff(run.time) > 0).all(), "time does not rise")
+        for name, values in run.channels().items():
+            finite(name, values)
+            must(np.abs(values).max(initial=0.0) < BEYOND, f"{name} is beyond any arm")
+
+
+def check_arm(arm: ArmModel) -> None:
+    at = np.zeros((1, arm.n))
+    finite("the arm", arm.lower, arm.upper, arm.velocity_limit, arm.inertial_parameters)
+    finite("its torque", arm.inverse_dynamics(at, at, at + 1.0))
+
+
+def check_model(model: HybridModel) -> None:
+    at = np.zeros((3, model.arm.n))
+    finite("its torque", model.torque(at, at + 0.1, at))
+
+
+def check_diagnosed(found: tuple[Diagnosed, ArmModel]) -> None:
+    for change in found[0].changes:
+        finite("a figure", *(v for v in change.values.values() if isinstance(v, float)))
+    finite("a loss", found[0].tuned.losses.coulomb, found[0].tuned.losses.viscous, found[0].tuned.links)
+
+
+def check_motions(found: Any) -> None:
+    for motion in found if isinstance(found, tuple) else (found,):
+        finite("a motion", motion.q, motion.dq, motion.ddq)
+
+
+def check_task(task: Any) -> None:
+    given = (task.start, task.goal, task.duration, task.wrist, task.lower, task.upper, task.torque, task.speed)
+    finite("the task", *given)
+    check_boxes(task)
+
+
+def check_boxes(around: Any) -> None:
+    for box in (*around.obstacles, *around.attached):
+        finite("an obstacle", box.centre, box.rotation, box.half)
+
+
+NETS = ("model/residual.json", "model/residual.safetensors", "checkpoint")
+
+
+def kinds(folder: Path) -> list[Kind]:
+    """The kinds, of which `write_files` wrote one each into a folder."""
+    arm = ArmModel.load("tm5-900")
+    return [
+        *recordings(folder, arm),
+        *models(folder, arm),
+        *settings(folder, arm),
+        *scenes(folder, arm),
+        *records(folder, arm),
+    ]
+
+
+def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
+    """Tables and bags. Whole inspections take long: most inputs are read only."""
+    names = {StoragePlugin.SQLITE3: "db3", StoragePlugin.MCAP: "mcap"}
+    bags = [folder / f"bag_{one.name}" / f"bag_{one.name}.{ending}" for one, ending in names.items()]
+
+    def load(path: Path) -> TelemetryReport:
+        session = load_session(path)
+        return TelemetryReport(session, (), arm) if _skipped(path) else inspect(session, arm)
+
+    def bag(path: Path) -> TelemetryReport:
+        return load(path.parent)
+
+    found = [Kind(path.suffix[1:], path, load, check_loaded) for path in (folder / "run.parquet", folder / "run.npz")]
+    found += [Kind("csv", folder / "run.csv", load, check_loaded, 0.5)]
+    found += [Kind("foreign text", folder / "foreign.txt", load, check_loaded, 0.2)]
+    found += [Kind(path.suffix[1:], path, load, check_loaded, 0.5) for path in bags]
+    metadata = folder / f"bag_{StoragePlugin.MCAP.name}" / "metadata.yaml"
+    return [*found, Kind("metadata.yaml", metadata, bag, check_loaded, 0.5)]
+
+
+def _skipped(path: Path) -> bool:
+    """Whether an input is one of the many that are read and not inspected."""
+    return path.is_dir() or zlib.crc32(path.read_bytes()) % 6 != 0
+
+
+def check_loaded(report: TelemetryReport) -> None:
+    if report.effort or report.issues:
+        check_report(report)
+
+
+def models(folder: Path, arm: ArmModel) -> list[Kind]:
+    """A model's folder, file by file, and the checkpoint of a training."""
+
+    def whole(path: Path) -> object:
+        return HybridModel.load(path.parent)
+
+    def resume(path: Path) -> object:
+        # It is complete: nothing is left to train, and nothing is written.
+        data = training_data(arm)
+        return fit_residual_net([data], [0.1 * data[-1]], options=OPTIONS, checkpoint=path.parent)
+
+    def check_net(found: ResidualNet) -> None:
+        finite("the net's torque", found.predict(*(part[:5] for part in training_data(arm))))
+
+    place = folder / "model"
+    names = ("model.toml", "robot.urdf", "residual.json", "residual.safetensors")
+    found = [Kind(f"model/{name}", place / name, whole, check_model) for name in names]
+    checkpoint = Kind("checkpoint", folder / "model.training" / CHECKPOINT, resume, check_net, 0.02)
+    return [*found, checkpoint]
+
+
+def settings(folder: Path, arm: ArmModel) -> list[Kind]:
+    """Settings, robots, limits, worlds, catalogues, markers."""
+    place = folder / "marked"
+    rungs = ("analytic", "loss", "net")
+
+    def own(path: Path) -> object:
+        before = path.read_bytes()
+        require_own_folder(path.parent, "model")
+        return before
+
+    def check_own(marker: bytes) -> None:
+        record = json.loads(marker)
+        must(record["kind"] == "model" and set(record["files"]) >= {"file"}, "a folder of the user's counts as ours")
+
+    return [
+        Kind("session.toml", folder / "session.toml", load_session_file),
+        Kind("urdf", folder / "robot.urdf", lambda path: ArmModel.load(str(path)), check_arm),
+        Kind("limits.toml", folder / "limits.toml", lambda path: load_limits(path, arm.joint_names, rungs)),
+        Kind("world.toml", folder / "world.toml", find_world),
+        Kind("catalogue", folder / "own_effect.py", load_catalogue, share=0.2),
+        Kind("marker", place / ".armgap.json", own, check_own, 0.5),
+    ]
+
+
+def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
+    """What the planner reads."""
+
+    def mesh(path: Path) -> object:
+        return read_mesh(path, np.ones(3), False)
+
+    def check_mesh(found: Any) -> None:
+        finite("the mesh", found[0].points, found[1])
+
+    def check_trials(found: Any) -> None:
+        finite("a trial", *(one.vias for one in found), *(one.times for one in found))
+
+    return [
+        Kind("scene.toml", folder / "scene.toml", load_task, check_task),
+        Kind("surroundings", folder / "scene.toml", lambda path: load_surroundings(path, 3), check_boxes, 0.5),
+        Kind("vias.toml", folder / "vias.toml", lambda path: load_trials(path, 3), check_trials),
+        Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
+        Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
+        Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
+        Kind("journal", folder / "journal.npz", lambda path: Ledger(Budget(10, 1.0), journal=path), share=0.5),
+    ]
+
+
+def records(folder: Path, arm: ArmModel) -> list[Kind]:
+    """Results that other commands take."""
+    catalogue = load_catalogue()
+
+    def patch(path: Path) -> tuple[Diagnosed, ArmModel]:
+        found = Diagnosed.load(path)
+        return found, found.fit_to(arm)
+
+    def question(path: Path) -> object:
+        return ask(arm, None, None, path, catalogue)
+
+    def check_question(found: Any) -> None:
+        finite("its noise", found.noise)
+        finite("a size", *(v for figures in found.told.values() for v in figures.values()))
+
+    def sealed(path: Path) -> object:
+        return open_envelope(path, KEY)
+
+    return [
+        Kind("diagnosis.json", folder / "diagnosis.json", patch, check_diagnosed),
+        Kind("question.json", folder / "question.json", question, check_question),
+        Kind("commands.csv", folder / "commands.csv", lambda path: read_commands(path, arm), check_motions),
+        Kind("plan.json", folder / "plan.json", lambda path: read_plan(path, arm), check_motions),
+        Kind("answer.json", folder / "answer.json", read_answer),
+        Kind("envelope", folder / "sealed" / ENVELOPE_NAME, sealed),
+    ]

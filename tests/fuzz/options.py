@@ -1,0 +1,177 @@
+"""Hostile values for every option of every command, as the commands themselves list them: new ones are covered.
+
+Laws: exit 0, 2 or 3, one line where a value is refused, no traceback, and nothing of the user's touched. A command that
+takes a value is stopped once it has worked for a moment.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+
+from ident.robot.urdf import data_path
+from tests.fuzz.faults import Ended, fork_command
+
+OUTCOMES = ("done", "refused", "taken", "traceback", "status", "lines", "user's")
+GOOD = ("done", "refused", "taken")
+NUMBERS = ("nan", "-1", "1e9", "inf", "99999999999999999999", "-0.0")
+TEXTS = (".", "nan", "", "x" * 5000, "$(touch RUN)", "[bold]\x1b[31m", "a:b:c:d", "1e9", "-")
+PATHS = (".", "/dev/zero", "/proc/self/mem", "nowhere/below", "\x1b[31m", "notes.txt/x", "x" * 5000, "")
+# Processor time after which a command counts as having taken its options [s].
+MOMENT_S = 0.5
+SKIPPED = ("help", "version", "install_completion", "show_completion")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One command line.
+
+    Attributes:
+        command: Such as `ident fit`.
+        option: The option in question.
+        value: What it is given.
+        arguments: All of the command line.
+    """
+
+    command: str
+    option: str
+    value: str
+    arguments: tuple[str, ...]
+
+
+def load_all() -> None:
+    """Loads every module of both packages, so that children need not."""
+    for name in ("ident", "plan"):
+        package = importlib.import_module(name)
+        for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+            importlib.import_module(module.name)
+
+
+def trials(corpus: Path) -> Iterator[Trial]:
+    """Every option of every command with every value of its kind.
+
+    Args:
+        corpus: Folder of good files, as `tests.fuzz.corpus` writes them.
+    """
+    for package in ("ident", "plan"):
+        group: Any = typer.main.get_command(importlib.import_module(f"{package}.cli.app").app)
+        for name, command in group.commands.items():
+            for chosen in command.params:
+                if chosen.name in SKIPPED:
+                    continue
+                for value in values_for(chosen):
+                    line = (name, *_line(command, chosen, value, corpus))
+                    yield Trial(f"{package} {name}", chosen.name, value, line)
+
+
+def values_for(parameter: Any) -> tuple[str, ...]:
+    """Values by the kind of an option."""
+    kind = parameter.type.name
+    if kind in ("integer", "float", "integer range", "float range"):
+        return NUMBERS
+    if kind == "boolean":
+        return ()
+    return PATHS if kind in ("path", "file", "filename", "directory") else TEXTS
+
+
+def _line(command: Any, chosen: Any, value: str, corpus: Path) -> Iterator[str]:
+    """A command line with one hostile value; what the command needs besides is good."""
+    options, places = [], []
+    for parameter in command.params:
+        given = value if parameter is chosen else _good(parameter, corpus)
+        if given is None:
+            continue
+        if parameter.param_type_name == "argument":
+            places.append(given)
+        else:
+            options.append(f"{parameter.opts[-1]}={given}")
+    yield from options
+    yield from ("--", *places)
+
+
+def _good(parameter: Any, corpus: Path) -> str | None:
+    """A good value of what a command must be given, or would else take long with; None for the rest."""
+    run = str(Path(data_path("logs/tm5_900")) / "E1/01_trajectory_1.parquet")
+    wanted = {
+        "sessions": run,
+        "session": run,
+        "before": run,
+        "after": run,
+        "folder": str(corpus),
+        "model": str(corpus / "model"),
+        "diagnosis": str(corpus / "diagnosis.json"),
+        "scene": str(corpus / "scene.toml"),
+        "limits": str(corpus / "limits.toml"),
+        "name": "diagnosis",
+        "robot": "tm5-900",
+        "out": "out",
+        "store": "store",
+    }
+    quick = {"runs": "1", "duration": "1", "rrd": "view.rrd", "cases": "1", "out": "out", "once": None}
+    if parameter.required:
+        return wanted.get(parameter.name, str(corpus / "run.csv"))
+    return quick.get(parameter.name)
+
+
+def option_table(
+    seconds: float, seed: int, corpus: Path
+) -> tuple[tuple[str, ...], dict[str, list[int]], tuple[str, ...]]:
+    """Trials in an order drawn anew, until the time is up."""
+    load_all()
+    drawn = list(trials(corpus))
+    np.random.default_rng([seed, 2]).shuffle(drawn)  # type: ignore[arg-type]
+    table: dict[str, list[int]] = {}
+    end = time.monotonic() + seconds
+    for trial in drawn:
+        if time.monotonic() > end:
+            break
+        outcome, evidence = attempt(trial)
+        table.setdefault(trial.command, [0] * len(OUTCOMES))[OUTCOMES.index(outcome)] += 1
+        if outcome not in GOOD:
+            print(f"{trial.command} --{trial.option} {trial.value[:40]!r}: {outcome}: {evidence!r}", flush=True)
+    return OUTCOMES, table, GOOD
+
+
+def attempt(trial: Trial) -> tuple[str, str]:
+    """Runs a trial in a fresh folder that holds a file of the user's; the outcome and its evidence."""
+    folder = Path(tempfile.mkdtemp())
+    try:
+        (folder / "notes.txt").write_text("mine")
+
+        def begin() -> None:
+            os.chdir(folder)
+            signal.setitimer(signal.ITIMER_VIRTUAL, MOMENT_S)
+
+        ended = fork_command(trial.command.split()[0], list(trial.arguments), begin)
+        return judge(ended, folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def judge(ended: Ended, folder: Path) -> tuple[str, str]:
+    """What came of it."""
+    if "Traceback" in ended.err:
+        return "traceback", ended.err[-500:]
+    if not (folder / "notes.txt").is_file() or (folder / "notes.txt").read_text() != "mine":
+        return "user's", ended.err
+    if (folder / "RUN").exists():
+        return "user's", "a text was run"
+    if ended.status == -signal.SIGVTALRM:
+        return "taken", ""
+    if ended.status in (0, 3):
+        return "done", ""
+    if ended.status != 2:
+        return "status", f"{ended.status} {ended.err[-300:]}"
+    return ("refused", "") if len(ended.err.strip().splitlines()) == 1 else ("lines", ended.err[-500:])

@@ -1,0 +1,218 @@
+"""Spoilt files into readers, in forked processes that are watched: a crash or a hang takes one input, not the run."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import mmap
+import os
+import resource
+import shutil
+import signal
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from ident.errors import InputError
+from tests.fuzz.guard import Guard
+from tests.fuzz.kinds import Kind, WrongError
+from tests.fuzz.spoil import BY_KIND
+
+OUTCOMES = ("read", "told", "traceback", "hang", "growth", "crash", "lines", "warning", "wrong", "touched", "done")
+GOOD = ("read", "told")
+HANG_S = 10
+GROWTH_KB = 2_000_000
+# Where nothing was heard of a child for so long, it hangs below Python.
+SILENT_S = 2.0 * HANG_S
+# Inputs that one child reads: leaks of libraries stay small.
+BATCH = 20_000
+Snapshot = dict[str, tuple[int, int]]
+
+
+class HangError(BaseException):
+    """A reader took too long."""
+
+
+class Readers:
+    """The readers of some kinds of files, and what came of each input.
+
+    Args:
+        kinds: The kinds.
+        place: Folder in which the good files lie: nothing else in it may change.
+        seed: Of everything.
+        keep: Where inputs that end badly go.
+    """
+
+    def __init__(self, kinds: Sequence[Kind], place: Path, seed: int, keep: Path) -> None:
+        self.kinds, self.place, self.seed, self.keep = kinds, place, seed, keep
+        self._originals = [kind.path.read_bytes() for kind in kinds]
+        self._guard = Guard()
+        size = len(kinds) * len(OUTCOMES)
+        # Shared with the children: counts, the number of the input that is read, and how many were.
+        self._shared = np.frombuffer(mmap.mmap(-1, 8 * (size + 2)), dtype=np.int64)
+        self._counts = self._shared[:size].reshape(len(kinds), len(OUTCOMES))
+        shares = np.array([kind.share for kind in kinds])
+        self._chance = np.cumsum(shares / shares.sum())
+        self._told: set[str] = set()
+
+    @property
+    def inputs(self) -> int:
+        """How many were read."""
+        return int(self._counts.sum())
+
+    def table(self) -> dict[str, list[int]]:
+        """Counts of each kind by outcome."""
+        return {kind.name: row.tolist() for kind, row in zip(self.kinds, self._counts, strict=True)}
+
+    def run(self, seconds: float) -> None:
+        """Reads until the time is up."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            child = os.fork()
+            if not child:
+                self._be_child(end)
+            self._watch(child)
+
+    def one(self, number: int) -> tuple[int, str, str]:
+        """Spoils the file that a number stands for, reads it; returns the kind, the outcome and its evidence."""
+        rng = np.random.default_rng([self.seed, number])
+        index = int(np.searchsorted(self._chance, rng.random()))
+        kind, original = self.kinds[index], self._originals[index]
+        kind.path.write_bytes(spoil(kind, original, rng))
+        before = self._snapshot(kind.path)
+        outcome, evidence = self._read(kind)
+        if outcome in GOOD and self._guard.done:
+            outcome, evidence = "done", "\n".join(self._guard.done)
+        if outcome in GOOD and (after := self._snapshot(kind.path)) != before:
+            changed = sorted(set(before.items()) ^ set(after.items()))
+            outcome, evidence = "touched", repr(changed)
+        return index, outcome, evidence
+
+    def _read(self, kind: Kind) -> tuple[str, str]:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        signal.alarm(HANG_S)
+        try:
+            with warnings.catch_warnings(record=True) as caught, _quiet():
+                warnings.simplefilter("always", RuntimeWarning)
+                with self._guard.watching():
+                    found = kind.read(kind.path)
+                kind.check(found)
+            runtime = [one for one in caught if issubclass(one.category, RuntimeWarning)]
+            outcome = (
+                ("warning", f"{runtime[0].filename}:{runtime[0].lineno} {runtime[0].message}") if runtime else None
+            )
+        except WrongError as error:
+            return "wrong", f"{error}\n{traceback.format_exc()}"
+        except InputError as error:
+            outcome = ("told", "") if len(str(error).splitlines()) == 1 else ("lines", str(error))
+        except HangError:
+            return "hang", traceback.format_exc()
+        except MemoryError:
+            return "growth", traceback.format_exc()
+        except Exception:
+            return "traceback", traceback.format_exc()
+        finally:
+            signal.alarm(0)
+        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak > GROWTH_KB:
+            return "growth", "the peak of its memory"
+        return outcome or ("read", "")
+
+    def _be_child(self, end: float) -> None:
+        """Reads a batch; never returns."""
+        try:
+            signal.signal(signal.SIGALRM, _ring)
+            for kind in self.kinds:  # what is loaded lazily is loaded here
+                kind.check(kind.read(kind.path))
+                self._shared[-1] += 1
+            _limit_memory()
+            for _ in range(BATCH):
+                if time.monotonic() >= end:
+                    break
+                number = int(self._shared[-2])
+                self._shared[-1] += 1
+                index, outcome, evidence = self.one(number)
+                self._note(index, number, outcome, evidence)
+                self.kinds[index].path.write_bytes(self._originals[index])
+                self._shared[-2] += 1
+        except BaseException:
+            traceback.print_exc()
+            os._exit(3)
+        os._exit(0)
+
+    def _watch(self, child: int) -> None:
+        """Waits for a child; where it dies or falls silent, its input is counted, and the next child goes on."""
+        heard, since = -1, time.monotonic()
+        while True:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                break
+            if int(self._shared[-1]) != heard:
+                heard, since = int(self._shared[-1]), time.monotonic()
+            elif time.monotonic() - since > SILENT_S:
+                os.kill(child, signal.SIGKILL)
+                _, status = os.waitpid(child, 0)
+                break
+            time.sleep(0.05)
+        if os.WIFSIGNALED(status):
+            number = int(self._shared[-2])
+            index = int(np.searchsorted(self._chance, np.random.default_rng([self.seed, number]).random()))
+            outcome = "hang" if os.WTERMSIG(status) == signal.SIGKILL else "crash"
+            self._note(index, number, outcome, f"signal {os.WTERMSIG(status)}")
+            self.kinds[index].path.write_bytes(self._originals[index])
+            self._shared[-2] += 1
+        elif os.WEXITSTATUS(status):
+            raise SystemExit("the fuzzer itself failed")
+
+    def _note(self, index: int, number: int, outcome: str, evidence: str) -> None:
+        self._counts[index, OUTCOMES.index(outcome)] += 1
+        if outcome in GOOD:
+            return
+        kind, last = self.kinds[index], " | ".join((evidence.strip().splitlines() or [""])[-2:])
+        known = f"{kind.name} {outcome} {last}"
+        if known in self._told:
+            return
+        self._told.add(known)
+        self.keep.mkdir(parents=True, exist_ok=True)
+        name = f"{kind.name.replace('/', '_')}_{self.seed}_{number}"
+        shutil.copy(kind.path, self.keep / f"{name}{kind.path.suffix}")
+        (self.keep / f"{name}.txt").write_text(evidence, encoding="utf-8", errors="backslashreplace")
+        print(f"{kind.name} {outcome} ({self.seed}, {number}): {last!r}", flush=True)
+
+    def _snapshot(self, but: Path) -> Snapshot:
+        """Sizes and times of all files beside one."""
+        found = {}
+        for entry in os.scandir(self.place):
+            if entry.path != str(but):
+                status = entry.stat(follow_symlinks=False)
+                found[entry.name] = (status.st_size if entry.is_file() else 0, status.st_mtime_ns)
+        return found
+
+
+def spoil(kind: Kind, data: bytes, rng: np.random.Generator) -> bytes:
+    """One or two faults, by what the file holds."""
+    ways = BY_KIND[kind.path.suffix[1:] or "json"]
+    for _ in range(int(rng.integers(1, 3))):
+        data = ways[int(rng.integers(len(ways)))](data, rng)
+    return data
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
+def _ring(number: int, frame: FrameType | None) -> None:
+    raise HangError
+
+
+def _limit_memory() -> None:
+    """No input may take the machine down: what asks for more than the allowed growth gets a MemoryError."""
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    most = now + 1024 * GROWTH_KB
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))

@@ -1,0 +1,108 @@
+"""Small good files, as text."""
+
+from __future__ import annotations
+
+SESSION_TOML = """robot = "tm5-900"
+sample_rate_hz = 50.0
+[payload]
+mass_kg = 1.0
+com_m = [0, 0, 0.1]
+[effort_sign]
+joint_1 = -1
+[drive_gain_Nm_per_A]
+joint_2 = 12.5
+[columns]
+1 = "time"
+"""
+SCENE = """robot = "tm5-900"
+[task]
+start_deg = [50, 0, -120]
+goal_deg = [80, 30, -90]
+duration_s = 0.65
+via_points = 2
+wrist_deg = [0, 0, 0]
+clearance_m = 0.005
+reach_deg = 60.0
+[limits]
+lower_deg = [-170, -90, -150]
+upper_deg = [170, 90, 150]
+torque_Nm = [150.0, 150.0, 80.0]
+speed_deg_s = [120, 120, 120]
+acceleration_deg_s2 = [900, 900, 900]
+jerk_deg_s3 = [9000, 9000, 9000]
+[floor]
+height_m = -0.1
+[payload]
+mass_kg = 0.5
+com_m = [0.0, 0.0, 0.05]
+[[obstacle]]
+name = "monitor"
+size_m = [0.12, 0.12, 0.12]
+xyz_m = [0.04, -0.47, 0.56]
+rpy_rad = [0, 0, 0]
+[[obstacle]]
+shape = "capsule"
+radius_m = 0.1
+length_m = 0.3
+xyz_m = [0.9, 0.9, 0.5]
+[[obstacle]]
+file = "cube.stl"
+scale = 0.2
+xyz_m = [-0.9, 0.9, 0.5]
+[[attached]]
+shape = "sphere"
+radius_m = 0.03
+xyz_m = [0, 0, 0.05]
+touches = ["link_6"]
+"""
+VIAS = """[[trial]]
+name = "first"
+via_points_deg = [[60, 10, -110], [70, 20, -100]]
+times_s = [0.2, 0.4]
+[[trial]]
+via_points_deg = [[60, 12, -112], [70, 22, -102]]
+"""
+LIMITS = """rung = "loss"
+[torque_rmse_Nm]
+total = 2.0
+joint_1 = 3.5
+[energy_error_J]
+total = 5.0
+"""
+WORLD = """preset = "any"
+rate_hz = [100, 500]
+robot = ["tm5-900", "panda"]
+encoder_noise_rad = 1e-5
+"""
+CUBE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+FACES = ((0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4))
+FACES += ((1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7))
+CATALOGUE = '''import numpy as np
+from ident.effects.base import Effect
+
+
+class Magnet(Effect):
+    """A magnet."""
+
+    id = "magnet"
+    summary = "torque repeats three times a turn"
+
+    def columns(self, session, joint, variant):
+        return [np.sin(3 * run.motion.q[:, [joint]]) for run in session.runs]
+
+    def parameters(self, session, joint, variant, coefficients, covariance):
+        return {}
+'''
+
+
+def stl() -> str:
+    lines = ["solid cube"]
+    for face in FACES:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex {} {} {}".format(*CUBE[k]) for k in face] + ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid cube\n"])
+
+
+def obj() -> str:
+    corners = [f"v {x} {y} {z}" for x, y, z in CUBE]
+    return "\n".join([*corners, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES), ""])

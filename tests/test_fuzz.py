@@ -1,0 +1,139 @@
+"""What `make fuzz` looks for, on a few fixed inputs: every reader takes what is spoilt, special, or no file at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError
+from tests.fuzz.corpus import write_files
+from tests.fuzz.guard import Guard
+from tests.fuzz.kills import GOOD, kill_everywhere, writings
+from tests.fuzz.kinds import NETS, Kind, kinds
+from tests.fuzz.readers import Readers
+
+ROOT = Path(__file__).parents[1]
+NAMES = [kind.name for kind in kinds(Path("nowhere")) if kind.name not in NETS]
+# Far more than any reader here needs, on however slow a machine: a test that would never end is to fail instead.
+PATIENCE_S = 60
+TERABYTE = 1 << 40
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("corpus")
+    write_files(folder, net=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def guard() -> Guard:
+    return Guard()
+
+
+@pytest.fixture
+def alarm() -> Iterator[None]:
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise AssertionError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(PATIENCE_S)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def kind_of(name: str, folder: Path) -> Kind:
+    return next(kind for kind in kinds(folder) if kind.name == name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reading_reads_and_nothing_else(name: str, corpus: Path, guard: Guard) -> None:
+    """Law: reading a file writes, deletes and runs nothing, and opens no file but those beside it and our own."""
+    kind = kind_of(name, corpus)
+    kind.check(kind.read(kind.path))  # what is loaded lazily is loaded here
+    with guard.watching():
+        kind.read(kind.path)
+    homes = [
+        corpus.resolve(),
+        ROOT,
+        *(Path(entry).resolve() for entry in sys.path if entry),
+        Path(sys.prefix).resolve(),
+    ]
+    foreign = [one for one in guard.read if not any(Path(one).resolve().is_relative_to(home) for home in homes)]
+    assert (guard.done, [one for one in foreign if not one.startswith(("/proc", "/sys"))]) == ([], [])
+
+
+def put_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def put_device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def put_folder(path: Path) -> None:
+    path.mkdir()
+
+
+def put_holes(path: Path) -> None:
+    with path.open("wb") as stream:
+        stream.truncate(TERABYTE)
+
+
+def put_link_to_itself(path: Path) -> None:
+    path.symlink_to(path)
+
+
+@pytest.mark.parametrize("put", [put_pipe, put_device, put_folder, put_holes, put_link_to_itself])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("marker", "metadata.yaml")])
+def test_what_is_no_plain_file_is_told(
+    name: str, put: Callable[[Path], None], corpus: Path, tmp_path: Path, alarm: None
+) -> None:
+    """Law: no reader waits for a pipe, reads a device or fills the memory from a file with holes."""
+    folder = Path(shutil.copytree(corpus, tmp_path / "corpus"))
+    kind = kind_of(name, folder)
+    kind.path.unlink()
+    put(kind.path)
+    with pytest.raises(InputError) as told:
+        kind.read(kind.path)
+    assert len(str(told.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_spoilt_files_are_read_or_told(name: str, corpus: Path, tmp_path: Path, alarm: None) -> None:
+    """Law: one line, or a result that can be right; nothing run, written or deleted."""
+    folder = Path(shutil.copytree(corpus, tmp_path / "corpus"))
+    kind = kind_of(name, folder)
+    readers = Readers([kind], folder, seed=5, keep=tmp_path / "kept")
+    before = signal.getsignal(signal.SIGALRM)
+    found = [readers.one(number)[1:] for number in range(8)]
+    signal.signal(signal.SIGALRM, before)
+    assert [one for one in found if one[0] not in ("read", "told")] == []
+
+
+@pytest.mark.parametrize("name", ["a file over another", "a folder over another", "the same without exchange"])
+def test_kills_amid_a_write_leave_the_old_or_the_new(name: str) -> None:
+    """Law: at every step on the disk; the next run leaves what one without a kill leaves."""
+    writing = next(one for one in writings() if one.name == name)
+    outcomes = list(kill_everywhere(writing))
+    assert len(outcomes) >= 4
+    assert {outcome for outcome, _ in outcomes} == set(GOOD)
+
+
+def test_the_guard_hears(tmp_path: Path) -> None:
+    guard = Guard()
+    with guard.watching(tmp_path / "mine"):
+        (tmp_path / "mine").mkdir()
+        np.save(tmp_path / "mine" / "a.npy", np.zeros(1))
+        (tmp_path / "other").mkdir()
+        os.system("true")
+    assert [one.split()[0] for one in guard.done] == ["os.mkdir", "os.system"]
