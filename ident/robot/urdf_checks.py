@@ -15,6 +15,7 @@ from ident.errors import RobotError
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 # Arms on humanoids with all their sensors have some two hundred; a chain of more is deeper than parsers can follow.
 MOST_JOINTS = 500
+SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {"scale": 3}}
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -34,6 +35,7 @@ def check_urdf(root: ET.Element, where: str) -> None:
         _require_names(root.findall(kind), kind, where)
     for link in root.findall("link"):
         _check_inertial(link, where)
+        _check_shapes(link, where)
     for joint in root.findall("joint"):
         _check_joint(joint, where)
     for element in root.findall("transmission/actuator/mechanicalReduction"):
@@ -85,6 +87,20 @@ def _check_inertial(link: ET.Element, where: str) -> None:
         _numbers(inertia, key, "", 1, f"{name}: {key}", where)
     for key in ("xyz", "rpy"):
         _numbers(origin, key, "0 0 0", 3, f"{name}: origin {key} of <inertial>", where)
+
+
+def _check_shapes(link: ET.Element, where: str) -> None:
+    """Where shapes are, and how large."""
+    for kind in ("visual", "collision"):
+        for element in link.findall(kind):
+            name = f"link {link.get('name')!r}: {kind}"
+            for key in ("xyz", "rpy"):
+                _numbers(element.find("origin"), key, "0 0 0", 3, f"{name}: origin {key}", where)
+            for shape, lengths in SHAPES.items():
+                for key, count in lengths.items():
+                    if (found := element.find(f"geometry/{shape}")) is not None:
+                        default = "1 1 1" if shape == "mesh" else ""
+                        _numbers(found, key, default, count, f"{name}: {shape} {key}", where)
 
 
 def _check_joint(joint: ET.Element, where: str) -> None:

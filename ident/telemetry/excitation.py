@@ -89,7 +89,8 @@ class Amount:
             what = f"hardly any motion ({travel[still].max():.3f} rad at most) of {', '.join(names)}"
             severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
             issues.append(TelemetryIssue("insufficient_excitation", names, severity, f"{self._name}: {what}", remedy))
-        issues += self._check_independence()
+        if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
+            issues += self._check_independence()
         if self._arm is None or not self._states or len(still) == len(self._joints):
             return issues
         condition = base_condition(np.concatenate(self._states, axis=1), self._arm)

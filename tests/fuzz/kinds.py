@@ -58,6 +58,7 @@ class Kind:
         read: Its reader, as a command calls it.
         check: Raises WrongError where what was read must not have been taken.
         share: How often it is drawn against the others.
+        writes: Whether the reader may write the file anew where it is damaged.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Kind:
     read: Read
     check: Callable[[Any], None] = lambda found: None
     share: float = 1.0
+    writes: bool = False
 
 
 def must(holds: object, what: str) -> None:
@@ -157,8 +159,8 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
         return load(path.parent)
 
     found = [Kind(path.suffix[1:], path, load, check_loaded) for path in (folder / "run.parquet", folder / "run.npz")]
-    found += [Kind("csv", folder / "run.csv", load, check_loaded, 0.5)]
-    found += [Kind("foreign text", folder / "foreign.txt", load, check_loaded, 0.2)]
+    found += [Kind("csv", folder / "run.csv", load, check_loaded, 0.3)]
+    found += [Kind("foreign text", folder / "foreign.txt", load, check_loaded, 0.1)]
     found += [Kind(path.suffix[1:], path, load, check_loaded, 0.5) for path in bags]
     metadata = folder / f"bag_{StoragePlugin.MCAP.name}" / "metadata.yaml"
     return [*found, Kind("metadata.yaml", metadata, bag, check_loaded, 0.5)]
@@ -190,8 +192,8 @@ def models(folder: Path, arm: ArmModel) -> list[Kind]:
 
     place = folder / "model"
     names = ("model.toml", "robot.urdf", "residual.json", "residual.safetensors")
-    found = [Kind(f"model/{name}", place / name, whole, check_model) for name in names]
-    checkpoint = Kind("checkpoint", folder / "model.training" / CHECKPOINT, resume, check_net, 0.02)
+    found = [Kind(f"model/{name}", place / name, whole, check_model, 0.25) for name in names]
+    checkpoint = Kind("checkpoint", folder / "model.training" / CHECKPOINT, resume, check_net, 0.02, writes=True)
     return [*found, checkpoint]
 
 

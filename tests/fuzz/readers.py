@@ -88,7 +88,7 @@ class Readers:
         outcome, evidence = self._read(kind)
         if outcome in GOOD and self._guard.done:
             outcome, evidence = "done", "\n".join(self._guard.done)
-        if outcome in GOOD and (after := self._snapshot(kind.path)) != before:
+        if outcome in GOOD and not kind.writes and (after := self._snapshot(kind.path)) != before:
             changed = sorted(set(before.items()) ^ set(after.items()))
             outcome, evidence = "touched", repr(changed)
         return index, outcome, evidence
@@ -99,7 +99,7 @@ class Readers:
         try:
             with warnings.catch_warnings(record=True) as caught, _quiet():
                 warnings.simplefilter("always", RuntimeWarning)
-                with self._guard.watching():
+                with self._guard.watching(*([kind.path.parent] if kind.writes else [])):
                     found = kind.read(kind.path)
                 kind.check(found)
             runtime = [one for one in caught if issubclass(one.category, RuntimeWarning)]

@@ -1,0 +1,138 @@
+"""One bad sample anywhere: what a session is after mending, and what it is diagnosed as, against the clean session.
+
+    python tests/bench/bench_bad_sample.py FOLDER [--draws 1000] [--diagnoses 12] [--seed 0]
+
+FOLDER holds sessions, and `robot.urdf` or sessions that name their robot. A draw spoils one cell of one run: channel,
+joint, row and size (a millionth to a million millions of the channel's spread, either sign, NaN or infinite). Laws: the
+mended session differs from the clean one at the spoilt row and its neighbours only, and nothing is refused; and the
+diagnosis has the verdict and the named set of the clean one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from ident.api.diagnosing import diagnose
+from ident.opening import load_robot
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+from ident.telemetry.inspection import inspect_alone
+
+CHANNELS = ("effort", "position", "velocity", "time")
+# Rows on each side of the spoilt one that may be different too: a spike's neighbours stand out with it.
+NEIGHBOURS = 2
+SMALLEST, LARGEST = -6.0, 12.0
+
+
+def spoil(session: Session, rng: np.random.Generator) -> tuple[Session, str, int, int]:
+    """A session with one bad cell, what it is, and in which run and row."""
+    at = int(rng.integers(len(session.runs)))
+    run = session.runs[at]
+    channel = str(rng.choice([name for name in CHANNELS if name == "time" or name in run.channels()]))
+    row, joint = int(rng.integers(len(run))), int(rng.integers(len(run.joints)))
+    values = np.array(run.time if channel == "time" else run.channels()[channel])
+    cell = row if channel == "time" else (row, joint)
+    spread = float(np.std(values[:, joint] if values.ndim == 2 else np.diff(values)))
+    size = float(rng.choice([-1.0, 1.0])) * 10.0 ** rng.uniform(SMALLEST, LARGEST) * max(spread, 1e-9)
+    kind = rng.random()
+    values[cell] = np.nan if kind < 0.05 else np.inf if kind < 0.1 else values[cell] + size
+    spoilt = run.replace(**{channel: values})
+    words = f"{session.name}/{run.name} {channel} of {run.joints[joint]}, row {row}: {values[cell]:.4g}"
+    return session.replace(runs=[spoilt if k == at else one for k, one in enumerate(session.runs)]), words, at, row
+
+
+def difference(clean: Session, mended: Session, run: int, row: int) -> str:
+    """Why the mended session is not the clean one but for one row and its neighbours; nothing where it is."""
+    before = {name: one for one in clean.runs for name in [one.name]}
+    spoilt = clean.runs[run]
+    after: dict[str, list[Recording]] = {}
+    for one in mended.runs:
+        # A run that is cut where a row fell out goes on under a name of its own.
+        origin = max((name for name in before if one.name.startswith(name)), key=len, default="")
+        after.setdefault(origin, []).append(one)
+    if set(after) != set(before):
+        return f"runs {sorted(set(after) ^ set(before))}"
+    for name, pieces in after.items():
+        time_after = np.concatenate([piece.time for piece in pieces])
+        rows = np.searchsorted(before[name].time, time_after)
+        rows = np.clip(rows, 0, len(before[name]) - 1)
+        near = np.zeros(len(before[name]), dtype=bool)
+        if before[name] is spoilt:
+            near[max(0, row - NEIGHBOURS) : row + NEIGHBOURS + 1] = True
+        lost = np.ones(len(near), dtype=bool)
+        lost[rows] = False
+        if (lost & ~near).any():
+            return f"{(lost & ~near).sum()} other rows of {name} are lost"
+        for channel, values in before[name].channels().items():
+            if any(channel not in piece.channels() for piece in pieces):
+                return f"{channel} is dropped"
+            found = np.concatenate([piece.channels()[channel] for piece in pieces])
+            off = (found != values[rows]).any(axis=1) & ~near[rows]
+            if off.any():
+                return f"{channel} of {name} differs in {off.sum()} other rows"
+    return ""
+
+
+def check_mending(sessions: list[Session], arm: ArmModel, draws: int, rng: np.random.Generator) -> None:
+    cleans = [inspect_alone(session, arm) for session in sessions]
+    told: Counter[str] = Counter()
+    bad = 0
+    for _ in range(draws):
+        k = int(rng.integers(len(sessions)))
+        spoilt, words, run, row = spoil(sessions[k], rng)
+        report = inspect_alone(spoilt, arm)
+        fatal = [issue.issue for issue in report.fatal if issue not in cleans[k].fatal]
+        why = f"refused: {fatal[0]}" if fatal else difference(cleans[k].session, report.session, run, row)
+        channel = words.split()[1]
+        told[f"{channel} {'kept' if not why else 'changed'}"] += 1
+        if why:
+            bad += 1
+            print(f"{words}: {why}", flush=True)
+    print(f"mending: {draws - bad} of {draws} draws leave all else as it is; {dict(told)}")
+
+
+def check_diagnoses(sessions: list[Session], arm: ArmModel, count: int, rng: np.random.Generator) -> None:
+    same = 0
+    names: dict[str, tuple[str, list[str]]] = {}
+    for _ in range(count):
+        session = sessions[int(rng.integers(len(sessions)))]
+        if session.name not in names:
+            names[session.name] = outcome(session, arm)
+        spoilt, words, _, _ = spoil(session, rng)
+        found = outcome(spoilt, arm)
+        same += found == names[session.name]
+        print(f"{words}: {found}, clean {names[session.name]}", flush=True)
+    print(f"diagnoses: {same} of {count} draws have the clean session's verdict and named set")
+
+
+def outcome(session: Session, arm: ArmModel) -> tuple[str, list[str]]:
+    """Verdict and named set."""
+    diagnosis = diagnose(session, arm)
+    return diagnosis.verdict, sorted(f"{one['effect']} {one['joints']}" for one in diagnosis.to_dict()["findings"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--draws", type=int, default=1000)
+    parser.add_argument("--diagnoses", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    urdf = options.folder / "robot.urdf"
+    places = sorted(path for path in options.folder.iterdir() if path.is_dir())
+    sessions = [load_session(path) for path in places]
+    arm = load_robot(urdf if urdf.is_file() else None, sessions)
+    rng, begun = np.random.default_rng(options.seed), time.process_time()
+    check_mending(sessions, arm, options.draws, rng)
+    check_diagnoses(sessions, arm, options.diagnoses, rng)
+    print(f"{time.process_time() - begun:.0f} s of processor time")
+
+
+if __name__ == "__main__":
+    main()
