@@ -24,7 +24,7 @@ PARTS = 5
 
 
 @dataclass(frozen=True)
-class Shown:
+class MotionShown:
     """What the recordings show of each joint.
 
     Attributes:
@@ -70,9 +70,9 @@ class Independence:
                 self._sums[j].append(np.stack([part.T @ part for part in np.array_split(table, PARTS)]))
             self._strokes[:, j] += count_strokes(q[:, j], dq[:, j], self._travel)
 
-    def shown(self) -> Shown:
+    def shown(self) -> MotionShown:
         """All that was taken, together."""
-        return Shown(np.array([_least_share(sums) for sums in self._sums]), self._strokes)
+        return MotionShown(np.array([_least_share(sums) for sums in self._sums]), self._strokes)
 
 
 def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) -> tuple[int, int]:

@@ -22,7 +22,7 @@ from ident.ownership import write_marker
 from ident.plant.answer import Answer, TrueEffect, seal
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from plan.planners import Budget, Ledger
 from tests.fuzz.samples import CATALOGUE, LIMITS, SCENE, SESSION_TOML, VIAS, WORLD, obj, stl
 from tests.ident.patches.diagnoses import write_diagnosis

@@ -21,7 +21,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.process import run_command
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from tests.fuzz.corpus import in_a_child
 
 OUTCOMES = (

@@ -27,7 +27,7 @@ from ident.model.residual_net import PRESETS, NetOptions, fit_residual_net
 from ident.ownership import begin_folder
 from ident.recordings.load import load_session
 from ident.recordings.save import write_session
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from plan.planners import Budget, Ledger
 from tests.fuzz.corpus import in_a_child
 from tests.fuzz.guard import CHANGING

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from ident.robot.urdf import data_path
+from ident.robot.names import data_path
 from tests.fuzz.faults import Ended, fork_command
 
 OUTCOMES = ("done", "refused", "taken", "traceback", "status", "lines", "user's")
