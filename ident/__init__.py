@@ -12,6 +12,7 @@ from ident.lazy import lazily
 
 if TYPE_CHECKING:
     from ident.api.checking import blind as blind
+    from ident.api.comparing import compare as compare
     from ident.api.diagnosing import diagnose as diagnose
     from ident.api.fitting import evaluate as evaluate
     from ident.api.fitting import fit_hybrid as fit_hybrid
@@ -40,6 +41,7 @@ _HOMES = {
     "Recording": "ident.recordings.recording",
     "Session": "ident.recordings.recording",
     "blind": "ident.api.checking",
+    "compare": "ident.api.comparing",
     "diagnose": "ident.api.diagnosing",
     "evaluate": "ident.api.fitting",
     "fit_hybrid": "ident.api.fitting",
@@ -60,6 +62,7 @@ __all__ = [
     "Recording",
     "Session",
     "blind",
+    "compare",
     "diagnose",
     "evaluate",
     "fit_hybrid",

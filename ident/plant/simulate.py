@@ -55,6 +55,7 @@ class SimulationOptions:
         measure: Whether the visible amplitude of every effect is measured for the answer.
         coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
         world: What the arm, its sensors and its log are like; see `in_world`. As the plant's own if None.
+        friction_factors: Factors on dry and viscous friction of each joint, as after a service; none if empty.
     """
 
     robot: str = "tm5-900"
@@ -77,6 +78,7 @@ class SimulationOptions:
     measure: bool = False
     coarse: bool = False
     world: World | None = None
+    friction_factors: tuple[float, ...] = ()
 
     def in_world(self, world: World) -> SimulationOptions:
         """These options in a world: what both speak of is the world's."""
@@ -167,6 +169,8 @@ def _check(options: SimulationOptions) -> None:
         "noise": (options.noise, 0.0, 100.0, ""),
         "--seed": (options.seed, 0, 2**63 - 1, ""),
     }
+    if any(not 0.0 < factor <= 10.0 for factor in options.friction_factors):
+        raise InputError("friction_factors", str(options.friction_factors), "choose factors above 0, up to 10")
     for key, (value, low, high, unit) in bounds.items():
         if not low <= value <= high:
             raise InputError(key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip())
@@ -217,6 +221,8 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
     if options.payload is not None:
         body = AddedBody(arm.links[-1], options.payload.mass_kg, as_point(options.payload.com_m))
         hardware = hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
+    if options.friction_factors:
+        hardware = _serviced(hardware, np.array(options.friction_factors))
     sensing = hardware.sensing
     sensing = sensing.replace(
         white=options.noise * sensing.white,
@@ -224,6 +230,17 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
         count_noise=options.noise * sensing.count_noise,
     )
     return hardware.replace(sensing=sensing, friction_spread=0.0 if world else options.friction_spread)
+
+
+def _serviced(hardware: Hardware, factors: Float[Array, " n"]) -> Hardware:
+    """The same arm, its joints rubbing more or less than before."""
+    law = hardware.friction
+    changed = law._replace(
+        coulomb=law.coulomb * factors,
+        bristle_stiffness=law.bristle_stiffness * factors,
+        viscous=law.viscous * factors,
+    )
+    return hardware.replace(friction=changed)
 
 
 def _add_effect(

@@ -11,6 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
+from ident.diagnosis.change.result import Comparison
+from ident.diagnosis.diagnose import Diagnosis
+from ident.model.evaluation import Evaluation
+from ident.model.hybrid import FitResults
+from ident.model.identification import describe
+from ident.model.net_gate import describe_gate
 from ident.results import Result
 from ident.show.console import ladder_table, print_effort, print_issues
 from ident.show.palette import MEASURED, rung_colours
@@ -67,6 +73,22 @@ def _draw_diagnosis(result: Diagnosis) -> Figure:
 
 
 def _tell_evaluation(result: Evaluation) -> str:
+@summary.register(Comparison)
+def _(result: Comparison) -> str:
+    from ident.show.changes import print_comparison
+
+    return as_text(lambda console: print_comparison(console, result))
+
+
+@draw.register(Comparison)
+def _(result: Comparison) -> Figure:
+    from ident.show.changes import draw_comparison
+
+    return draw_comparison(result)
+
+
+@summary.register(Evaluation)
+def _(result: Evaluation) -> str:
     def write(console: Console) -> None:
         console.print(result.model)
         for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:

@@ -74,6 +74,7 @@ class Layout:
         own: For each joint, the columns of candidates that act on it alone.
         shared: The columns of candidates that act on several joints.
         silent: What can't be tested at all.
+        further: Columns of effects, right after the loss figures, that are part of the baseline.
     """
 
     rank: int
@@ -82,16 +83,18 @@ class Layout:
     own: tuple[Int[Array, " k"], ...]
     shared: Int[Array, " k"]
     silent: tuple[NotTestable, ...]
+    further: int = 0
 
     @property
     def tuned(self) -> int:
         """Number of columns of the baseline."""
-        return self.rank + LOSS_FIGURES * self.n
+        return self.rank + LOSS_FIGURES * self.n + self.further
 
     @property
     def size(self) -> int:
         """Number of columns; the torque itself is column `size`."""
-        return self.tuned + sum(len(columns) for columns in self.own) + len(self.shared)
+        candidates = sum(len(columns) for columns in self.own) + len(self.shared)
+        return self.rank + LOSS_FIGURES * self.n + candidates
 
     @cached_property
     def local(self) -> tuple[Int[Array, " p"], ...]:

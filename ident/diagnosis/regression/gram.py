@@ -205,12 +205,27 @@ def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool = False) -
     return np.asarray(run_of_block % min(folds, runs))
 
 
-def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: Whitening | None = None) -> Evidence:
+def gather(
+    session: SessionContext,
+    baseline: Baseline,
+    layout: Layout,
+    known: Whitening | None = None,
+    partition: Partition | None = None,
+    alike: int | None = None,
+) -> Evidence:
     """The one pass: noise from the first chunk, if it isn't known, then sums over all runs.
 
     Friction is the same in all runs, until `Evidence.with_run_spread` says otherwise.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        layout: The columns.
+        known: The noise, if it is known.
+        partition: How time is cut; as `build_partition` does it if None.
+        alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
     """
-    partition = build_partition(session)
+    partition = partition or build_partition(session)
     scale: Array | None = None
     sums: _Sums | None = None
     held: list[Rows] = []
@@ -224,7 +239,7 @@ def gather(session: SessionContext, baseline: Baseline, layout: Layout, known: W
             scale = _column_scale(layout, held)
             for kept in held:
                 _rescale(layout, kept, scale)
-            sums = _Sums(layout, partition, known or estimate_noise(layout, held))
+            sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike]))
             batch, held = held, []
         else:
             assert scale is not None

@@ -173,11 +173,19 @@ class Search:
     def _renamed(self, gram: Array, item: Named, slot: int, groups: Sequence[Group]) -> Named:
         """A name at its new inner figures; one that took another's place is judged itself."""
         group = groups[slot]
-        if group.key == item.group.key:
-            return replace(item, group=group)
+        return replace(item, group=group) if group.key == item.group.key else self.judged_beside(gram, groups, slot)
+
+    def judged_beside(self, gram: Array, groups: Sequence[Group], slot: int) -> Named:
+        """What one of several effects shows beside all the others.
+
+        Args:
+            gram: Sums of the whole session.
+            groups: The effects.
+            slot: Which of them is judged.
+        """
         others = [other for k, other in enumerate(groups) if k != slot]
         projection = project(gram, self.evidence, self.prior, others)
-        return self._judge(gram, projection, others, [(self.score_of(projection, group), group)])[0]
+        return self._judge(gram, projection, others, [(self.score_of(projection, groups[slot]), groups[slot])])[0]
 
     def only(self, found: SearchResults, kept: Sequence[int]) -> SearchResults:
         """The results with some of the names, at the same inner figures; the best of the others counts as refused."""

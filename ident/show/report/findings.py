@@ -52,11 +52,12 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
             for joint, before in heldout["rms_before_Nm"].items()
         ],
         "energy": f"{fixed(heldout.get('energy_error_before_J'))} → {fixed(heldout.get('energy_error_after_J'))} J",
-        "parameters": [_parameter(name, value) for name, value in finding.get("parameters", {}).items()],
+        "parameters": [parameter_row(name, value) for name, value in finding.get("parameters", {}).items()],
     }
 
 
-def _parameter(name: str, value: Any) -> dict[str, str]:
+def parameter_row(name: str, value: Any) -> dict[str, str]:
+    """A figure with its unit and interval as a row of a table."""
     words, unit = parameter_name(name)
     if isinstance(value, Mapping) and name in COUNTED:
         return {"name": words, "unit": unit, "value": f"{value['value']:.0f}", "interval": ""}

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any, ClassVar
 
 from ident.model.hybrid import HybridModel
 from ident.show.report.page import Section
+
+# Clocks beyond this count seconds since 1970: 2001-09-09 [s].
+EPOCH_FROM = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +74,23 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
             yield from _flat(value, f"{words}: ")
         else:
             yield words, str(value)
+
+
+def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a result comes from, as its record tells it: command, version, sessions with their hashes, settings."""
+    past = record.get("provenance") or {}
+    facts: dict[str, Any] = {name: past[name] for name in ("command", "version") if past.get(name)}
+    for stamp in past.get("sessions", []):
+        facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
+    return {**facts, **dict(past.get("settings", {}))}
+
+
+def session_dates(stamp: Mapping[str, Any]) -> str:
+    """When a session was recorded, where its clock tells the date; else its first and last time."""
+    first, last = stamp.get("first"), stamp.get("last")
+    if first is None or last is None:
+        return "no samples"
+    if first < EPOCH_FROM:
+        return f"{first:.1f} to {last:.1f} s on its own clock"
+    days = [datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M") for time in (first, last)]
+    return f"{days[0]} to {days[1]} UTC"

@@ -1,0 +1,46 @@
+"""Compares two sets of recordings of one arm: what `ident compare` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ident.diagnosis.change.from_reports import compare_reports
+from ident.diagnosis.change.result import Comparison
+from ident.diagnosis.from_reports import CUTOFF
+from ident.opening import Robot, Sources, load_robot, load_sources
+from ident.provenance import Provenance, stamp_sessions
+from ident.recordings.load import TOPIC
+from ident.telemetry import inspect_sessions
+
+
+def compare(
+    before: Sources,
+    after: Sources,
+    robot: Robot | None = None,
+    *,
+    cutoff: float | None = None,
+    seed: int = 0,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+) -> Comparison:
+    """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be told.
+
+    Args:
+        before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
+        robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
+        cutoff: Corner of the filter for torques and columns [Hz].
+        seed: Of the sign-flip tests.
+        topic: Topic of bags.
+        session_file: A session.toml for folders that can't hold one.
+
+    Raises:
+        InputError: Recordings or robot can't be used.
+    """
+    earlier = load_sources(before, topic, session_file)
+    later = load_sources(after, topic, session_file)
+    arm = load_robot(robot, (*earlier, *later))
+    reports = inspect_sessions((*earlier, *later), arm)
+    found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, cutoff, seed)
+    settings = {"cutoff_hz": cutoff or CUTOFF, "seed": seed, "robot": arm.name, "sessions_before": len(earlier)}
+    stamps = stamp_sessions(report.session for report in reports)
+    return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

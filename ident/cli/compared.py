@@ -1,0 +1,81 @@
+"""The command that compares two sets of recordings of one arm."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Topic, app, console, say_where, write_json
+from ident.errors import InputError
+from ident.files import atomic_folder, deliver
+from ident.ownership import check_outputs
+
+KIND = "comparison"
+
+
+@app.command()
+def compare(
+    before: Annotated[
+        list[Path],
+        typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
+    ],
+    after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
+    robot: Robot = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the result file and the page.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the page to this file.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    json_file: JsonFile = None,
+) -> None:
+    """What changed between two sets of sessions of one arm: at which joint, by how much."""
+    from ident.api.comparing import compare as compare_sets
+    from ident.show.changes import print_comparison
+    from ident.show.report.change_pages import render_comparison_report, write_comparison_report
+
+    earlier, later = split_sets(before, after)
+    read = [*earlier, *later, robot, session_file]
+    check_outputs(read, {"--html": html, "--json": json_file}, {"--out": (out, KIND)})
+    found = compare_sets(
+        list(earlier), list(later), robot, cutoff=cutoff, seed=seed, topic=topic, session_file=session_file
+    )
+    record = found.to_dict()
+
+    def write_folder() -> None:
+        if out is None:
+            return
+        with atomic_folder(out, KIND) as part:
+            text = json.dumps(record, indent=1) + "\n"
+            (part / "comparison.json").write_text(text, encoding="utf-8")
+            (part / "comparison.html").write_text(render_comparison_report(record), encoding="utf-8")
+
+    def write_page() -> None:
+        if html is not None:
+            write_comparison_report(html, record)
+
+    def show() -> None:
+        print_comparison(console, found)
+        say_where(("page", html), ("result and page", out))
+
+    deliver(show, lambda: write_json(json_file, record), write_page, write_folder)
+
+
+def split_sets(before: list[Path], after: list[Path] | None) -> tuple[list[Path], list[Path]]:
+    """The two sets: what stands before and after `--after`, or the first and the second of two.
+
+    Raises:
+        InputError: Neither.
+    """
+    if after:
+        return before, after
+    if len(before) != 2:
+        raise InputError(
+            "compare",
+            f"{len(before)} sessions and no --after: it is open which of them are the later ones",
+            "give two sessions, or BEFORE … --after AFTER --after …",
+        )
+    return before[:1], before[1:]

@@ -1,0 +1,286 @@
+"""What changed between two sets of recordings of one arm: from motions to changes with evidence.
+
+Both sets share one baseline: the arm's inertias, tuned and hardly held by the URDF, its losses, and every law that is
+asked for, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
+the same laws switched on in the later set alone, selected as a diagnosis selects effects; and each must stand out
+against what the runs of one set differ by among themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.change.look import LOOSE_SHARE, Look, look_at
+from ident.diagnosis.change.readings import BODIES, solve_body
+from ident.diagnosis.change.result import Change, Comparison, Side
+from ident.diagnosis.change.second_look import SecondLook, look_again
+from ident.diagnosis.change.switched import keys_of
+from ident.diagnosis.change.yardstick import Standing, measure_standing
+from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
+from ident.diagnosis.regression.design import Group, Key, NotTestable
+from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
+from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
+from ident.diagnosis.selection.refine import Refined
+from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.effects.base import Interval
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+
+# The URDF's error where it is right within its tolerance: what is seen with such a one alone is told so.
+RIGHT_SHARE = 0.04
+# A change of which the baseline leaves a smaller share can't be told from what both sets have in common.
+LEAST_SEEN = 0.02
+# Chance that anything is told where nothing changed: a false alarm stops a cell.
+ALARM = 0.01
+# Searches at the most, each without what did not stand.
+MOST_ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _LaterOnly(HeldOut):
+    """Held-out scores whose sizes are those of the later set."""
+
+    later: Bool[Array, " F"] | None = None
+
+    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+        whole = super().score(groups)
+        if self.later is None:
+            return whole
+        kept = self.later[:, None]
+        return replace(whole, squares=whole.squares * kept, weights=whole.weights * kept)
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """Changes that stand, with all that goes with them."""
+
+    found: SearchResults
+    estimates: tuple[Estimate, ...]
+    standings: tuple[Standing, ...]
+    doubted: tuple[Reservation, ...]
+
+    @property
+    def left(self) -> HeldOutScore:
+        """What all changes together leave."""
+        return self.found.ladder[-1]
+
+
+def compare(
+    before: Sequence[Motion],
+    after: Sequence[Motion],
+    arm: ArmModel,
+    sides: tuple[Side, Side],
+    seed: int = 0,
+    settings: DiagnosisSettings = USUAL,
+) -> Comparison:
+    """Compares two sets of runs.
+
+    Args:
+        before, after: Motions of both sets, of the same joints and filtered alike.
+        arm: The user's arm, without payload.
+        sides: What the sets are, for the record.
+        seed: Of the sign flips.
+        settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
+    """
+    settings = replace(settings, family_error=ALARM)
+    first = look_at(before, after, arm)
+    told = _tell(first, seed, settings)
+    second = look_again(first, told.estimates, before, after, arm)
+    if second is not None:
+        told = _told_again(second, told, settings)
+    return _result(told, first, arm, sides, _hidden(first))
+
+
+def _search(look: Look, seed: int, settings: DiagnosisSettings) -> Search:
+    """The search over a look; of one run a side, no law of friction can be told."""
+    evidence = look.switched.evidence
+    alone = look.sides.counts == (1, 1)
+    barred = {group.key for group in evidence.layout.groups if alone and group.effect.id in OF_FRICTION}
+    held_out = _LaterOnly(evidence, look.prior, look.sides.later_folds)
+    return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings)
+
+
+def _tell(look: Look, seed: int, settings: DiagnosisSettings) -> _Told:
+    """Searches, and again without what does not stand, until all that is named stands."""
+    joints = look.baseline.nominal.joint_names
+    search = _search(look, seed, settings)
+    doubted: tuple[Reservation, ...] = ()
+    for _ in range(MOST_ROUNDS):
+        found = search.run()
+        if not found.named:
+            return _Told(found, (), (), doubted)
+        if (spare := _superfluous(search, found)) is not None:
+            search = replace(search, barred=search.barred | {spare})
+            continue
+        fine = Refined(search, tuple(item.group for item in found.named))
+        standings = _standings(look, fine, [np.zeros(len(group.columns)) for group in fine.groups])
+        raw = estimate_effects(search, fine, look.session, found.named)
+        read = [_as_read(one, fine, look, np.zeros(len(one.coefficients))) for one in raw]
+        estimates = [_widened(one, standing) for one, standing in zip(read, standings, strict=True)]
+        refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), look.session)
+        for k, standing in enumerate(standings):
+            if standing.p_value > ALARM:
+                refused.setdefault(k, "runs of one set differ by as much among themselves")
+        if not refused:
+            return _Told(found, tuple(estimates), tuple(standings), doubted)
+        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
+        search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
+    return _Told(search.only(found, ()), (), (), doubted)
+
+
+def _superfluous(search: Search, found: SearchResults) -> Key | None:
+    """The weakest of several names that does not pass beside the others: what was found later may explain it."""
+    if len(found.named) < 2:
+        return None
+    gram, groups = search.evidence.gram(), [item.group for item in found.named]
+    again = [search.judged_beside(gram, groups, slot) for slot in range(len(groups))]
+    failed = [item for item in again if not item.gates.passed]
+    return min(failed, key=lambda item: item.gates.evidence).group.key if failed else None
+
+
+def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings) -> _Told:
+    """The same changes with the figures of a second look, which sees what the first left of them."""
+    look = second.look
+    search = _search(look, 0, settings)
+    fine = Refined(search, second.groups)
+    solved, _ = solve_effects(fine, [False] * len(fine.groups))
+    standings = _standings(look, fine, second.added)
+    estimates = []
+    for old, group, added, (beta, cells), standing in zip(
+        told.estimates, second.groups, second.added, solved, standings, strict=True
+    ):
+        asked = group.effect.asked(look.session)
+        figures = dict(group.effect.parameters(asked, group.joint, group.variant, beta + added, cells))
+        raw = replace(old, group=group, told=group, parameters=old.parameters | figures, coefficients=beta)
+        estimates.append(_widened(_as_read(raw, fine, look, added), standing))
+    score = search.held_out.score(second.groups)
+    ladder = (*told.found.ladder[:-1], score)
+    return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted)
+
+
+def _standings(look: Look, fine: Refined, added: Sequence[Float[Array, " k"]]) -> list[Standing]:
+    """How each named change, with what of it is carried already, stands against the runs."""
+    evidence, search = look.switched.evidence, fine.search
+    model = project(evidence.gram(), evidence, search.prior, fine.groups)
+    solved, _ = solve_effects(fine, [False] * len(fine.groups))
+    asked = len(keys_of(evidence) - search.barred)
+    found = []
+    for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
+        scale = evidence.scale[group.columns]
+        scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
+        found.append(measure_standing(look.switched, look.sides, model, group, scaled, covariance, asked))
+    return found
+
+
+def _as_read(estimate: Estimate, fine: Refined, look: Look, added: Float[Array, " k"]) -> Estimate:
+    """A body's figures where every joint's gain may be off by some per cent; other estimates as they are."""
+    group = estimate.told
+    if group.effect.id not in BODIES:
+        return estimate
+    evidence = fine.search.evidence
+    model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
+    scale = evidence.scale[group.columns]
+    whole = (estimate.coefficients + added) * scale
+    scaled, covariance = solve_body(evidence, model, group, whole)
+    beta, cells = scaled / scale, covariance / np.outer(scale, scale)
+    asked = group.effect.asked(look.session)
+    figures = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+    return replace(estimate, parameters=dict(figures), coefficients=beta)
+
+
+def _widened(estimate: Estimate, standing: Standing) -> Estimate:
+    """An estimate whose intervals count what runs differ by."""
+    wide = {
+        name: Interval(
+            one.value,
+            one.value - standing.widening * (one.value - one.low),
+            one.value + standing.widening * (one.high - one.value),
+        )
+        for name, one in estimate.parameters.items()
+    }
+    return replace(estimate, parameters=wide)
+
+
+def _hidden(look: Look) -> list[NotTestable]:
+    """Changes that these two sets can't show, and why."""
+    evidence, found, gram = look.switched.evidence, list(look.silent), look.switched.evidence.gram()
+    loose = project(gram, evidence, look.prior)
+    right = project(gram, evidence, look.prior.tightened(LOOSE_SHARE / RIGHT_SHARE))
+    first = {group.key: group for group in reversed(evidence.layout.groups)}
+    for group in reversed(first.values()):
+        seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
+        if look.sides.counts == (1, 1) and group.effect.id in OF_FRICTION:
+            reason = "one run a side: how much friction differs from run to run is not known"
+        elif seen[0] >= LEAST_SEEN:
+            continue
+        elif seen[1] >= 2.0 * LEAST_SEEN:
+            reason = "the two sets move too differently for a URDF that may be wrong; one that is right would tell"
+        else:
+            reason = "the two sets have too little motion in common to show it"
+        found.append(NotTestable(group.effect, group.joint, reason))
+    return found
+
+
+def _result(
+    told: _Told, look: Look, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
+) -> Comparison:
+    joints, floor = arm.joint_names, look.switched.evidence.floor
+    found = []
+    for item, estimate, standing in zip(told.found.named, told.estimates, told.standings, strict=True):
+        acts = item.shown
+        old, new = item.before.rms[acts], item.after.rms[acts]
+        names = [joints[j] for j in acts]
+        found.append(
+            Change(
+                estimate=estimate,
+                joints=joints_of(item, joints),
+                rms_before=dict(zip(names, map(float, old), strict=True)),
+                rms_after=dict(zip(names, map(float, new), strict=True)),
+                shrink=_shrink(old, new, floor[acts]),
+                p_value=max(standing.p_value, item.gates.p_value),
+                log_score=item.gates.log_score,
+                evidence=item.gates.evidence,
+                run_spread=standing.spread,
+            )
+        )
+    found.sort(key=lambda change: -change.closed)
+    return Comparison(
+        robot=arm.name,
+        joints=joints,
+        verdict=_verdict(found),
+        sides=sides,
+        changes=tuple(found),
+        rms_before=dict(zip(joints, map(float, told.found.ladder[0].rms), strict=True)),
+        rms_after=dict(zip(joints, map(float, told.left.rms), strict=True)),
+        noise=dict(zip(joints, map(float, floor), strict=True)),
+        run_spread=dict(zip(joints, map(float, look.switched.evidence.spread), strict=True)),
+        not_testable=tuple(
+            {
+                "effect": one.effect.id,
+                "joints": [joints[one.joint]] if one.effect.scope == "joint" else list(joints),
+                "reason": one.reason,
+            }
+            for one in hidden
+        ),
+        reservations=told.doubted,
+    )
+
+
+def _verdict(found: Sequence[Change]) -> str:
+    if not found:
+        return "no_change"
+    lawful = any(change.effect != "unlisted_change" for change in found)
+    return "changed" if lawful else "changed_unexplained"
+
+
+def _shrink(old: Float[Array, " k"], new: Float[Array, " k"], floor: Float[Array, " k"]) -> float:
+    """Share of the held-out mean square above noise that a change closes."""
+    reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
+    return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))

@@ -1,0 +1,77 @@
+"""From inspected sessions to a comparison: refuses what the telemetry check refuses, and filters both sets alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.result import Comparison, Side
+from ident.diagnosis.from_reports import CUTOFF
+from ident.diagnosis.regression.decimation import prepare_slower
+from ident.errors import RecordingError
+from ident.motion.motion import LARGEST_CUTOFF_SHARE, Motion, no_motion
+from ident.motion.out_of_core import choose_runs
+from ident.robot.arm import ArmModel
+from ident.telemetry import TelemetryReport
+from ident.telemetry.report import TOO_LITTLE
+
+# Runs of a set that are used: an even choice of more. Some dozens tell all that is to be known of what runs differ by.
+MOST_RUNS = 100
+
+
+def compare_reports(
+    before: Sequence[TelemetryReport],
+    after: Sequence[TelemetryReport],
+    arm: ArmModel,
+    cutoff: float | None = None,
+    seed: int = 0,
+) -> Comparison:
+    """Compares two sets of inspected sessions.
+
+    Args:
+        before, after: The telemetry checks of the sessions of each set.
+        arm: The robot, as `ArmModel.load` gives it.
+        cutoff: Corner of the common filter [Hz].
+        seed: Of the sign flips.
+
+    Raises:
+        RecordingError: The sessions have different joints, or no run of a set is long enough.
+    """
+    reports = [*before, *after]
+    issues = tuple(issue for report in reports for issue in report.issues)
+    sides = _side(before), _side(after)
+    fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
+    if fatal:
+        verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
+        return Comparison(arm.name, arm.joint_names, verdict, sides, issues)
+    joints = reports[0].session.joints
+    for report in reports:
+        if report.session.joints != joints:
+            where = report.session.path or report.session.name
+            raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
+    # What one set's filter passes and the other's does not would be a change.
+    slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
+    corner = min(cutoff or CUTOFF, LARGEST_CUTOFF_SHARE * slowest)
+    missing = [name for name in arm.joint_names if name not in joints]
+    arm = arm.locked(missing) if missing else arm
+    found = compare(_motions(before, corner), _motions(after, corner), arm, sides, seed)
+    return found.with_issues(issues)
+
+
+def _motions(reports: Sequence[TelemetryReport], cutoff: float) -> list[Motion]:
+    """Runs of a set, or an even choice of very many."""
+    motions = [motion for report in reports for motion in prepare_slower(report.session, cutoff)]
+    if not motions:
+        raise no_motion(reports[0].session.path or reports[0].session.name)
+    every = -(-len(motions) // MOST_RUNS)
+    return [motions[k] for k in choose_runs(len(motions), every)]
+
+
+def _side(reports: Sequence[TelemetryReport]) -> Side:
+    sessions = [report.session for report in reports]
+    return Side(
+        sessions=tuple(session.name for session in sessions),
+        runs=sum(len(session.runs) for session in sessions),
+        samples=sum(session.samples for session in sessions),
+        duration_s=sum(session.duration for session in sessions),
+    )

@@ -1,0 +1,112 @@
+"""Laws of change that the catalogue has no effect for: more or less plain friction, and what follows no law at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval, linear_interval
+from ident.effects.knowledge import Doubt, Range
+from ident.effects.typical_sizes import coefficient_interval, friction_level, hardly_moves, travel
+
+# Points between which a torque of no known law is a straight line over the joint's angle, without and with direction.
+POINTS_EVEN, POINTS_ODD = 6, 4
+
+
+class FrictionChange(Effect):
+    """Plain friction of another size: τ = f s + c v, changes of the Coulomb level and of the viscous slope.
+
+    In one recording that is a matter of tuning; between two of them it is a finding.
+    """
+
+    id = "friction_change"
+    summary = "the joint turns harder or more easily than before"
+    defining = ("coulomb_change_Nm", "viscous_change_Nms_rad")
+    doubt = Doubt(share=0.0)
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        return hardly_moves(session, joint)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        return [np.stack([run.direction[:, joint], run.motion.dq[:, joint]], axis=1) for run in session.runs]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        """The two changes, and what they amount to as a share of the friction at the joint's usual speed."""
+        coulomb, viscous = friction_level(session, joint)
+        usual = _usual_speed(session, joint)
+        share = np.array([1.0, usual]) / (coulomb + viscous * usual)
+        return {
+            "coulomb_change_Nm": coefficient_interval(0, coefficients, covariance),
+            "viscous_change_Nms_rad": coefficient_interval(1, coefficients, covariance),
+            "friction_change": linear_interval(share, coefficients, covariance),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        if figures["friction_change"].high < -1.0:
+            return {"friction_change": Range(-1.0, np.inf, "friction would drive the joint")}
+        return {}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        share = figures["friction_change"]
+        way = "more" if share.value > 0.0 else "less"
+        words = share.words("%", 100.0, size=True)
+        if share.value > 0.0:
+            return f"look at grease, seal and brake of {where}: it rubs {words} {way} than before"
+        return f"tune the friction of {where} anew: it rubs {words} {way} than before"
+
+
+class UnlistedChange(Effect):
+    """Torque that follows no law of the catalogue: any curve over the joint's angle, another with its direction."""
+
+    id = "unlisted_change"
+    summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
+    defining = ("rms_Nm",)
+    doubt = Doubt(share=0.0)
+    variance_floor: ClassVar[float] = 1e-12
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        return hardly_moves(session, joint)
+
+    def variants(self, session: SessionContext, joint: int) -> tuple[Variant, ...]:
+        low, high = travel(session, joint)
+        return (Variant(shape={"low_rad": low, "high_rad": high}),)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        return [self._of_run(run, joint, variant) for run in session.runs]
+
+    def _of_run(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "T k"]:
+        low, high = variant.shape["low_rad"], variant.shape["high_rad"]
+        place = (run.motion.q[:, joint] - low) / max(high - low, 1e-9)
+        slip = run.direction[:, joint, None]
+        return np.concatenate([_hats(place, POINTS_EVEN), slip * _hats(place, POINTS_ODD)], axis=1)
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        columns = np.concatenate(self.columns(session.survey, joint, variant))
+        power = columns.T @ columns / len(columns)
+        size = delta_interval(lambda c: np.sqrt(max(c @ power @ c, self.variance_floor)), coefficients, covariance)
+        return {"rms_Nm": size}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        size = figures["rms_Nm"].words("N m")
+        return f"look at {where}: its torque differs by {size} (rms), by no law that is known here"
+
+
+def _hats(place: Float[Array, " T"], points: int) -> Float[Array, "T p"]:
+    """Functions that are one at a point, zero at all others and straight between, over [0, 1]."""
+    at = np.clip(place, 0.0, 1.0)[:, None] * (points - 1)
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(at - np.arange(points))))
+
+
+def _usual_speed(session: SessionContext, joint: int) -> float:
+    """Mean speed of a joint while it moves [rad/s]."""
+    speed = np.abs(np.concatenate([run.motion.dq[:, joint] for run in session.survey.runs]))
+    rest = min(float(run.motion.rest_speed[joint]) for run in session.survey.runs)
+    moving = speed[speed > rest]
+    return float(moving.mean()) if len(moving) else rest

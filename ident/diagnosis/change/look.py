@@ -1,0 +1,126 @@
+"""One look at two sets of runs: the shared baseline, and the sums of every change that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.change.candidates import IN_THE_BASELINE, changes, points
+from ident.diagnosis.change.switched import Sides, Switched, cut, switch
+from ident.diagnosis.regression.baseline import Baseline, fit_baseline
+from ident.diagnosis.regression.design import NotTestable, layout_of
+from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.noise import Whitening
+from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
+from ident.diagnosis.regression.runs import build_session
+from ident.effects.base import Effect, SessionContext, Variant
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+
+# Standard deviation of a URDF's numbers, as a share of each link's own: two sets of recordings need no good one.
+LOOSE_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Two sets of runs, seen through one baseline.
+
+    Attributes:
+        baseline: Tuned on the larger set.
+        session: The runs of both sets.
+        sides: Which runs are of which set.
+        switched: The sums.
+        silent: What can't be seen in any of these runs.
+    """
+
+    baseline: Baseline
+    session: SessionContext
+    sides: Sides
+    switched: Switched
+    silent: tuple[NotTestable, ...]
+
+    @property
+    def prior(self) -> Prior:
+        """The loose belief in the URDF."""
+        return Prior.of(self.switched.evidence, self.baseline.prior)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What an earlier look found.
+
+    Attributes:
+        spread: Friction's variation from run to run.
+        whitening: The noise.
+    """
+
+    spread: Float[Array, " n"]
+    whitening: Whitening
+
+
+def look_at(
+    before: Sequence[Motion],
+    after: Sequence[Motion],
+    arm: ArmModel,
+    apart: frozenset[str] = IN_THE_BASELINE,
+    known: Known | None = None,
+) -> Look:
+    """Tunes the baseline and sums all columns.
+
+    Args:
+        before, after: The runs of both sets.
+        arm: The user's arm.
+        apart: Effects that are not part of the baseline.
+        known: What an earlier look found, if there was one.
+    """
+    swapped = len(after) > len(before)
+    first, second = (after, before) if swapped else (before, after)
+    motions = [*first, *second]
+    later = (np.arange(len(motions)) >= len(first)) ^ swapped
+    baseline = fit_baseline(first, arm, LOOSE_SHARE)
+    session = build_session(baseline, motions, common_clock=False)
+    silent, grids = _grids(session)
+    layout = layout_of(session, baseline.base.rank, grids, silent)
+    sides = cut(session, later)
+    whitening = None if known is None else known.whitening
+    sums = gather(session, baseline, layout, whitening, sides.partition, alike=len(first))
+    switched = switch(sums, sides, apart)
+    spread = _spread(switched, sides, baseline) if known is None else known.spread
+    switched = replace(switched, evidence=switched.evidence.with_run_spread(spread))
+    return Look(baseline, session, sides, switched, tuple(silent))
+
+
+def _grids(session: SessionContext) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
+    """Every change at every joint with its points, and what can't be seen."""
+    silent: list[NotTestable] = []
+    grids: list[tuple[Effect, int, Sequence[Variant]]] = []
+    for effect in changes():
+        asked = effect.asked(session)
+        for joint in range(session.n if effect.scope == "joint" else 1):
+            if reason := effect.untestable(asked, joint):
+                silent.append(NotTestable(effect, joint, reason))
+            else:
+                grids.append((effect, joint, points(effect, session, joint)))
+    return silent, grids
+
+
+def _spread(switched: Switched, sides: Sides, baseline: Baseline) -> Float[Array, " n"]:
+    """By how much friction varies from run to run of either set, whatever changed between them.
+
+    Of a single run a side nobody knows: then it is taken to vary much.
+    """
+    wide = np.full(switched.evidence.layout.n, WIDE_SPREAD)
+    runs = len(sides.later)
+    if runs <= 2:
+        return wide
+    evidence = switched.evidence.with_run_spread(wide)
+    first = {group.key: group for group in reversed(evidence.layout.groups)}
+    free = [group for group in first.values() if group.effect.id != "unlisted_change"]
+    model = project(evidence.gram(), evidence, Prior.of(evidence, baseline.prior), free)
+    # Each set has its own level: one degree of freedom more than a lone session takes.
+    found = estimate_run_spread(evidence, model) * np.sqrt((runs - 1) / (runs - 2))
+    return np.minimum(found, wide)

@@ -1,0 +1,164 @@
+"""`ident.comparison/1`: what changed, at which joint, by how much; or why that can't be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.diagnosis.reservations import Reservation
+from ident.diagnosis.selection.intervals import Estimate
+from ident.recordings.recording import TelemetryIssue
+from ident.results import Result
+
+SCHEMA = "ident.comparison/1"
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two sets.
+
+    Attributes:
+        sessions: Names of its sessions.
+        runs: Number of runs.
+        samples: Number of samples.
+        duration_s: Time that was recorded [s].
+    """
+
+    sessions: tuple[str, ...] = ()
+    runs: int = 0
+    samples: int = 0
+    duration_s: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "sessions": list(self.sessions),
+            "runs": self.runs,
+            "samples": self.samples,
+            "duration_s": self.duration_s,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change with its evidence; figures are after minus before.
+
+    Attributes:
+        estimate: What it is, its figures, its rivals.
+        joints: Where it shows.
+        rms_before, rms_after: What the common model leaves of the later set without and with it, on runs that the fit
+            never saw [N m].
+        shrink: Share of what lay above the noise that it closes there.
+        p_value: Of so large a change by chance, all that were asked for counted.
+        log_score: Gain on held-out runs with its standard error [nats].
+        evidence: Log evidence [nats].
+        run_spread: How much the effect differs from run to run of one set, as a share of the change.
+    """
+
+    estimate: Estimate
+    joints: tuple[str, ...]
+    rms_before: dict[str, float]
+    rms_after: dict[str, float]
+    shrink: float
+    p_value: float
+    log_score: tuple[float, float]
+    evidence: float
+    run_spread: float
+
+    @property
+    def effect(self) -> str:
+        return self.estimate.group.effect.id
+
+    @property
+    def closed(self) -> float:
+        """Mean square that it closes [N² m²]."""
+        return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)
+
+    @property
+    def gain(self) -> float:
+        """Root mean square of the torque that it explains, all its joints together [N m]."""
+        return float(np.sqrt(max(self.closed, 0.0)))
+
+    @property
+    def action(self) -> str:
+        """What a person at the cell can do about it."""
+        return self.estimate.told.effect.action(", ".join(self.joints), self.estimate.parameters)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "probability": self.estimate.probability,
+            "class": list(self.estimate.rivals),
+            "action": self.action,
+            "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
+            "heldout": {
+                "rms_before_Nm": self.rms_before,
+                "rms_after_Nm": self.rms_after,
+                "gain_rms_Nm": self.gain,
+                "shrink": self.shrink,
+            },
+            "evidence": {
+                "p_value": self.p_value,
+                "log_score_gain": self.log_score[0],
+                "log_score_error": self.log_score[1],
+                "log_evidence": self.evidence,
+                "run_spread": self.run_spread,
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(Result):
+    """The answer.
+
+    Attributes:
+        robot: Name of the robot.
+        joints: Joint names.
+        verdict: `no_change`, `changed`, `changed_unexplained`, `not_testable` or `refused`.
+        sides: The earlier and the later set.
+        telemetry: Findings of the telemetry checks of both.
+        changes: What changed, what explains most first.
+        rms_before, rms_after: Error of the common model on held-out runs of the later set, without and with the
+            changes [N m].
+        noise: What no model goes below [N m].
+        run_spread: By how much each joint's friction differs from run to run within a set, as a share.
+        not_testable: What these recordings can't show, and why.
+        reservations: Changes that were not believed.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    verdict: str
+    sides: tuple[Side, Side] = (Side(), Side())
+    telemetry: tuple[TelemetryIssue, ...] = ()
+    changes: tuple[Change, ...] = ()
+    rms_before: dict[str, float] = field(default_factory=dict)
+    rms_after: dict[str, float] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)
+    run_spread: dict[str, float] = field(default_factory=dict)
+    not_testable: tuple[dict[str, Any], ...] = ()
+    reservations: tuple[Reservation, ...] = ()
+
+    def with_issues(self, issues: Sequence[TelemetryIssue]) -> Comparison:
+        """The same with what the telemetry checks found."""
+        return replace(self, telemetry=tuple(issues))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "joints": list(self.joints),
+            "before": self.sides[0].to_dict(),
+            "after": self.sides[1].to_dict(),
+            "telemetry": [issue.to_dict() for issue in self.telemetry],
+            "verdict": self.verdict,
+            "changes": [change.to_dict() for change in self.changes],
+            "heldout": {"rms_before_Nm": self.rms_before, "rms_after_Nm": self.rms_after, "noise_Nm": self.noise},
+            "friction_run_spread": self.run_spread,
+            "not_testable": list(self.not_testable),
+            "reservations": [one.to_dict() for one in self.reservations],
+            "provenance": self.provenance.to_dict(),
+        }

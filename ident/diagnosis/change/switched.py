@@ -1,0 +1,162 @@
+"""From sums of columns in all runs to sums of the same columns in the later set alone.
+
+Every candidate has its columns in all runs; switched on in the later set alone they are what changed. Both kinds are
+columns of one regression: the first stand in the baseline, for what is wrong with the model before is wrong after, the
+second are the candidates. A block lies in one set, so the sums of the second follow from those of the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Int
+from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
+from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
+from ident.diagnosis.regression.gram import Evidence, Partition, build_partition
+from ident.effects.base import SessionContext
+
+# Folds of each set; a set of fewer runs is cut into pieces.
+FOLDS, PIECES = 5, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Which runs and blocks are of the later set.
+
+    Attributes:
+        later: Whether each run is of the later set.
+        run_of_block: Run of each block.
+        partition: How time is cut; no fold holds runs of both sets.
+    """
+
+    later: Bool[Array, " R"]
+    run_of_block: Int[Array, " B"]
+    partition: Partition
+
+    @property
+    def later_blocks(self) -> Bool[Array, " B"]:
+        return np.asarray(self.later[self.run_of_block])
+
+    @property
+    def later_folds(self) -> Bool[Array, " F"]:
+        folds = self.partition.folds
+        return np.array([bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)])
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Runs of the earlier and of the later set."""
+        return int((~self.later).sum()), int(self.later.sum())
+
+
+def cut(session: SessionContext, later: Bool[Array, " R"]) -> Sides:
+    """Cuts the runs of both sets, which follow each other, into blocks and folds."""
+    usual = build_partition(session)
+    run_of_block = np.repeat(np.arange(len(later)), [len(starts) for starts in usual.starts])
+    folds = np.zeros(len(run_of_block), dtype=int)
+    first = 0
+    for side in (False, True):
+        here = later[run_of_block] == side
+        runs = run_of_block[here] - run_of_block[here].min()
+        count = int(runs.max()) + 1
+        dealt = runs % FOLDS if count >= PIECES else np.arange(len(runs)) % PIECES
+        folds[here] = first + dealt
+        first = int(folds[here].max()) + 1
+    return Sides(later, run_of_block, replace(usual, folds=folds))
+
+
+@dataclass(frozen=True, eq=False)
+class Switched:
+    """The sums of both kinds of columns.
+
+    Attributes:
+        evidence: Its layout's groups are the changes; the same effects in all runs are part of the baseline.
+        always: For each change the columns that hold its effect in all runs.
+    """
+
+    evidence: Evidence
+    always: dict[int, Int[Array, " k"]]
+
+    def in_all_runs(self, group: Group) -> Int[Array, " k"]:
+        """The columns of a change's effect in all runs."""
+        return self.always[int(group.columns[0])]
+
+
+def switch(evidence: Evidence, sides: Sides, apart: frozenset[str] = IN_THE_BASELINE) -> Switched:
+    """The sums with every candidate twice: in all runs, and in the later set alone.
+
+    Args:
+        evidence: Sums of all candidates' columns in all runs.
+        sides: Which blocks are of which set.
+        apart: Effects whose columns in all runs are not part of the baseline.
+    """
+    old = evidence.layout
+    common = [group for group in old.groups if group.effect.id not in apart]
+    shadows = [group for group in old.groups if group.effect.id in apart]
+    start = old.rank + LOSS_FIGURES * old.n
+    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *old.groups))]
+    origin = np.append(np.concatenate(source), old.size)
+    first = np.cumsum([len(columns) for columns in source])
+    always = {
+        int(g.columns[0]): at + np.arange(len(g.columns)) for g, at in zip((*common, *shadows), first, strict=False)
+    }
+    split = int(first[len(common) + len(shadows)])
+    groups, twins, at = [], {}, split
+    for group in old.groups:
+        columns = at + np.arange(len(group.columns))
+        at += len(columns)
+        groups.append(Group(ChangeOf(group.effect), group.joint, group.variant, columns))
+        twins[int(columns[0])] = always[int(group.columns[0])]
+    layout = _layout(old, groups, origin, first[len(common)] - start)
+    return Switched(_sums(evidence, layout, origin, split, sides), twins)
+
+
+def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:
+    """Where each column stands: with its joint if its source did."""
+    start = old.rank + LOSS_FIGURES * old.n
+    new = np.arange(start, len(origin) - 1)
+    return Layout(
+        rank=old.rank,
+        n=old.n,
+        groups=tuple(groups),
+        own=tuple(new[np.isin(origin[new], own)] for own in old.own),
+        shared=new[np.isin(origin[new], old.shared)],
+        silent=old.silent,
+        further=int(further),
+    )
+
+
+def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
+    """The sums in the new layout: those of switched columns are zero in blocks of the earlier set."""
+    white, plain, friction = [], [], []
+    pieces_before = ~sides.later_blocks[evidence.friction.block]
+    for j, local in enumerate(layout.local):
+        places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])
+        off = (local >= split) & (local < layout.size)
+        for sums, before, found in (
+            (evidence.white[j], ~sides.later_blocks, white),
+            (evidence.plain[j], ~sides.later_folds, plain),
+        ):
+            part = sums[:, places[:, None], places]
+            part[np.ix_(before, off)] = 0.0
+            part[np.ix_(before, np.arange(len(local)), off)] = 0.0
+            found.append(part)
+        tied = evidence.friction.sums[j][:, :, places]
+        tied[np.ix_(pieces_before, np.arange(2), off)] = 0.0
+        friction.append(tied)
+    return replace(
+        evidence,
+        layout=layout,
+        scale=evidence.scale[origin],
+        white=tuple(white),
+        plain=tuple(plain),
+        noise_power=evidence.noise_power[origin],
+        friction=replace(evidence.friction, sums=tuple(friction)),
+    )
+
+
+def keys_of(evidence: Evidence) -> set[Key]:
+    """All changes that are asked for, whatever their inner figures."""
+    return {group.key for group in evidence.layout.groups}

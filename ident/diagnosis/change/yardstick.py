@@ -1,0 +1,140 @@
+"""Does a change stand out against what runs of one set differ by among themselves?
+
+An effect of size one is what was found to have come with the later set. In each run r its size d_r about its set's mean
+is estimated from what the model with the change leaves, with variance v_r by the noise; of what the d_r of one set
+differ by, the part beyond noise is a variance component,
+
+    τ² = max(0, Σ (d − d̄)² / v − Σ (R_s − 1)) / C,
+
+and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
+of its set's information. A change is told where F = 1 / (k V) is beyond chance for its k columns, all changes asked.
+
+Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Satterthwaite 1946 (degrees of freedom).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.change.switched import Sides, Switched
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.run_spread import residual_weights
+
+# Degrees of freedom that a variance from runs has beside those of the runs: arms of one kind differ by little.
+PRIOR_DOF = 2.0
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a change stands against the runs' own differences.
+
+    Attributes:
+        p_value: For all changes asked.
+        error: Standard deviation of its size, as a share of it.
+        spread: Standard deviation from run to run of the effect, as a share of the change.
+        widening: Factor on the half-widths of intervals that count the blocks' noise alone.
+        dof: Degrees of freedom.
+    """
+
+    p_value: float
+    error: float
+    spread: float
+    widening: float
+    dof: float
+
+
+def measure_standing(
+    switched: Switched,
+    sides: Sides,
+    model: Projection,
+    group: Group,
+    beta: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
+    asked: int,
+) -> Standing:
+    """Holds a change against the runs.
+
+    Args:
+        switched: The sums.
+        sides: Which runs are of which set.
+        model: The baseline with all named changes.
+        group: The change.
+        beta: Its scaled coefficients.
+        covariance: Their covariance by blocks.
+        asked: How many changes were asked for.
+    """
+    score, power = _by_block(switched, model, group, beta)
+    runs = len(sides.later)
+    total, count = np.zeros((2, runs))
+    np.add.at(total, sides.run_of_block, score)
+    np.add.at(count, sides.run_of_block, power)
+    seen = count > 1e-9 * count.max(initial=1e-300)
+    size = np.where(seen, total / np.where(seen, count, 1.0), 0.0)
+    noise = _noise(score - size[sides.run_of_block] * power, power)
+    spread, free, share = _component(size, noise / np.where(seen, count, 1.0), count, sides, seen)
+    along = _information(switched, model, group, beta) @ beta
+    by_blocks = float(along @ covariance @ along) / max(float(beta @ along), 1e-300) ** 2
+    by_runs = spread**2 * share
+    variance = by_blocks + by_runs
+    blocks = max(len(score) - 1.0, 1.0)
+    dof = variance**2 / (by_blocks**2 / blocks + by_runs**2 / (free + PRIOR_DOF) + 1e-300)
+    k = len(beta)
+    p_value = min(1.0, asked * float(fisher.sf(1.0 / (k * variance), k, dof)))
+    reach = float(student.ppf(0.975, dof)) / 1.96
+    widening = reach * float(np.sqrt(variance / max(by_blocks, 1e-300)))
+    return Standing(p_value, float(np.sqrt(variance)), float(spread), max(1.0, widening), float(dof))
+
+
+def _by_block(
+    switched: Switched, model: Projection, group: Group, beta: Float[Array, " k"]
+) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+    """In each block the product of the effect, of the change's size and in all runs, with what is left; its square."""
+    evidence, columns = switched.evidence, switched.in_all_runs(group)
+    weights = residual_weights(evidence, model)
+    blocks = len(evidence.fold_of_block)
+    score, power = np.zeros((2, blocks))
+    for j in group.acts_on(evidence.layout.n):
+        local, sums = evidence.layout.local[j], evidence.white[j]
+        at = np.array([evidence.layout.places[j][int(column)] for column in columns])
+        score += (sums[:, at] @ weights[local]) @ beta
+        power += np.einsum("bij,i,j->b", sums[:, at[:, None], at], beta, beta)
+    return score, np.maximum(power, 0.0)
+
+
+def _noise(left: Float[Array, " B"], power: Float[Array, " B"]) -> float:
+    """By how much blocks of one run vary more than whitened noise would."""
+    return max(1.0, float(left @ left) / max(float(power.sum()), 1e-300))
+
+
+def _component(
+    size: Float[Array, " R"],
+    variance: Float[Array, " R"],
+    power: Float[Array, " R"],
+    sides: Sides,
+    seen: Array,
+) -> tuple[float, float, float]:
+    """Spread from run to run, its degrees of freedom, and what share of its square the change's variance holds."""
+    excess, free, scale, share = 0.0, 0, 0.0, 0.0
+    for side in (False, True):
+        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
+        if not len(here):
+            continue
+        weight = 1.0 / variance[here]
+        mean = float(weight @ size[here] / weight.sum())
+        excess += float(weight @ (size[here] - mean) ** 2) - (len(here) - 1)
+        free += len(here) - 1
+        scale += float(weight.sum() - weight @ weight / weight.sum())
+        share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
+    return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
+
+
+def _information(switched: Switched, model: Projection, group: Group, beta: Float[Array, " k"]) -> Float[Array, "k k"]:
+    """What the other columns leave of the change's own sums, from the model that holds it."""
+    at = np.flatnonzero(np.isin(model.inside, group.columns))
+    return np.asarray(np.linalg.inv(model.spread[np.ix_(at, at)]))

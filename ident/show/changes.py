@@ -1,0 +1,96 @@
+"""A comparison in plain lines and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from ident.console import styled
+from ident.diagnosis.change.result import Change, Comparison
+from ident.show.panels import draw_bars
+from ident.show.report.numbers import fixed, percent, plural, significant
+from ident.show.report.words import effect_name, join_words, parameter_name
+from ident.show.silence import group_silent
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WITHOUT, WITH, NOISE = "#d55e00", "#009e73", "#999999"
+
+
+def headline(record: Mapping[str, Any]) -> str:
+    """The verdict as a sentence."""
+    told = join_words([_named(change) for change in record["changes"][:3]])
+    more = len(record["changes"]) - 3
+    told += f", and {more} more" if more > 0 else ""
+    return {
+        "no_change": "Nothing changed that stands out against what the runs of one set differ by.",
+        "changed": f"What changed: {told}.",
+        "changed_unexplained": f"Something changed that follows no known law: {told}.",
+        "not_testable": "These recordings can't tell whether anything changed.",
+        "refused": "Refused: the recordings are unfit for a comparison.",
+    }[record["verdict"]]
+
+
+def _named(change: Mapping[str, Any]) -> str:
+    where = join_words(change["joints"]) if len(change["joints"]) <= 3 else "the whole arm"
+    return f"{effect_name(change['effect'])} in {where}"
+
+
+def print_comparison(console: Console, comparison: Comparison) -> None:
+    """Verdict, changes with what to do, and what could not be judged."""
+    record = comparison.to_dict()
+    for name, side in zip(("before", "after"), comparison.sides, strict=True):
+        size = f"{plural(side.runs, 'run')}, {side.samples} samples, {side.duration_s:.0f} s"
+        console.print(f"{name}: {', '.join(side.sessions[:6])}{' …' if len(side.sessions) > 6 else ''}; {size}")
+    for issue in comparison.telemetry:
+        if issue.severity != "note":
+            console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
+    console.print(styled((comparison.verdict, "bold"), f": {headline(record)}"), soft_wrap=True)
+    for change in comparison.changes:
+        console.print(f"  {describe_change(change)}", soft_wrap=True, highlight=False)
+        console.print(f"    do: {change.action}", soft_wrap=True, highlight=False)
+    for one in comparison.reservations:
+        told = f"  not told: {effect_name(one.effect)} in {join_words(one.joints)}: {one.reason}"
+        console.print(told, soft_wrap=True, highlight=False)
+    if spread := describe_spread(comparison.run_spread):
+        console.print(f"  {spread}", soft_wrap=True, highlight=False)
+    for line in group_silent(comparison.not_testable):
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
+
+
+def describe_change(change: Change) -> str:
+    """One change in one line: where, what, how large, how sure, how much it explains."""
+    rivals = [effect_name(name) for name in change.estimate.rivals[1:]]
+    open_between = f"; can't be told from {join_words(rivals)}" if rivals else ""
+    figures = []
+    for name, value in change.estimate.parameters.items():
+        words, unit = parameter_name(name)
+        ends = f"[{significant(value.low, 3)}, {significant(value.high, 3)}]"
+        figures.append(f"{words} {significant(value.value, 3)} {ends} {unit}".strip())
+    parts = [
+        f"{name} {fixed(before)} → {fixed(change.rms_after[name])} N m" for name, before in change.rms_before.items()
+    ]
+    return (
+        f"{join_words(change.joints)}: {effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
+        f"error in the later set {', '.join(parts)} ({percent(change.shrink)} of what can be closed)"
+    )
+
+
+def describe_spread(spread: Mapping[str, float]) -> str:
+    """How much friction differs from run to run of one set."""
+    parts = [f"{joint} {percent(share)}" for joint, share in spread.items()]
+    return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
+
+
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Error of the common model in the later set, without and with the changes."""
+    names: Sequence[str] = list(comparison.rms_before) or list(comparison.joints)
+    rows = {
+        "without the changes": (WITHOUT, [comparison.rms_before.get(name) for name in names]),
+        "with them": (WITH, [comparison.rms_after.get(name) for name in names]),
+        "noise": (NOISE, [comparison.noise.get(name) for name in names]),
+    }
+    return draw_bars(list(names), rows, "torque [N m]", f"{comparison.robot}: {comparison.verdict}")
