@@ -59,8 +59,14 @@ class Finding:
     rms_after: dict[str, float]
     energy_before: float
     energy_after: float
+    energy_std: tuple[float, float]
     shrink: float
     share: float
+
+    @property
+    def gain(self) -> float:
+        """Root mean square of the torque that it explains on runs that the fit never saw, its joints together [N m]."""
+        return float(np.sqrt(max(_closed(self), 0.0)))
 
     @property
     def action(self) -> str:
@@ -80,6 +86,9 @@ class Finding:
                 "rms_after_Nm": self.rms_after,
                 "energy_error_before_J": self.energy_before,
                 "energy_error_after_J": self.energy_after,
+                "energy_error_before_std_J": self.energy_std[0],
+                "energy_error_after_std_J": self.energy_std[1],
+                "gain_rms_Nm": self.gain,
                 "shrink": self.shrink,
                 "share": self.share,
             },
@@ -316,11 +325,17 @@ def _findings(
                 rms_after={joints[j]: float(new[j]) for j in acts},
                 energy_before=float(reach.energy_before[acts].sum()),
                 energy_after=float(reach.energy_after[acts].sum()),
+                energy_std=(_spread(reach.runs_before[:, acts]), _spread(reach.runs_after[:, acts])),
                 shrink=_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
             )
         )
     return tuple(sorted(findings, key=lambda finding: -_closed(finding)))
+
+
+def _spread(energies: Float[Array, "R k"]) -> float:
+    """Standard deviation over the runs of what some joints err by together [J]."""
+    return float(energies.sum(axis=1).std())
 
 
 def _closed(finding: Finding) -> float:

@@ -54,6 +54,9 @@ class FindingHeldoutRecord(TypedDict):
     energy_error_after_J: Any
     shrink: float | None
     share: NotRequired[float]
+    energy_error_before_std_J: NotRequired[float]
+    energy_error_after_std_J: NotRequired[float]
+    gain_rms_Nm: NotRequired[float]
 
 
 # `class` is a word of Python's own, so this record is written as a call.
@@ -81,6 +84,8 @@ class HeldoutRecord(TypedDict, total=False):
     without_names_rms_Nm: ByJoint
     energy_error_before_J: ByJoint
     energy_error_after_J: ByJoint
+    energy_error_before_std_J: ByJoint
+    energy_error_after_std_J: ByJoint
     forward: Any
 
 

@@ -28,7 +28,7 @@ def headline(record: Mapping[str, Any]) -> str:
     return {
         "no_change": "Nothing changed that stands out against what the runs of one set differ by.",
         "changed": f"What changed: {told}.",
-        "changed_unexplained": f"Something changed that follows no known law: {told}.",
+        "changed_unexplained": f"Something changed that follows no known law{f': {told}' if told else ''}.",
         "not_testable": "These recordings can't tell whether anything changed.",
         "refused": "Refused: the recordings are unfit for a comparison.",
     }[record["verdict"]]

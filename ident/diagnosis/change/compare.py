@@ -30,6 +30,7 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search, SearchResults
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval
+from ident.effects.plausible import undefined
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -65,6 +66,7 @@ class _Told:
     estimates: tuple[Estimate, ...]
     standings: tuple[Standing, ...]
     doubted: tuple[Reservation, ...]
+    unlawful: bool = False  # something stood out whose figures no arm has
 
     @property
     def left(self) -> HeldOutScore:
@@ -112,10 +114,11 @@ def _tell(look: Look, seed: int, settings: DiagnosisSettings) -> _Told:
     joints = look.baseline.nominal.joint_names
     search = _search(look, seed, settings)
     doubted: tuple[Reservation, ...] = ()
+    unlawful = False
     for _ in range(MOST_ROUNDS):
         found = search.run()
         if not found.named:
-            return _Told(found, (), (), doubted)
+            return _Told(found, (), (), doubted, unlawful)
         if (spare := _superfluous(search, found)) is not None:
             search = replace(search, barred=search.barred | {spare})
             continue
@@ -127,12 +130,14 @@ def _tell(look: Look, seed: int, settings: DiagnosisSettings) -> _Told:
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), look.session)
         for k, standing in enumerate(standings):
             if standing.p_value > ALARM:
-                refused.setdefault(k, "runs of one set differ by as much among themselves")
+                refused[k] = "runs of one set differ by as much among themselves"
+            elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
+                unlawful = True
         if not refused:
-            return _Told(found, tuple(estimates), tuple(standings), doubted)
+            return _Told(found, tuple(estimates), tuple(standings), doubted, unlawful)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
-    return _Told(search.only(found, ()), (), (), doubted)
+    return _Told(search.only(found, ()), (), (), doubted, unlawful)
 
 
 def _superfluous(search: Search, found: SearchResults) -> Key | None:
@@ -162,7 +167,7 @@ def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings) ->
         estimates.append(_widened(_as_read(raw, fine, look, added), standing))
     score = search.held_out.score(second.groups)
     ladder = (*told.found.ladder[:-1], score)
-    return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted)
+    return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted, told.unlawful)
 
 
 def _standings(look: Look, fine: Refined, added: Sequence[Float[Array, " k"]]) -> list[Standing]:
@@ -254,7 +259,7 @@ def _result(
     return Comparison(
         robot=arm.name,
         joints=joints,
-        verdict=_verdict(found),
+        verdict=_verdict(found, told.unlawful, look.sides.too_short),
         sides=sides,
         changes=tuple(found),
         rms_before=dict(zip(joints, map(float, told.found.ladder[0].rms), strict=True)),
@@ -273,9 +278,9 @@ def _result(
     )
 
 
-def _verdict(found: Sequence[Change]) -> str:
+def _verdict(found: Sequence[Change], unlawful: bool, too_short: bool) -> str:
     if not found:
-        return "no_change"
+        return "changed_unexplained" if unlawful else "not_testable" if too_short else "no_change"
     lawful = any(change.effect != "unlisted_change" for change in found)
     return "changed" if lawful else "changed_unexplained"
 

@@ -15,11 +15,15 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
-from ident.diagnosis.regression.gram import Evidence, Partition, build_partition
+from ident.diagnosis.regression.gram import SHORTEST_BLOCK, STRETCH, Evidence
+from ident.diagnosis.regression.rows import Partition
 from ident.effects.base import SessionContext
 
 # Folds of each set; a set of fewer runs is cut into pieces.
 FOLDS, PIECES = 5, 3
+# Blocks of each set: as many as a diagnosis has of one. Of fewer than the second number no test can tell anything: all
+# of their signs are alike by chance in one of a hundred cases.
+SIDE_BLOCKS, FEWEST_BLOCKS = 64, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,25 +50,53 @@ class Sides:
         return np.array([bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)])
 
     @property
+    def too_short(self) -> bool:
+        """Whether one of the sets is too short for any test."""
+        blocks = int(self.later_blocks.sum())
+        return min(blocks, len(self.run_of_block) - blocks) < FEWEST_BLOCKS
+
+    @property
     def counts(self) -> tuple[int, int]:
         """Runs of the earlier and of the later set."""
         return int((~self.later).sum()), int(self.later.sum())
 
 
 def cut(session: SessionContext, later: Bool[Array, " R"]) -> Sides:
-    """Cuts the runs of both sets, which follow each other, into blocks and folds."""
-    usual = build_partition(session)
-    run_of_block = np.repeat(np.arange(len(later)), [len(starts) for starts in usual.starts])
+    """Cuts the runs of both sets, which follow each other, into blocks and folds.
+
+    Each set has blocks of its own length: a short one must speak as often as a long one, or no test could hear it.
+    """
+    motions = [run.motion for run in session.runs]
+    lengths = np.array([motion.filtered_length for motion in motions])
+    seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
+    totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
+    counts = np.maximum(1, np.round(seconds / np.maximum(SHORTEST_BLOCK, totals / SIDE_BLOCKS)).astype(int))
+    starts = tuple(
+        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
+    )
+    parts = np.maximum(1, np.round(seconds / STRETCH)).astype(int)
+    stretches = np.concatenate(
+        [
+            first + np.arange(count) * part // count
+            for first, count, part in zip(np.cumsum(parts) - parts, counts, parts, strict=True)
+        ]
+    )
+    run_of_block = np.repeat(np.arange(len(later)), counts)
+    folds = _folds(run_of_block, later)
+    return Sides(later, run_of_block, Partition(starts, np.cumsum(counts) - counts, folds, stretches))
+
+
+def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Array, " B"]:
+    """Fold of each block: whole runs of one set, or pieces where a set has few runs."""
     folds = np.zeros(len(run_of_block), dtype=int)
     first = 0
     for side in (False, True):
         here = later[run_of_block] == side
         runs = run_of_block[here] - run_of_block[here].min()
-        count = int(runs.max()) + 1
-        dealt = runs % FOLDS if count >= PIECES else np.arange(len(runs)) % PIECES
+        dealt = runs % FOLDS if runs.max() + 1 >= PIECES else np.arange(len(runs)) % PIECES
         folds[here] = first + dealt
         first = int(folds[here].max()) + 1
-    return Sides(later, run_of_block, replace(usual, folds=folds))
+    return folds
 
 
 @dataclass(frozen=True, eq=False)

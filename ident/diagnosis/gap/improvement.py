@@ -25,14 +25,24 @@ class Reach:
         shares: Order-free share of the reducible gap of each effect, in the order of the search.
         without_names: RMS that boosted trees leave where they are put in the effects' place, joint by joint [N m].
         forward: The motion replayed, without and with the effects.
-        energy_before, energy_after: Mean energy error of a run, joint by joint [J].
+        runs_before, runs_after: Energy error of each run, joint by joint [J].
     """
 
     shares: Float[Array, " k"]
     without_names: Float[Array, " n"]
     forward: Replay
-    energy_before: Float[Array, " n"]
-    energy_after: Float[Array, " n"]
+    runs_before: Float[Array, "R n"]
+    runs_after: Float[Array, "R n"]
+
+    @property
+    def energy_before(self) -> Float[Array, " n"]:
+        """Mean energy error of a run without the effects, joint by joint [J]."""
+        return np.asarray(self.runs_before.mean(axis=0))
+
+    @property
+    def energy_after(self) -> Float[Array, " n"]:
+        """The same with them."""
+        return np.asarray(self.runs_after.mean(axis=0))
 
     def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
         """The record's further entries of `heldout`."""
@@ -44,6 +54,8 @@ class Reach:
             "without_names_rms_Nm": named(self.without_names),
             "energy_error_before_J": named(self.energy_before),
             "energy_error_after_J": named(self.energy_after),
+            "energy_error_before_std_J": named(self.runs_before.std(axis=0)),
+            "energy_error_after_std_J": named(self.runs_after.std(axis=0)),
             "forward": self.forward.to_dict(joints),
         }
 
@@ -71,8 +83,8 @@ def measure_reach(
         shares=shapley_shares(scorer, [item.group for item in found.named], floors),
         without_names=np.array([_without_names(series, j, rms[j], floors[j]) for j in range(len(rms))]),
         forward=replay(series, baseline),
-        energy_before=np.mean([run_energy(item, item.unseen_before) for item in series], axis=0),
-        energy_after=np.mean([run_energy(item, item.unseen_after) for item in series], axis=0),
+        runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
+        runs_after=np.array([run_energy(item, item.unseen_after) for item in series]),
     )
 
 

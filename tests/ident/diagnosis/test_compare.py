@@ -1,0 +1,109 @@
+"""Laws of comparing: what was done between two sets is found, where it was done; what was not done is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.result import Comparison, Side
+from ident.motion.motion import Motion
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import COULOMB, NOISE, SLIP, Plant, at_joint, healthy_torque, load_arm, nothing
+from tests.ident.made_up import made_motions
+
+LOAD = Payload(1.2, (0.05, 0.0, 0.06))
+
+
+def wrong_everywhere(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """What the URDF and the baseline know nothing of, before and after: a spring, an offset, heavier links."""
+    spring = at_joint(2, 1.5 * np.sin(2 * q[:, 2])) + at_joint(0, np.full(len(q), 0.8))
+    return spring + 0.15 * arm.inverse_dynamics(q, dq, ddq)
+
+
+def with_load(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    heavier = arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+    return wrong_everywhere(arm, q, dq, ddq) + heavier
+
+
+def with_friction(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    more = at_joint(1, 0.25 * COULOMB[1] * np.tanh(dq[:, 1] / SLIP))
+    return wrong_everywhere(arm, q, dq, ddq) + more
+
+
+def with_gain(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    usual = wrong_everywhere(arm, q, dq, ddq)
+    return usual + at_joint(1, 0.1 * (healthy_torque(arm, q, dq, ddq) + usual)[:, 1])
+
+
+def with_offset(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return wrong_everywhere(arm, q, dq, ddq) + at_joint(0, np.full(len(q), 0.7))
+
+
+def runs_of(arm: ArmModel, plant: Plant, seeds: range) -> list[Motion]:
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        return healthy_torque(arm, q, dq, ddq) + plant(arm, q, dq, ddq)
+
+    return made_motions(arm, law, seeds, 8.0, 50.0, noise=NOISE)
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return load_arm()
+
+
+@pytest.fixture(scope="module")
+def before(arm: ArmModel) -> list[Motion]:
+    return runs_of(arm, wrong_everywhere, range(4))
+
+
+def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = range(10, 14)) -> Comparison:
+    return compare(before, runs_of(arm, plant, seeds), arm, (Side(), Side()))
+
+
+def test_nothing_changed_is_no_change_though_the_model_is_wrong(arm: ArmModel, before: list[Motion]) -> None:
+    found = compared(arm, before, wrong_everywhere)
+    assert found.verdict == "no_change"
+    assert not found.changes
+
+
+@pytest.mark.parametrize(
+    ("plant", "effect", "joint", "figure", "size"),
+    [
+        (with_friction, "friction_change", "joint_2", "coulomb_change_Nm", 0.25 * COULOMB[1]),
+        (with_gain, "torque_gain_error", "joint_2", "gain", 0.1),
+        (with_offset, "torque_offset", "joint_1", "offset_Nm", 0.7),
+    ],
+)
+def test_what_changed_is_found_where_it_changed(
+    arm: ArmModel, before: list[Motion], plant: Plant, effect: str, joint: str, figure: str, size: float
+) -> None:
+    found = compared(arm, before, plant)
+    assert [(one.effect, one.joints) for one in found.changes] == [(effect, (joint,))]
+    told = found.changes[0].estimate.parameters[figure]
+    assert told.low <= size <= told.high
+    assert joint in found.changes[0].action
+
+
+def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, before: list[Motion]) -> None:
+    loaded = runs_of(arm, with_load, range(10, 14))
+    there, back = (compare(*sets, arm, (Side(), Side())) for sets in ((before, loaded), (loaded, before)))
+    for found, sign in ((there, 1.0), (back, -1.0)):
+        (change,) = found.changes
+        assert "payload" in change.estimate.rivals
+        figure = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
+        assert figure.low <= sign * LOAD.mass_kg <= figure.high
+
+
+def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -> None:
+    found = compared(arm, before[:1], with_friction, range(10, 11))
+    assert "friction_change" not in {one.effect for one in found.changes}
+    silent = {one["effect"]: one["reason"] for one in found.not_testable}
+    assert "one run a side" in silent["friction_change"]
+
+
+def test_healthy_arm_compares_equal(arm: ArmModel) -> None:
+    halves = runs_of(arm, nothing, range(6))
+    assert compare(halves[::2], halves[1::2], arm, (Side(), Side())).verdict == "no_change"
