@@ -233,13 +233,15 @@ def diagnose(
     def write_page() -> None:
         if html is None:
             return
-        from ident.show.report import ReportInput, write_diagnosis_report
+        from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report
+        from ident.show.report.laws import draw_laws
 
         evaluation = None
         if loaded is not None and analysis is not None:
             scored = score(sessions, loaded, topic=topic, session_file=session_file, cutoff=cutoff)
             evaluation = ReportInput((loaded,), (scored,), ())
-        write_diagnosis_report(html, record, evaluation)
+        pictures = () if analysis is None else draw_laws(analysis)
+        write_diagnosis_report(html, DiagnosisInput(record, pictures=pictures), evaluation)
 
     def write_rrd() -> None:
         if rrd is not None and analysis is not None:

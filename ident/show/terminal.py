@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +13,7 @@ from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.gap_map import SIGNIFICANT
 from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
+from ident.show.silence import group_silent
 from ident.show.timeline import Curve, Mark
 
 VERDICTS = {
@@ -52,10 +52,8 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""
         console.print(f"  {name}: {gap['rms_Nm']:.3f} N m against {gap['noise_floor_Nm']:.3f} of noise{left}")
-    silent = Counter(item["effect"] for item in diagnosis.not_testable)
-    if silent:
-        told = ", ".join(f"{effect} ({count} joints)" if count > 1 else effect for effect, count in silent.items())
-        console.print(f"  not testable with these motions: {told}; the page says why", soft_wrap=True)
+    for line in group_silent(diagnosis.not_testable):
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 
 def describe(finding: Finding) -> str:
@@ -66,10 +64,11 @@ def describe(finding: Finding) -> str:
     figures = ", ".join(
         f"{key} {value.value:.3g} [{value.low:.3g}, {value.high:.3g}]" for key, value in estimate.parameters.items()
     )
-    energy = f"energy error {finding.energy_before:.2f} → {finding.energy_after:.2f} J"
+    before, after = finding.energy_std
+    energy = f"energy error {finding.energy_before:.2f} ± {before:.2f} → {finding.energy_after:.2f} ± {after:.2f} J"
     return (
         f"  {', '.join(finding.joints)}: {name} ({estimate.probability:.0%}{rivals}), {figures}; "
-        f"closes {finding.shrink:.0%} of the reducible held-out gap, {energy}"
+        f"explains {finding.gain:.2f} N m (rms) on unseen runs, {finding.shrink:.0%} of what can be closed; {energy}"
     )
 
 

@@ -4,8 +4,8 @@
 
 Each pair is drawn: a world, an arm, whether the motions are the same before and after, and what happens in between:
 nothing (every third pair), a payload that comes or goes, friction of one joint after a service, a drive's gain, an
-offset, something mounted on a link. Fresh from the system's entropy unless a seed is given. Counted: *named*: the effect
-(or one of its class) at its joint, with no false name beside; *sized*: the interval of the true figure holds it;
+offset, something mounted on a link. Fresh from the system's entropy unless a seed is given. Counted: *named*: the
+effect (or one of its class) at its joint, with no false name beside; *sized*: the interval of the true figure holds it;
 *alarms*: anything told where nothing changed.
 """
 

@@ -162,7 +162,9 @@ def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], furt
 
 def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
     """The sums in the new layout: those of switched columns are zero in blocks of the earlier set."""
-    white, plain, friction = [], [], []
+    white: list[Array] = []
+    plain: list[Array] = []
+    friction: list[Array] = []
     pieces_before = ~sides.later_blocks[evidence.friction.block]
     for j, local in enumerate(layout.local):
         places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])

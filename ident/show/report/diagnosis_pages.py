@@ -13,7 +13,7 @@ from ident.show.report.findings import FindingsSection
 from ident.show.report.outlook import OutlookSection
 from ident.show.report.page import Section, write_report
 from ident.show.report.pages import evaluation_sections
-from ident.show.report.provenance import FactsSection
+from ident.show.report.provenance import FactsSection, describe_origin, provenance_facts
 from ident.show.report.source import DiagnosisInput, ReportInput
 from ident.show.report.telemetry import TelemetrySection
 from ident.show.report.verdict import VerdictSection
@@ -33,7 +33,7 @@ def diagnosis_sections(source: DiagnosisInput) -> list[Section]:
         OutlookSection(source),
         ConfusionSection(source.confusion),
         TelemetrySection(issues),
-        FactsSection(source.provenance),
+        FactsSection(source.provenance or provenance_facts(source.record)),
     ]
 
 
@@ -55,7 +55,8 @@ def write_diagnosis_report(
     if evaluation is not None:
         told = {section.anchor for section in sections if section.is_present}
         sections += [s for s in evaluation_sections(evaluation) if _is_new(s, told)]
-    return write_report(path, "Why does the arm not move as its model says?", sections, source.record["robot"])
+    title = f"{source.record['robot']}: why does the arm not move as its model says?"
+    return write_report(path, title, sections, describe_origin(source.record))
 
 
 def _is_new(section: Section, told: set[str]) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ident.diagnosis.verdict import above_noise
-from ident.show.report.numbers import fixed, glue, percent
+from ident.show.report.numbers import DASH, fixed, glue, pair, percent
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words
@@ -27,6 +27,7 @@ class DiagnosisVerdictSection(Section):
         session = record.get("session", {})
         return {
             "headline": diagnosis_headline(record),
+            "first": first_action(record),
             "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
             "motion": glue(describe_motion(record)),
@@ -34,7 +35,7 @@ class DiagnosisVerdictSection(Section):
             "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
             f"{fixed(session.get('duration_s', 0.0), 0)} s",
             "gaps": gap_rows(record),
-            "as_it_is": as_it_is(record),
+            "untuned": untuned(record),
         }
 
 
@@ -53,6 +54,17 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
         "refused": "Refused: the recordings are unfit for a diagnosis.",
     }.get(record["verdict"], record["verdict"].replace("_", " "))
+
+
+def first_action(record: Mapping[str, Any]) -> str:
+    """What to do first: about what gains most, else what to record next."""
+    for finding in record.get("findings", []):
+        if action := finding.get("action", ""):
+            return f"{action[0].upper()}{action[1:]}."
+    following = record.get("next_experiment") or {}
+    if record["verdict"] in ("not_testable", "none_of_catalogue") and following.get("motion"):
+        return f"Record this next: {following['motion']}."
+    return ""
 
 
 def is_small(record: Mapping[str, Any]) -> bool:
@@ -131,7 +143,7 @@ def describe_motion(record: Mapping[str, Any]) -> str:
     return f"Replayed under the recorded torques, the motion is off after {window} by [mrad]: {', '.join(parts)}."
 
 
-def as_it_is(record: Mapping[str, Any]) -> str:
+def untuned(record: Mapping[str, Any]) -> str:
     """What the model untuned is: the user's own where one was given."""
     own = any("model_rms_Nm" in gap for gap in record.get("gap", {}).values())
     return "the model that was given" if own else "inertias of the URDF, friction tuned"
@@ -142,7 +154,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     gaps = record.get("gap", {})
     heldout = record.get("heldout") or {}
     after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
-    joules = heldout.get("energy_error_after_J", {})
+    joules, spread = (heldout.get(f"energy_error_after_{what}", {}) for what in ("J", "std_J"))
     top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
     scale = 100.0 / top if top > 0 else 0.0
     rows = []
@@ -157,7 +169,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
                 "trees": trees.get(joint),
                 "noise": gap["noise_floor_Nm"],
                 "energy": f"{fixed(energy.get('mean'))} ± {fixed(energy.get('std'))}",
-                "energy_after": joules.get(joint) if record.get("findings") else None,
+                "energy_after": pair(joules.get(joint), spread.get(joint)) if record.get("findings") else DASH,
                 "trees_bar": round(scale * trees[joint], 1) if joint in trees else None,
                 "rms_bar": round(scale * gap["rms_Nm"], 1),
                 "noise_bar": round(scale * gap["noise_floor_Nm"], 1),

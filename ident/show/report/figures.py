@@ -16,6 +16,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from ident.arrays import Array, Float
+from ident.show.palette import MEASURED
 
 PANEL = (3.5, 1.75)  # [inch]
 WIDE = (5.0, 2.4)
@@ -73,6 +74,8 @@ def to_svg(figure: Figure, description: str) -> Markup:
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"(font: [\d.]+px )[^;\"]*", r"\1sans-serif", text)
     text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), text)
+    # Ink and grid are the page's own: they turn with its dark mode.
+    text = text.replace(INK, "currentColor").replace(GRID, "var(--line)").replace(MEASURED, "currentColor")
     text = _own_names(text, f"f{next(_counter)}-")
     view_box = re.search(r'viewBox="[^"]*"', text)
     assert view_box is not None

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.show.report.numbers import fixed, percent, significant
+from ident.show.report.numbers import fixed, pair, percent, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words, parameter_name
@@ -23,7 +23,7 @@ class FindingsSection(Section):
 
     source: DiagnosisInput
     anchor: ClassVar[str] = "findings"
-    title: ClassVar[str] = "What causes it, and how far it shrinks"
+    title: ClassVar[str] = "What causes it, and what to do"
     template: ClassVar[str] = "findings.html"
 
     @property
@@ -31,7 +31,10 @@ class FindingsSection(Section):
         return bool(self.source.record.get("findings"))
 
     def context(self) -> dict[str, Any]:
-        return {"findings": [finding_card(finding) for finding in self.source.record["findings"]]}
+        findings, pictures = self.source.record["findings"], self.source.pictures
+        drawn = [*pictures, *[None] * (len(findings) - len(pictures))]
+        cards = zip(findings, drawn, strict=False)
+        return {"findings": [{**finding_card(finding), "picture": picture} for finding, picture in cards]}
 
 
 def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,7 +46,8 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
         "joints": join_words(finding["joints"]),
         "probability": percent(finding.get("probability")),
         "twins": join_words(twins),
-        "action": finding.get("action", ""),
+        "action": _sentence(finding.get("action", "")),
+        "gain": fixed(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
         "shrink": percent(heldout["shrink"]),
         "share": percent(heldout.get("share")) if "share" in heldout else "",
         "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
@@ -51,9 +55,18 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
             f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))} N m"
             for joint, before in heldout["rms_before_Nm"].items()
         ],
-        "energy": f"{fixed(heldout.get('energy_error_before_J'))} → {fixed(heldout.get('energy_error_after_J'))} J",
+        "energy": f"{_energy(heldout, 'before')} → {_energy(heldout, 'after')} J",
         "parameters": [parameter_row(name, value) for name, value in finding.get("parameters", {}).items()],
     }
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _energy(heldout: Mapping[str, Any], when: str) -> str:
+    """Mean energy error of a run, with its spread over the runs where that is known."""
+    return pair(heldout.get(f"energy_error_{when}_J"), heldout.get(f"energy_error_{when}_std_J"))
 
 
 def parameter_row(name: str, value: Any) -> dict[str, str]:

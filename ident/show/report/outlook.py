@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words
+from ident.show.silence import silent_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,7 @@ class OutlookSection(Section):
             "minutes": f"{following['minutes']:g}" if "minutes" in following else "",
             "separates": join_words([effect_name(effect) for effect in following.get("separates", [])]),
             "tied": any(len(finding["class"]) > 1 for finding in record.get("findings", [])),
+            "silent": silent_groups(record.get("not_testable", [])),
             "not_testable": [
                 {
                     "effect": effect_name(one["effect"]),

@@ -80,7 +80,9 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(fixed=fixed, pair=pair, significant=significant, rung=rung_name, breakable=breakable)
+    environment.filters.update(
+        fixed=fixed, pair=pair, significant=significant, rung=rung_name, breakable=breakable, coded=coded
+    )
     environment.globals["rung_colours"] = rung_colours
     return environment
 
@@ -88,3 +90,10 @@ def _environment() -> Environment:
 def breakable(name: str) -> Markup:
     """A name that may break after its underscores: joint names are long, phones are narrow."""
     return Markup(escape(name).replace("_", Markup("_<wbr>")))
+
+
+def coded(text: str) -> Markup:
+    """A sentence with what stands between backticks as code: commands to be run as they stand."""
+    parts = str(escape(text)).split("`")
+    whole = [f"<code>{part}</code>" if k % 2 else part for k, part in enumerate(parts[: len(parts) // 2 * 2 + 1])]
+    return Markup("".join(whole))

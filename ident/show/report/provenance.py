@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, ClassVar
 
 from ident.model.hybrid import HybridModel
+from ident.show.report.numbers import plural
 from ident.show.report.page import Section
 
 # Clocks beyond this count seconds since 1970: 2001-09-09 [s].
 EPOCH_FROM = 1e9
+# Sessions that are named under a title.
+MOST_STAMPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,17 @@ def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
     for stamp in past.get("sessions", []):
         facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
     return {**facts, **dict(past.get("settings", {}))}
+
+
+def describe_origin(record: Mapping[str, Any]) -> str:
+    """One line under a page's title: sessions with their dates, amount, command and version."""
+    past, facts = record.get("provenance") or {}, record.get("session") or {}
+    stamps = past.get("sessions", [])
+    names = [f"{Path(stamp['path']).name} ({session_dates(stamp)})" for stamp in stamps[:MOST_STAMPS]]
+    names += [f"{len(stamps) - MOST_STAMPS} more sessions"] if len(stamps) > MOST_STAMPS else []
+    amount = [plural(facts["runs"], "run"), f"{facts['duration_s']:.0f} s"] if facts else []
+    made = [f"{past.get('command', '')}, armgap {past.get('version', '')}"] if past.get("command") else []
+    return " · ".join([record["robot"], *names, *amount, *made])
 
 
 def session_dates(stamp: Mapping[str, Any]) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.model.evaluation import Evaluation, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
+
+if TYPE_CHECKING:
+    from ident.show.report.laws import LawPicture
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +68,11 @@ class DiagnosisInput:
     Attributes:
         record: `ident.diagnosis/1`.
         confusion: How often the check on withheld effects took one effect (row) for another, as in `ident.blind/1`.
-        provenance: Versions, options and data hashes.
+        provenance: Versions, options and data hashes; those of the record if none are given.
+        pictures: One of each finding's law, in their order; None where there is none.
     """
 
     record: Mapping[str, Any]
     confusion: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Sequence[LawPicture | None] = ()

@@ -1,0 +1,197 @@
+"""A picture of each named law over the data: what is left without it, against what it goes with, and its curve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from ident.arrays import Array, Float
+from ident.diagnosis.diagnose import Analysis, Finding
+from ident.diagnosis.gap.axes import reversal_age
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.show.report.figures import WIDE, binned, make_panel, thin, to_svg
+
+DATA, LAW, PLAIN = "#7f7f7f", "#009e73", "#d55e00"
+BINS = 18
+# Bins of fewer samples than this say nothing.
+LEAST_SAMPLES = 8
+
+Axis = Callable[[RunResidual, int], Float[Array, " t"]]
+
+
+@dataclass(frozen=True, eq=False)
+class LawPicture:
+    """One finding's picture.
+
+    Attributes:
+        svg: The picture.
+        caption: What it shows, in words.
+    """
+
+    svg: Markup
+    caption: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """A finding's own torque, run by run, beside what is left without it.
+
+    Attributes:
+        joint: The joint that is shown.
+        torque: Of the law, one array a run [N m].
+        left: What all other names leave [N m].
+        items: The runs.
+    """
+
+    joint: int
+    torque: list[Float[Array, " t"]]
+    left: list[Float[Array, " t"]]
+    items: Sequence[RunResidual]
+
+    def where(self) -> list[Array]:
+        return [item.counts[:, self.joint] for item in self.items]
+
+    def gathered(self, values: Sequence[Array]) -> Float[Array, " T"]:
+        """Values of all runs where the joint moves steadily."""
+        return np.concatenate([one[inside] for one, inside in zip(values, self.where(), strict=True)])
+
+
+def _speed(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    return np.asarray(item.speed[:, joint])
+
+
+def _position(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    return np.asarray(item.run.motion.q[item.run.motion.coarse][:, joint])
+
+
+def _load(item: RunResidual, joint: int) -> Float[Array, " t"]:
+    return np.asarray(item.run.link[item.run.motion.coarse][:, joint])
+
+
+# Effect -> what its law is a curve over, with the unit of the axis ("" for the joint's own: rad or m).
+CURVES: Mapping[str, tuple[str, str, Axis]] = {
+    "stribeck_friction": ("speed", "/s", _speed),
+    "nonlinear_viscous_friction": ("speed", "/s", _speed),
+    "asymmetric_friction": ("speed", "/s", _speed),
+    "spring_torque": ("angle", "", _position),
+    "load_dependent_friction": ("load", "N m", _load),
+    "torque_gain_error": ("load", "N m", _load),
+    "torque_saturation": ("load", "N m", _load),
+    "presliding_hysteresis": ("time since it turned round", "s", reversal_age),
+    "backlash": ("load", "N m", _load),
+}
+# Friction is drawn with its direction taken out: both ways on one curve.
+ODD = frozenset({"load_dependent_friction", "presliding_hysteresis"})
+# Friction is drawn whole: the tuned line, and what the law adds.
+WHOLE = frozenset({"stribeck_friction", "nonlinear_viscous_friction", "asymmetric_friction"})
+
+
+def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
+    """One picture a finding, in the order of the findings; None where nothing can be drawn."""
+    return tuple(_draw(analysis, finding) for finding in analysis.diagnosis.findings)
+
+
+def _draw(analysis: Analysis, finding: Finding) -> LawPicture | None:
+    if not analysis.series:
+        return None
+    law = _torque_of(analysis, finding)
+    if not sum(int(inside.sum()) for inside in law.where()):
+        return None
+    effect = finding.estimate.group.effect.id
+    return _over_curve(analysis, law, effect) if effect in CURVES else _over_time(analysis, law, effect)
+
+
+def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
+    told, beta = finding.estimate.told, finding.estimate.coefficients
+    session, series = analysis.session.survey, analysis.series
+    columns = told.effect.columns(session, told.joint, told.variant)
+    if told.effect.rows == "own":
+        joint = told.joint
+    else:
+        falls = {name: before - finding.rms_after[name] for name, before in finding.rms_before.items()}
+        joint = analysis.diagnosis.joints.index(max(falls, key=lambda name: falls[name]))
+    torque = []
+    for item, one in zip(series, columns, strict=True):
+        whole = item.run.motion.filtered(one @ beta)
+        torque.append(np.asarray(whole if whole.ndim == 1 else whole[:, joint]))
+    left = [item.after[:, joint] + own for item, own in zip(series, torque, strict=True)]
+    return _Law(joint, torque, left, series)
+
+
+def _over_curve(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None:
+    name, unit, axis = CURVES[effect]
+    joint, j = analysis.diagnosis.joints[law.joint], law.joint
+    x = law.gathered([axis(item, j) for item in law.items])
+    data, curve = law.gathered(law.left), law.gathered(law.torque)
+    plain = np.zeros_like(data)
+    if effect in WHOLE:
+        plain = law.gathered([_tuned_friction(analysis, item, j) for item in law.items])
+    sign = np.sign(law.gathered([_speed(item, j) for item in law.items])) if effect in ODD else np.ones_like(x)
+    edges = _edges(x)
+    found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
+    if len(found[0]) < 2:
+        return None
+    own = "m" if analysis.baseline.nominal.sliding_joints[j] else "rad"
+    unit = own if unit == "" else f"{own}/s" if unit == "/s" else unit
+    what = "friction" if effect in WHOLE or effect in ODD else "torque without the law"
+    figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [N m]", WIDE, left=0.65, bottom=0.45)
+    axes.fill_between(found[0][:, 0], found[0][:, 1], found[0][:, 3], color=DATA, alpha=0.25, linewidth=0)
+    axes.plot(found[0][:, 0], found[0][:, 2], "o", color=DATA, markersize=3.5)
+    for rows, colour, style in ((found[2], PLAIN, "--"), (found[1], LAW, "-")):
+        for part in _unbroken(rows):
+            axes.plot(part[:, 0], part[:, 2], style, color=colour, linewidth=1.6)
+    rest = "the tuned line alone" if effect in WHOLE else "without it: zero"
+    caption = (
+        f"{what[0].upper()}{what[1:]} of {joint} over its {name}. Grey: recorded, medians and 80 % of the samples; "
+        f"green: with the named law; dashed: {rest}."
+    )
+    return LawPicture(to_svg(figure, caption), caption)
+
+
+def _tuned_friction(analysis: Analysis, item: RunResidual, joint: int) -> Float[Array, " t"]:
+    """Coulomb and viscous friction as tuned beside the names [N m]."""
+    motion, name = item.run.motion, analysis.diagnosis.joints[joint]
+    tuned = analysis.diagnosis.extra["baseline"][name]
+    friction = tuned["coulomb_Nm"] * item.run.direction[:, joint] + tuned["viscous_Nms_rad"] * motion.dq[:, joint]
+    return np.asarray(motion.filtered(friction))
+
+
+def _edges(x: Float[Array, " T"]) -> Float[Array, " b"]:
+    """Bins of like counts, none across zero."""
+    sides = [x[x < 0.0], x[x > 0.0]]
+    edges = [np.quantile(side, np.linspace(0.0, 1.0, _bins(len(side), len(x)) + 1)) for side in sides if len(side)]
+    return np.unique(np.concatenate(edges)) + 0.0
+
+
+def _bins(count: int, total: int) -> int:
+    return max(2, round(BINS * count / max(total, 1)))
+
+
+def _unbroken(rows: Float[Array, "b 4"]) -> list[Float[Array, "b 4"]]:
+    """Negative and positive places apart: a line across zero would hide that friction jumps there."""
+    return [part for part in (rows[rows[:, 0] < 0.0], rows[rows[:, 0] >= 0.0]) if len(part) > 1]
+
+
+def _over_time(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None:
+    """Residual without and with the law over the run in which it shows most."""
+    power = [
+        float(np.mean(own[inside] ** 2)) if inside.any() else 0.0
+        for own, inside in zip(law.torque, law.where(), strict=True)
+    ]
+    k = int(np.argmax(power))
+    item, inside, joint = law.items[k], law.where()[k], analysis.diagnosis.joints[law.joint]
+    if inside.sum() < LEAST_SAMPLES:
+        return None
+    time = item.time - item.time[0]
+    figure, axes = make_panel(f"time in {item.run.motion.name} [s]", "torque left [N m]", WIDE, left=0.65, bottom=0.45)
+    for values, colour, width in ((law.left[k], PLAIN, 0.8), (law.left[k] - law.torque[k], LAW, 0.8)):
+        axes.plot(*thin(time, np.where(inside, values, np.nan)), color=colour, linewidth=width)
+    axes.plot(*thin(time, np.where(inside, law.torque[k], np.nan)), color=DATA, linewidth=1.4, linestyle=":")
+    caption = (
+        f"What the model leaves of {joint}'s torque in {item.run.motion.name}. Orange: without the named law; "
+        "green: with it; grey, dotted: the law itself."
+    )
+    return LawPicture(to_svg(figure, caption), caption)
