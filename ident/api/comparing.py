@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ident.diagnosis.change.from_reports import compare_reports
-from ident.diagnosis.change.result import Comparison
+from ident.diagnosis.change.result import ArmComparison
 from ident.diagnosis.from_reports import CUTOFF
 from ident.opening import Robot, Sources, load_robot, load_sources
 from ident.provenance import Provenance, stamp_sessions
@@ -22,7 +22,7 @@ def compare(
     seed: int = 0,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
-) -> Comparison:
+) -> ArmComparison:
     """What changed between two sets of recordings of one arm, at which joint, by how much; or why that can't be told.
 
     Args:

@@ -54,7 +54,7 @@ class ComparedHeldoutRecord(TypedDict):
     noise_Nm: ByJoint
 
 
-class ComparisonRecord(TypedDict):
+class ArmComparisonRecord(TypedDict):
     """What changed between two sets of recordings of one arm: figures are after minus before."""
 
     schema: Literal["ident.comparison/1"]

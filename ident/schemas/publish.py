@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ident.errors import InputError
-from ident.schemas.comparison import ComparisonRecord
+from ident.schemas.comparison import ArmComparisonRecord
 from ident.schemas.daily import NewSessionRecord, WatchRecord
 from ident.schemas.diagnosis import DiagnosisRecord
 from ident.schemas.models import (
@@ -24,7 +24,7 @@ from ident.schemas.simulators import BlindRecord, PatchRecord, SimulationRecord
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 RECORDS: dict[str, Any] = {
     "blind": BlindRecord,
-    "comparison": ComparisonRecord,
+    "comparison": ArmComparisonRecord,
     "demo": DemoRecord,
     "diagnosis": DiagnosisRecord,
     "evaluation": EvaluationRecord,

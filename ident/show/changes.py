@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.console import styled
-from ident.diagnosis.change.result import Change, Comparison
+from ident.diagnosis.change.result import ArmChange, ArmComparison
 from ident.show.panels import draw_bars
 from ident.show.report.numbers import fixed, percent, plural, significant
 from ident.show.report.words import effect_name, join_words, parameter_name
@@ -39,7 +39,7 @@ def _named(change: Mapping[str, Any]) -> str:
     return f"{effect_name(change['effect'])} in {where}"
 
 
-def print_comparison(console: Console, comparison: Comparison) -> None:
+def print_comparison(console: Console, comparison: ArmComparison) -> None:
     """Verdict, changes with what to do, and what could not be judged."""
     record = comparison.to_dict()
     for name, side in zip(("before", "after"), comparison.sides, strict=True):
@@ -61,7 +61,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
         console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 
-def describe_change(change: Change) -> str:
+def describe_change(change: ArmChange) -> str:
     """One change in one line: where, what, how large, how sure, how much it explains."""
     rivals = [effect_name(name) for name in change.estimate.rivals[1:]]
     open_between = f"; can't be told from {join_words(rivals)}" if rivals else ""
@@ -85,7 +85,7 @@ def describe_spread(spread: Mapping[str, float]) -> str:
     return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
 
 
-def draw_comparison(comparison: Comparison) -> Figure:
+def draw_comparison(comparison: ArmComparison) -> Figure:
     """Error of the common model in the later set, without and with the changes."""
     names: Sequence[str] = list(comparison.rms_before) or list(comparison.joints)
     rows = {

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.diagnosis.change.result import Comparison
+from ident.diagnosis.change.result import ArmComparison
 from ident.diagnosis.diagnose import Diagnosis
 from ident.model.evaluation import Evaluation
 from ident.model.hybrid import FitResults
@@ -75,13 +75,15 @@ def _draw_diagnosis(result: Diagnosis) -> Figure:
 def _tell_evaluation(result: Evaluation) -> str:
 @summary.register(Comparison)
 def _(result: Comparison) -> str:
+@summary.register(ArmComparison)
+def _(result: ArmComparison) -> str:
     from ident.show.changes import print_comparison
 
     return as_text(lambda console: print_comparison(console, result))
 
 
-@draw.register(Comparison)
-def _(result: Comparison) -> Figure:
+@draw.register(ArmComparison)
+def _(result: ArmComparison) -> Figure:
     from ident.show.changes import draw_comparison
 
     return draw_comparison(result)

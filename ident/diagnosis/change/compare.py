@@ -15,9 +15,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.look import LOOSE_SHARE, Look, look_at
+from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, look_at
 from ident.diagnosis.change.readings import BODIES, solve_body
-from ident.diagnosis.change.result import Change, Comparison, Side
+from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
 from ident.diagnosis.change.switched import keys_of
 from ident.diagnosis.change.yardstick import Standing, measure_standing
@@ -81,7 +81,7 @@ def compare(
     sides: tuple[Side, Side],
     seed: int = 0,
     settings: DiagnosisSettings = USUAL,
-) -> Comparison:
+) -> ArmComparison:
     """Compares two sets of runs.
 
     Args:
@@ -93,14 +93,15 @@ def compare(
     """
     settings = replace(settings, family_error=ALARM)
     first = look_at(before, after, arm)
-    told = _tell(first, seed, settings)
+    sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
+    told = _tell(first, seed, settings, sessions)
     second = look_again(first, told.estimates, before, after, arm)
     if second is not None:
-        told = _told_again(second, told, settings)
+        told = _told_again(second, told, settings, sessions)
     return _result(told, first, arm, sides, _hidden(first))
 
 
-def _search(look: Look, seed: int, settings: DiagnosisSettings) -> Search:
+def _search(look: SharedLook, seed: int, settings: DiagnosisSettings) -> Search:
     """The search over a look; of one run a side, no law of friction can be told."""
     evidence = look.switched.evidence
     alone = look.sides.counts == (1, 1)
@@ -109,7 +110,7 @@ def _search(look: Look, seed: int, settings: DiagnosisSettings) -> Search:
     return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings)
 
 
-def _tell(look: Look, seed: int, settings: DiagnosisSettings) -> _Told:
+def _tell(look: SharedLook, seed: int, settings: DiagnosisSettings, sessions: tuple[int, int]) -> _Told:
     """Searches, and again without what does not stand, until all that is named stands."""
     joints = look.baseline.nominal.joint_names
     search = _search(look, seed, settings)
@@ -123,7 +124,7 @@ def _tell(look: Look, seed: int, settings: DiagnosisSettings) -> _Told:
             search = replace(search, barred=search.barred | {spare})
             continue
         fine = Refined(search, tuple(item.group for item in found.named))
-        standings = _standings(look, fine, [np.zeros(len(group.columns)) for group in fine.groups])
+        standings = _standings(look, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
         raw = estimate_effects(search, fine, look.session, found.named)
         read = [_as_read(one, fine, look, np.zeros(len(one.coefficients))) for one in raw]
         estimates = [_widened(one, standing) for one, standing in zip(read, standings, strict=True)]
@@ -150,13 +151,13 @@ def _superfluous(search: Search, found: SearchResults) -> Key | None:
     return min(failed, key=lambda item: item.gates.evidence).group.key if failed else None
 
 
-def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings) -> _Told:
+def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings, sessions: tuple[int, int]) -> _Told:
     """The same changes with the figures of a second look, which sees what the first left of them."""
     look = second.look
     search = _search(look, 0, settings)
     fine = Refined(search, second.groups)
     solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    standings = _standings(look, fine, second.added)
+    standings = _standings(look, fine, second.added, sessions)
     estimates = []
     for old, group, added, (beta, cells), standing in zip(
         told.estimates, second.groups, second.added, solved, standings, strict=True
@@ -170,7 +171,9 @@ def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings) ->
     return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted, told.unlawful)
 
 
-def _standings(look: Look, fine: Refined, added: Sequence[Float[Array, " k"]]) -> list[Standing]:
+def _standings(
+    look: SharedLook, fine: Refined, added: Sequence[Float[Array, " k"]], sessions: tuple[int, int]
+) -> list[Standing]:
     """How each named change, with what of it is carried already, stands against the runs."""
     evidence, search = look.switched.evidence, fine.search
     model = project(evidence.gram(), evidence, search.prior, fine.groups)
@@ -180,11 +183,11 @@ def _standings(look: Look, fine: Refined, added: Sequence[Float[Array, " k"]]) -
     for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
         scale = evidence.scale[group.columns]
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        found.append(measure_standing(look.switched, look.sides, model, group, scaled, covariance, asked))
+        found.append(measure_standing(look.switched, look.sides, model, group, scaled, covariance, asked, sessions))
     return found
 
 
-def _as_read(estimate: Estimate, fine: Refined, look: Look, added: Float[Array, " k"]) -> Estimate:
+def _as_read(estimate: Estimate, fine: Refined, look: SharedLook, added: Float[Array, " k"]) -> Estimate:
     """A body's figures where every joint's gain may be off by some per cent; other estimates as they are."""
     group = estimate.told
     if group.effect.id not in BODIES:
@@ -213,7 +216,7 @@ def _widened(estimate: Estimate, standing: Standing) -> Estimate:
     return replace(estimate, parameters=wide)
 
 
-def _hidden(look: Look) -> list[NotTestable]:
+def _hidden(look: SharedLook) -> list[NotTestable]:
     """Changes that these two sets can't show, and why."""
     evidence, found, gram = look.switched.evidence, list(look.silent), look.switched.evidence.gram()
     loose = project(gram, evidence, look.prior)
@@ -234,8 +237,8 @@ def _hidden(look: Look) -> list[NotTestable]:
 
 
 def _result(
-    told: _Told, look: Look, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
-) -> Comparison:
+    told: _Told, look: SharedLook, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
+) -> ArmComparison:
     joints, floor = arm.joint_names, look.switched.evidence.floor
     found = []
     for item, estimate, standing in zip(told.found.named, told.estimates, told.standings, strict=True):
@@ -243,7 +246,7 @@ def _result(
         old, new = item.before.rms[acts], item.after.rms[acts]
         names = [joints[j] for j in acts]
         found.append(
-            Change(
+            ArmChange(
                 estimate=estimate,
                 joints=joints_of(item, joints),
                 rms_before=dict(zip(names, map(float, old), strict=True)),
@@ -256,7 +259,7 @@ def _result(
             )
         )
     found.sort(key=lambda change: -change.closed)
-    return Comparison(
+    return ArmComparison(
         robot=arm.name,
         joints=joints,
         verdict=_verdict(found, told.unlawful, look.sides.too_short),
@@ -278,7 +281,7 @@ def _result(
     )
 
 
-def _verdict(found: Sequence[Change], unlawful: bool, too_short: bool) -> str:
+def _verdict(found: Sequence[ArmChange], unlawful: bool, too_short: bool) -> str:
     if not found:
         return "changed_unexplained" if unlawful else "not_testable" if too_short else "no_change"
     lawful = any(change.effect != "unlisted_change" for change in found)

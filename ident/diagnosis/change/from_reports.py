@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.result import Comparison, Side
+from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.from_reports import CUTOFF
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
@@ -25,7 +25,7 @@ def compare_reports(
     arm: ArmModel,
     cutoff: float | None = None,
     seed: int = 0,
-) -> Comparison:
+) -> ArmComparison:
     """Compares two sets of inspected sessions.
 
     Args:
@@ -43,7 +43,7 @@ def compare_reports(
     fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
-        return Comparison(arm.name, arm.joint_names, verdict, sides, issues)
+        return ArmComparison(arm.name, arm.joint_names, verdict, sides, issues)
     joints = reports[0].session.joints
     for report in reports:
         if report.session.joints != joints:

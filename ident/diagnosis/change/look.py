@@ -26,7 +26,7 @@ LOOSE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class SharedLook:
     """Two sets of runs, seen through one baseline.
 
     Attributes:
@@ -68,7 +68,7 @@ def look_at(
     arm: ArmModel,
     apart: frozenset[str] = IN_THE_BASELINE,
     known: Known | None = None,
-) -> Look:
+) -> SharedLook:
     """Tunes the baseline and sums all columns.
 
     Args:
@@ -91,7 +91,7 @@ def look_at(
     switched = switch(sums, sides, apart)
     spread = _spread(switched, sides, baseline) if known is None else known.spread
     switched = replace(switched, evidence=switched.evidence.with_run_spread(spread))
-    return Look(baseline, session, sides, switched, tuple(silent))
+    return SharedLook(baseline, session, sides, switched, tuple(silent))
 
 
 def _grids(session: SessionContext) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:

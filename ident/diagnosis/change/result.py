@@ -42,7 +42,7 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class ArmChange:
     """A change with its evidence; figures are after minus before.
 
     Attributes:
@@ -111,7 +111,7 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Result):
+class ArmComparison(Result):
     """The answer.
 
     Attributes:
@@ -134,7 +134,7 @@ class Comparison(Result):
     verdict: str
     sides: tuple[Side, Side] = (Side(), Side())
     telemetry: tuple[TelemetryIssue, ...] = ()
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ArmChange, ...] = ()
     rms_before: dict[str, float] = field(default_factory=dict)
     rms_after: dict[str, float] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
@@ -142,7 +142,7 @@ class Comparison(Result):
     not_testable: tuple[dict[str, Any], ...] = ()
     reservations: tuple[Reservation, ...] = ()
 
-    def with_issues(self, issues: Sequence[TelemetryIssue]) -> Comparison:
+    def with_issues(self, issues: Sequence[TelemetryIssue]) -> ArmComparison:
         """The same with what the telemetry checks found."""
         return replace(self, telemetry=tuple(issues))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, MASS
-from ident.diagnosis.change.look import Known, Look, look_at
+from ident.diagnosis.change.look import Known, SharedLook, look_at
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.intervals import Estimate
 from ident.motion.motion import Motion
@@ -35,13 +35,13 @@ class SecondLook:
         added: For each of them what of its coefficients is carried already.
     """
 
-    look: Look
+    look: SharedLook
     groups: tuple[Group, ...]
     added: tuple[Float[Array, " k"], ...]
 
 
 def look_again(
-    first: Look,
+    first: SharedLook,
     estimates: Sequence[Estimate],
     before: Sequence[Motion],
     after: Sequence[Motion],
@@ -83,7 +83,7 @@ def _carrying(motion: Motion, load: Payload) -> Motion:
     return replace(motion, payload=Payload(mass, (float(centre[0]), float(centre[1]), float(centre[2]))))
 
 
-def _same(first: Look, second: Look, group: Group) -> Group:
+def _same(first: SharedLook, second: SharedLook, group: Group) -> Group:
     """A change of the first look in the second: that of the same place among those of its name."""
     mates, others = (
         [one for one in look.switched.evidence.layout.groups if one.key == group.key] for look in (first, second)

@@ -9,6 +9,10 @@ differ by, the part beyond noise is a variance component,
 and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
 of its set's information. A change is told where F = 1 / (k V) is beyond chance for its k columns, all changes asked.
 
+Friction is not as free from run to run: it wanders, as gears warm. What runs that follow each other differ by, q, then
+adds up, and a session of R runs that set out where the last one did has a mean that is off by q R / 3. Nobody can tell
+from a few runs whether it wanders or jumps; so it is taken to wander, and means of sessions to be free.
+
 Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Satterthwaite 1946 (degrees of freedom).
 """
 
@@ -21,6 +25,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float, Int
+from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.switched import Sides, Switched
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
@@ -57,6 +62,7 @@ def measure_standing(
     beta: Float[Array, " k"],
     covariance: Float[Array, "k k"],
     asked: int,
+    sessions: tuple[int, int] = (1, 1),
 ) -> Standing:
     """Holds a change against the runs.
 
@@ -68,6 +74,7 @@ def measure_standing(
         beta: Its scaled coefficients.
         covariance: Their covariance by blocks.
         asked: How many changes were asked for.
+        sessions: Number of sessions of each set.
     """
     score, power = _by_block(switched, model, group, beta)
     runs = len(sides.later)
@@ -81,6 +88,10 @@ def measure_standing(
     along = _information(switched, model, group, beta) @ beta
     by_blocks = float(along @ covariance @ along) / max(float(beta @ along), 1e-300) ** 2
     by_runs = spread**2 * share
+    if group.effect.id in OF_FRICTION:
+        wander, steps = _wandering(size, noise / np.where(seen, count, 1.0), sides, seen, sessions)
+        if wander > by_runs:
+            by_runs, free = wander, steps
     variance = by_blocks + by_runs
     blocks = max(len(score) - 1.0, 1.0)
     dof = variance**2 / (by_blocks**2 / blocks + by_runs**2 / (free + PRIOR_DOF) + 1e-300)
@@ -132,6 +143,25 @@ def _component(
         scale += float(weight.sum() - weight @ weight / weight.sum())
         share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
     return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
+
+
+def _wandering(
+    size: Float[Array, " R"],
+    variance: Float[Array, " R"],
+    sides: Sides,
+    seen: Array,
+    sessions: tuple[int, int],
+) -> tuple[float, float]:
+    """Variance of the difference of both sets' means if what runs differ by adds up, and its degrees of freedom."""
+    squares, steps, share = 0.0, 0, 0.0
+    for side, count in zip((False, True), sessions, strict=True):
+        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
+        if not len(here):
+            continue
+        squares += float(np.sum(np.diff(size[here]) ** 2 - variance[here][1:] - variance[here][:-1]))
+        steps += len(here) - 1
+        share += len(here) / count / 3.0 / count
+    return max(0.0, squares) / max(steps, 1) * share, float(steps)
 
 
 def _information(switched: Switched, model: Projection, group: Group, beta: Float[Array, " k"]) -> Float[Array, "k k"]:

@@ -7,7 +7,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.result import Comparison, Side
+from ident.diagnosis.change.result import ArmComparison, Side
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -59,7 +59,7 @@ def before(arm: ArmModel) -> list[Motion]:
     return runs_of(arm, wrong_everywhere, range(4))
 
 
-def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = range(10, 14)) -> Comparison:
+def compared(arm: ArmModel, before: list[Motion], plant: Plant, seeds: range = range(10, 14)) -> ArmComparison:
     return compare(before, runs_of(arm, plant, seeds), arm, (Side(), Side()))
 
 
@@ -83,7 +83,9 @@ def test_what_changed_is_found_where_it_changed(
     found = compared(arm, before, plant)
     assert [(one.effect, one.joints) for one in found.changes] == [(effect, (joint,))]
     told = found.changes[0].estimate.parameters[figure]
-    assert told.low <= size <= told.high
+    assert told.value == pytest.approx(size, rel=0.1)
+    assert told.low <= 1.05 * size
+    assert told.high >= 0.95 * size
     assert joint in found.changes[0].action
 
 
