@@ -11,12 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.diagnosis.change.result import ArmComparison
-from ident.diagnosis.diagnose import Diagnosis
-from ident.model.evaluation import Evaluation
-from ident.model.hybrid import FitResults
-from ident.model.identification import describe
-from ident.model.net_gate import describe_gate
 from ident.results import Result
 from ident.show.console import ladder_table, print_effort, print_issues
 from ident.show.palette import MEASURED, rung_colours
@@ -25,6 +19,7 @@ from ident.show.panels import as_text, draw_bars, panel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ident.diagnosis.change.result import ArmComparison
     from ident.diagnosis.diagnose import Diagnosis
     from ident.model.evaluation import Evaluation
     from ident.model.hybrid import FitResults
@@ -73,24 +68,6 @@ def _draw_diagnosis(result: Diagnosis) -> Figure:
 
 
 def _tell_evaluation(result: Evaluation) -> str:
-@summary.register(Comparison)
-def _(result: Comparison) -> str:
-@summary.register(ArmComparison)
-def _(result: ArmComparison) -> str:
-    from ident.show.changes import print_comparison
-
-    return as_text(lambda console: print_comparison(console, result))
-
-
-@draw.register(ArmComparison)
-def _(result: ArmComparison) -> Figure:
-    from ident.show.changes import draw_comparison
-
-    return draw_comparison(result)
-
-
-@summary.register(Evaluation)
-def _(result: Evaluation) -> str:
     def write(console: Console) -> None:
         console.print(result.model)
         for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
@@ -154,13 +131,27 @@ def _draw_inspection(result: Inspection) -> Figure:
     return figure
 
 
+def _tell_comparison(result: ArmComparison) -> str:
+    from ident.show.changes import print_comparison
+
+    return as_text(lambda console: print_comparison(console, result))
+
+
+def _draw_comparison(result: ArmComparison) -> Figure:
+    from ident.show.changes import draw_comparison
+
+    return draw_comparison(result)
+
+
 WORDS: dict[str, Callable[[Any], str]] = {
+    "ArmComparison": _tell_comparison,
     "Diagnosis": _tell_diagnosis,
     "Evaluation": _tell_evaluation,
     "FitResults": _tell_fit,
     "Inspection": _tell_inspection,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
+    "ArmComparison": _draw_comparison,
     "Diagnosis": _draw_diagnosis,
     "Evaluation": _draw_evaluation,
     "FitResults": _draw_fit,
