@@ -122,6 +122,9 @@ def fit(
     offset: Annotated[bool, typer.Option(help="Fit a constant torque a joint too.")] = False,
     robust: Annotated[bool, typer.Option(help="Stretches that fit badly lose their pull.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of the net.")] = 0,
+    coupling: Annotated[
+        str, typer.Option(help="Two joints on one motor's shaft, as 5,6; 5,-6 where they turn against each other.")
+    ] = "",
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
@@ -133,7 +136,7 @@ def fit(
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
-    options = FitOptions(links, inertia, net, offset, robust, seed, tuple(accept or ()))  # type: ignore[arg-type]
+    options = FitOptions(links, inertia, net, offset, robust, seed, tuple(accept or ()), coupling)  # type: ignore[arg-type]
     check_outputs([*sessions, session_file, robot], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
     opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept)
     print_issues(console, opened.issues)

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.model.coupling import Shaft
 from ident.model.inertia import BaseParameters
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -27,6 +28,9 @@ MOST_BLOCKS = 2000
 LEAST_SETTLED = 0.1
 LEAST_ROWS = 20
 LOSS_COLUMNS = 4  # acceleration, speed, direction, one
+SHARED_COLUMNS = 3  # of a shaft: inertia, viscous, Coulomb
+# How far a filtered sign may be from ±1 clear of the shaft's reversals.
+SIGN_CLEAR = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,7 @@ class BlockSums:
         run: Index of the run that each block lies in.
         through_reversals: Joints for which samples near reversals had to be used too.
         rank: Number r of base parameters.
+        shared: Number of columns of a coupling, between those of the losses and the torque.
     """
 
     moments: Float[Array, "b n c c"]
@@ -48,6 +53,7 @@ class BlockSums:
     run: Int[Array, " b"]
     through_reversals: tuple[str, ...]
     rank: int
+    shared: int = 0
 
     def of(self, columns: Sequence[int]) -> tuple[Float[Array, "b n p p"], Float[Array, "b n p"], Float[Array, "b n"]]:
         """XᵀX, Xᵀy and yᵀy of some columns."""
@@ -60,16 +66,18 @@ class BlockSums:
 
     def at(self, blocks: Bool[Array, " b"]) -> BlockSums:
         """Some of the blocks."""
-        return BlockSums(self.moments[blocks], self.rows[blocks], self.run[blocks], self.through_reversals, self.rank)
+        kept = (self.moments[blocks], self.rows[blocks], self.run[blocks])
+        return BlockSums(*kept, self.through_reversals, self.rank, self.shared)
 
 
-def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -> BlockSums:
+def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, shaft: Shaft | None = None) -> BlockSums:
     """Goes through the runs once.
 
     Args:
         motions: Runs; known payloads are part of the model.
         arm: The arm as its URDF describes it; the torque is what it leaves.
         base: Its base parameters.
+        shaft: Joints that share a shaft, if any.
     """
     use_moving = _too_few_settled(motions)
     moments: list[Array] = []
@@ -78,6 +86,8 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -
     for motion, run in zip(motions, run_numbers(motions), strict=True):
         x = _columns(motion, arm, base)
         mask = np.where(use_moving, motion.moving, motion.settled)
+        if shaft is not None:
+            x, mask = _with_shaft(x, mask, motion, shaft)
         x[~mask] = 0.0
         label = ((motion.time[motion.coarse] - motion.time[0]) // BLOCK_DURATION).astype(int)
         edges = [0, *(np.flatnonzero(np.diff(label)) + 1), len(label)]
@@ -89,7 +99,9 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters) -
         if len(moments) >= 2 * MOST_BLOCKS:
             moments, rows, runs = _in_pairs(moments, rows, runs)
     joints = tuple(name for name, all_of_it in zip(motions[0].joints, use_moving, strict=True) if all_of_it)
-    return BlockSums(np.array(moments), np.array(rows), np.array(runs), joints, base.rank)
+    return BlockSums(
+        np.array(moments), np.array(rows), np.array(runs), joints, base.rank, 0 if shaft is None else SHARED_COLUMNS
+    )
 
 
 def run_numbers(motions: Iterable[Motion]) -> list[int]:
@@ -116,6 +128,18 @@ def _columns(motion: Motion, arm: ArmModel, base: BaseParameters) -> Float[Array
     filtered = motion.filtered(loss)
     ones = np.ones_like(filtered[..., :1])
     return np.concatenate([motion.filtered(regressor), filtered[..., :3], ones, filtered[..., 3:]], axis=-1)
+
+
+def _with_shaft(
+    x: Float[Array, "t n c"], mask: Bool[Array, "t n"], motion: Motion, shaft: Shaft
+) -> tuple[Float[Array, "t n d"], Bool[Array, "t n"]]:
+    """Columns with a shaft's three before the torque, and the rows that are clear of its reversals too."""
+    slip = np.sign(shaft.turn(motion.dq))
+    shared = motion.filtered(shaft.columns(motion.dq, motion.ddq, slip))
+    clear = np.abs(np.abs(shared[:, shaft.second, 2]) - 1.0) < SIGN_CLEAR
+    mask = mask.copy()
+    mask[:, [shaft.first, shaft.second]] &= clear[:, None]
+    return np.concatenate([x[..., :-1], shared, x[..., -1:]], axis=-1), mask
 
 
 def _too_few_settled(motions: Sequence[Motion]) -> Bool[Array, " n"]:

@@ -14,9 +14,10 @@ import tomli_w
 from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
+from ident.model.coupling import Coupling, Shaft
 from ident.model.identification import Identified, InertiaFigure, identify
 from ident.model.inertia import InertiaResults, Mode
-from ident.model.loss import NAMES, UNITS, LossParameters, LossResults
+from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
@@ -38,18 +39,6 @@ FULL_ARM, LUMPED = 6, 3
 NetPreset = Literal["default", "paper", "none"]
 
 
-@dataclass(frozen=True)
-class LossFigure:
-    """One loss figure with its 95 % interval, for reports."""
-
-    joint: str
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
-
-
 @dataclass(frozen=True, eq=False)
 class HybridModel:
     """A fitted arm.
@@ -65,6 +54,7 @@ class HybridModel:
         figures: Loss figures with intervals.
         inertias: Base parameters with intervals; none where the URDF's inertias were kept.
         trained: Where the training runs went; None where that is not known.
+        coupling: A shaft that two joints share, where one was asked for; its torque is part of the loss.
         provenance: Data hashes, versions, options, figures of the fit.
     """
 
@@ -78,6 +68,7 @@ class HybridModel:
     figures: tuple[LossFigure, ...] = ()
     inertias: tuple[InertiaFigure, ...] = ()
     trained: TrainingRange | None = None
+    coupling: Coupling | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -101,7 +92,7 @@ class HybridModel:
     ) -> dict[str, Float[Array, "T n"]]:
         """The parts of the torque by name: analytic, loss, and net where there is one [N m]."""
         rigid = self.arm.with_payload(payload).inverse_dynamics(q, dq, ddq)
-        terms = {"analytic": rigid, "loss": self.loss.torque(dq, ddq)}
+        terms = {"analytic": rigid, "loss": loss_torque(self.loss, self.coupling, dq, ddq)}
         if self.net is not None:
             terms["net"] = self.net.predict(q, dq, ddq, rigid)
         return terms
@@ -155,6 +146,7 @@ class HybridModel:
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
+                coupling=Coupling.from_dict(record["coupling"], nominal.n) if "coupling" in record else None,
                 trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
             )
@@ -205,6 +197,7 @@ class HybridModel:
             "loss": loss,
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
+            **({} if self.coupling is None else {"coupling": self.coupling.to_dict()}),
             "provenance": self.provenance,
         }
 
@@ -216,6 +209,14 @@ class HybridModel:
                 f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}",
                 "fit a model for this robot",
             )
+
+
+def loss_torque(
+    loss: LossParameters, coupling: Coupling | None, dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
+) -> Float[Array, "T n"]:
+    """All that motors and gears take [N m]."""
+    own = loss.torque(dq, ddq)
+    return own if coupling is None else own + coupling.torque(dq, ddq)
 
 
 def _load_net(path: Path) -> ResidualNet:
@@ -254,6 +255,7 @@ class FitOptions:
         offset: Whether a constant torque is a loss figure too.
         robust: Whether stretches that fit badly lose their pull.
         seed: Of the net.
+        coupling: Two joints that share a shaft, as `5,6`; `5,-6` where they turn against each other. Empty for none.
         accept: Issues of the recordings whose refusal the user overruled.
     """
 
@@ -264,6 +266,7 @@ class FitOptions:
     robust: bool = False
     seed: int = 0
     accept: tuple[str, ...] = ()
+    coupling: str = ""
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -321,12 +324,13 @@ def fit_hybrid(
     nominal = build_lumped_arm(robot) if options.links == LUMPED else robot
     if options.links == LUMPED:
         motions = [motion.select(nominal.joint_names) for motion in motions]
-    found = identify(motions, nominal, options.inertia, options.offset, options.robust)
+    shaft = Shaft.parse(options.coupling, nominal.joint_names) if options.coupling else None
+    found = identify(motions, nominal, options.inertia, options.offset, options.robust, shaft)
     arm, loss = found.inertia.arm, found.loss
     net = None
     if options.net != "none":
         rigid = [arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq) for m in motions]
-        net = _fit_net(motions, rigid, loss.params, options, progress, checkpoint)
+        net = _fit_net(motions, rigid, (loss.params, found.coupling), options, progress, checkpoint)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
@@ -335,7 +339,8 @@ def fit_hybrid(
         net=net,
         links=options.links,
         inertia=options.inertia,
-        figures=_figures(loss),
+        figures=loss_figures(loss),
+        coupling=found.coupling,
         inertias=found.inertias,
         trained=find_training_range(motions, nominal, found),
         provenance=_provenance(motions, options, data, found, net),
@@ -346,7 +351,7 @@ def fit_hybrid(
 def _fit_net(
     motions: Sequence[Motion],
     rigid: Sequence[Array],
-    loss: LossParameters,
+    losses: tuple[LossParameters, Coupling | None],
     options: FitOptions,
     progress: Callable[[int, int, float], None] | None,
     checkpoint: Path | None,
@@ -359,24 +364,13 @@ def _fit_net(
         for m, torque in zip(motions, rigid, strict=True)
     ]
     left = [
-        m.tau_filtered - m.filtered(torque + loss.torque(m.dq, m.ddq)) for m, torque in zip(motions, rigid, strict=True)
+        m.tau_filtered - m.filtered(torque + loss_torque(*losses, m.dq, m.ddq))
+        for m, torque in zip(motions, rigid, strict=True)
     ]
     moving = None if options.net == "paper" else [m.moving for m in motions]
     seeded = type(preset)(**{**vars(preset), "seed": options.seed})
     interval = motions[0].interval * motions[0].lowpass.factor
     return fit_residual_net(states, left, moving, seeded, progress, checkpoint, interval)
-
-
-def _figures(loss: LossResults) -> tuple[LossFigure, ...]:
-    limits = loss.conf_int()
-    return tuple(
-        LossFigure(
-            joint, name, float(getattr(loss.params, name)[j]), float(limits[j, k, 0]), float(limits[j, k, 1]), unit
-        )
-        for j, joint in enumerate(loss.joints)
-        for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
-        if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
-    )
 
 
 def _provenance(

@@ -16,6 +16,8 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from ident.model.block_sums import sum_blocks
 from ident.model.consistency import solve_bounded
+from ident.model.coupling import NAMES as SHAFT_NAMES
+from ident.model.coupling import Coupling, Shaft
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -73,6 +75,7 @@ class Identified:
         urdf_share: How far the URDF's inertias are off, as a share of each link's scale; as the recordings have it.
         through_reversals: Joints whose samples near reversals had to be used.
         estimate: The unbounded joint estimate.
+        coupling: Figures of a shaft that two joints share, where one was asked for.
     """
 
     inertia: InertiaResults
@@ -83,6 +86,7 @@ class Identified:
     urdf_share: float
     through_reversals: tuple[str, ...]
     estimate: JointEstimate
+    coupling: Coupling | None = None
 
     def record(self) -> dict[str, Any]:
         """What a model keeps of it beside its figures."""
@@ -97,7 +101,12 @@ class Identified:
 
 
 def identify(
-    motions: Sequence[Motion], nominal: ArmModel, mode: Mode, offset: bool = False, robust: bool = False
+    motions: Sequence[Motion],
+    nominal: ArmModel,
+    mode: Mode,
+    offset: bool = False,
+    robust: bool = False,
+    shaft: Shaft | None = None,
 ) -> Identified:
     """Identifies an arm from its runs.
 
@@ -107,6 +116,7 @@ def identify(
         mode: `nominal`, `base` or `consistent`.
         offset: Whether a constant torque is a loss figure too.
         robust: Whether stretches that fit badly lose their pull.
+        shaft: Joints that share a shaft, if any.
 
     Raises:
         RecordingError: A joint hardly moves in any run.
@@ -114,13 +124,14 @@ def identify(
     base = base_parameters(nominal)
     scale = parameter_scale(nominal)
     prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
-    sums = sum_blocks(motions, nominal, base)
+    sums = sum_blocks(motions, nominal, base, shaft)
     require_motion(sums, nominal.joint_names, motions[0].name)
     found = estimate(sums, prior, offset, robust)
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
-    change, losses = _bounded(found, nominal, base, mode, scale)
+    change, losses, figures = _bounded(found, nominal, base, mode, scale)
+    coupling = None if shaft is None else _coupling(shaft, found, figures)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
     informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
     information = found.information
@@ -132,10 +143,19 @@ def identify(
         informed=freeze(np.clip(informed, 0.0, 1.0)),
         condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
-    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses))
+    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses, coupling))
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
     tied = tied_figures(found, base, nominal.joint_names)
-    return Identified(inertia, loss, inertias, tied, found.spread, share, sums.through_reversals, found)
+    return Identified(inertia, loss, inertias, tied, found.spread, share, sums.through_reversals, found, coupling)
+
+
+def _coupling(shaft: Shaft, found: JointEstimate, figures: Float[Array, " 3"]) -> Coupling:
+    """A shaft's figures with their intervals."""
+    half = (quantile(found.dof) * found.std)[-len(figures) :]
+    inertia, viscous, coulomb = (
+        (float(value), float(value - reach), float(value + reach)) for value, reach in zip(figures, half, strict=True)
+    )
+    return Coupling(shaft, inertia, viscous, coulomb)
 
 
 def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
@@ -188,9 +208,10 @@ def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimat
 
 def _bounded(
     found: JointEstimate, arm: ArmModel, base: BaseParameters, mode: str, scale: Float[Array, " 10n"]
-) -> tuple[Float[Array, " 10n"], Float[Array, "n p"]]:
-    """Change of the inertial numbers and loss figures (non-negative but for offsets) of a mode."""
+) -> tuple[Float[Array, " 10n"], Float[Array, "n p"], Float[Array, " s"]]:
+    """Change of the inertial numbers, loss figures (non-negative but for offsets) and a coupling's of a mode."""
     rank, per, size = base.rank, found.per_joint, len(found.values)
+    own = arm.n * per
     bounded = np.array([rank + per * j + k for j in range(arm.n) for k in range(3)])
     if mode == "consistent":
         scale = PRIOR_SHARE["consistent"] * scale
@@ -202,14 +223,15 @@ def _bounded(
         solved = solve_bounded(
             information, lift.T @ found.score, bounded - rank + 10 * arm.n, arm.inertial_parameters, scale
         )
-        return scale * solved[: 10 * arm.n], solved[10 * arm.n :].reshape(arm.n, per)
+        losses = solved[10 * arm.n :]
+        return scale * solved[: 10 * arm.n], losses[:own].reshape(arm.n, per), losses[own:]
     values = found.values
     if np.any(values[bounded] < 0.0):
         values = _non_negative(found, base, mode, scale, bounded)
     change = np.zeros(10 * arm.n)
     if mode == "base":
         change = lift_base(base, scale) @ values[:rank]
-    return change, values[rank:].reshape(arm.n, per)
+    return change, values[rank : rank + own].reshape(arm.n, per), values[rank + own :]
 
 
 def _non_negative(
@@ -224,12 +246,16 @@ def _non_negative(
     return solve_bounded(information, found.score, bounded)
 
 
-def _transition(motions: Sequence[Motion], arm: ArmModel, losses: Float[Array, "n p"]) -> Float[Array, " n"]:
+def _transition(
+    motions: Sequence[Motion], arm: ArmModel, losses: Float[Array, "n p"], coupling: Coupling | None
+) -> Float[Array, " n"]:
     """Width of each joint's turn of dry friction that leaves least where it moves, all else held [rad/s]."""
     misfit = np.zeros((len(TRANSITION_GRID), arm.n))
     for motion in motions:
         rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
         known = rigid + losses[:, 0] * motion.ddq + losses[:, 1] * motion.dq
+        if coupling is not None:
+            known = known + coupling.torque(motion.dq, motion.ddq)
         turns = [losses[:, 2] * direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
         left = motion.filtered(np.concatenate([motion.tau - known, *turns], axis=1))
         target, *models = np.split(left, len(TRANSITION_GRID) + 1, axis=1)
@@ -288,6 +314,8 @@ def describe(found: Identified) -> list[str]:
         told = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])
         more = len(found.tied) - MOST_TIED
         lines.append(f"can't be told apart by these motions: {told}" + (f", and {more} more pairs" if more > 0 else ""))
+    if found.coupling is not None:
+        lines.append(found.coupling.describe(found.loss.joints))
     if found.through_reversals:
         lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")
     return lines
@@ -298,6 +326,7 @@ def tied_figures(
 ) -> tuple[tuple[str, str, float], ...]:
     """Pairs of figures whose estimates are so correlated that only a combination of them is known."""
     names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
+    names += [f"shaft.{name}" for name in SHAFT_NAMES[: found.shared]]
     std = np.maximum(found.std, 1e-300)
     correlation = found.covariance / np.outer(std, std)
     pairs = np.argwhere(np.triu(np.abs(correlation) > TIED, 1))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
-from ident.model.block_sums import LEAST_ROWS, BlockSums
+from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect
 from ident.numerics import student_quantile
 
@@ -50,6 +50,7 @@ class JointEstimate:
         rank: Number r of base parameters.
         per_joint: Number p of loss figures a joint.
         blocks, runs: How many there were.
+        shared: Number of a coupling's figures, which stand last.
     """
 
     values: Float[Array, " m"]
@@ -65,6 +66,7 @@ class JointEstimate:
     per_joint: int
     blocks: int
     runs: int
+    shared: int = 0
 
     @property
     def std(self) -> Float[Array, " m"]:
@@ -97,18 +99,20 @@ class JointProblem:
     def __init__(self, sums: BlockSums, prior: Float[Array, "r r"], offset: bool = False, robust: bool = False) -> None:
         self.rank, self.prior, self.robust = sums.rank, prior, robust
         self.per_joint = 4 if offset else 3
-        local = [*range(sums.rank + self.per_joint)]
+        first = sums.rank + LOSS_COLUMNS
+        self.shared = sums.shared
+        local = [*range(sums.rank + self.per_joint), *range(first, first + sums.shared)]
         self.gram, self.moment, self.square = sums.of(local)
         self.rows = sums.rows.astype(float)
         self.n = self.rows.shape[1]
-        self.size = self.rank + self.n * self.per_joint
+        self.size = self.rank + self.n * self.per_joint + self.shared
         self.labels, self.run = np.unique(sums.run, return_inverse=True)
         self.friction = (self.rank + 1, self.rank + 2)
 
     def index(self, joint: int) -> Int[Array, " k"]:
         """Positions of all figures that a joint's torque speaks of."""
         own = self.rank + self.per_joint * joint + np.arange(self.per_joint)
-        return np.concatenate([np.arange(self.rank), own])
+        return np.concatenate([np.arange(self.rank), own, np.arange(self.size - self.shared, self.size)])
 
     def solve(self) -> JointEstimate:
         """Estimate, weights and covariance."""
@@ -230,6 +234,7 @@ class JointProblem:
             per_joint=self.per_joint,
             blocks=blocks,
             runs=len(self.labels),
+            shared=self.shared,
         )
 
     def _covariance(self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int) -> tuple[Array, Array]:

@@ -107,6 +107,31 @@ class LossResults:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True)
+class LossFigure:
+    """One loss figure with its 95 % interval, for reports."""
+
+    joint: str
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+def loss_figures(loss: LossResults) -> tuple[LossFigure, ...]:
+    """Those that were fitted, one by one."""
+    limits = loss.conf_int()
+    return tuple(
+        LossFigure(
+            joint, name, float(getattr(loss.params, name)[j]), float(limits[j, k, 0]), float(limits[j, k, 1]), unit
+        )
+        for j, joint in enumerate(loss.joints)
+        for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+        if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
+    )
+
+
 def direction(dq: Float[Array, "T n"], transition_speed: Float[Array, " n"]) -> Float[Array, "T n"]:
     """Direction of motion in [-1, 1]: tanh(dq / v₀), or sign(dq) where v₀ = 0."""
     width = np.asarray(transition_speed, dtype=float)

@@ -182,6 +182,10 @@ def _left_out(model: HybridModel) -> list[str]:
     told = ["a URDF has no place for rotor inertia, nor for the speed over which dry friction turns round"]
     if np.any(model.loss.offset != 0.0):
         told.append("torque offsets are in parameters.toml alone")
+    if model.coupling is not None:
+        shaft = model.coupling.shaft
+        pair = f"{model.joint_names[shaft.first]} and {model.joint_names[shaft.second]}"
+        told.append(f"the shaft shared by {pair} is in the model folder alone")
     if model.net is not None:
         told.append("the residual net is in the model folder alone")
     return told

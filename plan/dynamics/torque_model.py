@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import ModelError
 from ident.model.hybrid import HybridModel
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
@@ -34,6 +35,9 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         moving: Number of joints that move.
         held: Positions of the robot's other joints [rad].
     """
+    if model.coupling is not None:
+        what = "the model has two joints on one shaft, which plans don't know"
+        raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
     arm = reduce_arm(model.arm, moving, list(fixed))
     net = None
