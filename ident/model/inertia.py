@@ -5,6 +5,10 @@ URDF's inertias; `base` fits the base parameters and changes the URDF's numbers 
 searches all numbers near the URDF's under the condition that every link could be a real body. Loss figures are
 unknowns of the same problem, so that friction is not mistaken for mass.
 
+`fit_inertia` gives the diagnosis the arm that it linearises about, from the same rows as its effects; a hybrid model's
+inertias come from the joint estimate (`ident.model.identification`), which leaves reversals out and knows friction that
+changes from run to run. One in the place of the other would move the diagnosis's calibrated gates.
+
 Source: Gautier 1991 (base parameters by QR); Wensing, Kim and Slotine 2018 (pseudo-inertia LMI).
 """
 

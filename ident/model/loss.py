@@ -2,6 +2,10 @@
 
     τ_loss = B_m ddq + C_m dq + f_c sign(dq) (+ offset)
 
+A hybrid model's figures come from the joint estimate of all that is linear (`ident.model.identification`). `LossModel`
+is what the diagnosis linearises about: joint by joint, wherever a joint moves, reversals included, for its effects are
+looked for there too and its gates were calibrated on that baseline. So both stand side by side.
+
 Source: paper, eq. 3 and 5; one three-column problem a joint (the printed row form lacks the joint's index).
 """
 

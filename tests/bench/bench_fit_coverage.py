@@ -1,0 +1,75 @@
+"""How often the 95 % intervals of `ident fit` hold the truth, over simulated arms of several worlds.
+
+Run: python tests/bench/bench_fit_coverage.py [--arms 40] [--seed 1] [--worlds quoted] [--modes consistent,base,nominal]
+
+Truth is the hidden arm's own figure. In worlds whose friction drifts through a session that is the figure at its start,
+while the fit tells the session's mean: such arms are told apart. Half widths and errors are shares of the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.model.identification import identify
+from ident.model.loss import NAMES
+from ident.opening import open_sessions
+from ident.plant.simulate import SimulationOptions, simulate
+from ident.plant.world_presets import find_worlds
+from ident.robot.arm import ArmModel
+
+KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
+# Sessions stay short: tens of arms are to take minutes [s].
+LONGEST_S = 60.0
+
+
+def measure(seed: int, worlds: str, modes: list[str]) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    """(error, half width) of every figure of one arm, as shares of the truth, by mode and kind."""
+    ranges = find_worlds(worlds)
+    world = ranges[seed % len(ranges)].draw(np.random.default_rng([seed, 6]))
+    world = replace(world, duration_s=min(world.duration_s, LONGEST_S))
+    done = simulate(SimulationOptions(robot=world.robot, seed=seed).in_world(world))
+    opened = open_sessions([done.session], ArmModel.load(world.robot))
+    drifts = "drifting" if world.friction_drift > 2.0 * world.friction_spread else "steady"
+    found = defaultdict(list)
+    for mode in modes:
+        loss = identify(opened.motions, opened.arm, mode).loss  # type: ignore[arg-type]
+        limits: Float[Array, "n 4 2"] = loss.conf_int()
+        for j, joint in enumerate(loss.joints):
+            for k, key in enumerate(KEYS):
+                truth = done.answer.losses[joint][key]
+                low, high = limits[j, k] / truth
+                found[f"{mode}, {drifts}", NAMES[k]].append((0.5 * (low + high) - 1.0, 0.5 * (high - low)))
+    return dict(found)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--arms", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--worlds", default="quoted")
+    parser.add_argument("--modes", default="consistent,base,nominal")
+    asked = parser.parse_args()
+    total = defaultdict(list)
+    for seed in range(1000 * asked.seed, 1000 * asked.seed + asked.arms):
+        try:
+            for key, rows in measure(seed, asked.worlds, asked.modes.split(",")).items():
+                total[key] += rows
+        except InputError as error:
+            print(f"{seed}: refused: {error}")
+    print(f"{'mode, friction':<24}{'figure':<16}{'figures':>8}{'inside':>8}{'bias %':>16}{'half width %':>14}")
+    for (mode, name), rows in sorted(total.items()):
+        error, half = np.array(rows).T
+        bias, doubt = 100 * error.mean(), 100 * error.std() / np.sqrt(len(error))
+        inside = np.mean(np.abs(error) <= half)
+        middle = 100 * np.median(half)
+        print(f"{mode:<24}{name:<16}{len(rows):>8}{inside:>8.3f}{bias:>8.2f} ± {doubt:<5.2f}{middle:>14.2f}")
+
+
+if __name__ == "__main__":
+    main()
