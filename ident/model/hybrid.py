@@ -381,7 +381,7 @@ def _provenance(
     net: ResidualNet | None,
 ) -> dict[str, Any]:
     return {
-        "options": vars(options).copy(),
+        "options": {**vars(options), "accept": list(options.accept)},
         "runs": len(motions),
         "samples": sum(len(motion.time) for motion in motions),
         "cutoff_hz": motions[0].lowpass.cutoff,
