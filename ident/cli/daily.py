@@ -57,31 +57,37 @@ def watch(
 ) -> None:
     """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for each arm."""
     from ident.api.watching import watch as look
+    from ident.watching.folder import NoSession
 
     check_outputs([robot, model], {"--json": json_file})
     if not every > 0.0:
         raise InputError("--every", f"{every:g} is no time", "give seconds")
     shown = ""
     while True:
-        with progress_bar(console, "sessions", "") as progress:
-            found = look(
-                folder,
-                store,
-                robot,
-                model=model,
-                diagnosed=diagnose,
-                level=level,
-                settle=settle,
-                workers=workers,
-                scheduler=scheduler,
-                progress=lambda done, total: progress(done, total, 0.0),
-            )
-        words = visible(found.summary(), lines=True)
+        try:
+            with progress_bar(console, "sessions", "") as progress:
+                found = look(
+                    folder,
+                    store,
+                    robot,
+                    model=model,
+                    diagnosed=diagnose,
+                    level=level,
+                    settle=settle,
+                    workers=workers,
+                    scheduler=scheduler,
+                    progress=lambda done, total: progress(done, total, 0.0),
+                )
+        except NoSession as error:
+            if once:
+                raise
+            words = f"{error.where}: no session yet"
+        else:
+            words = f"{found.summary()}\nwritten to {store}; look at {store / 'index.html'}"
+            write_json(json_file, found.to_dict())
         if words != shown:
-            console.print(words, markup=False, highlight=False, soft_wrap=True)
-            console.print(f"written to {store}; look at {store / 'index.html'}", markup=False, soft_wrap=True)
-        shown = words
-        write_json(json_file, found.to_dict())
+            console.print(visible(words, lines=True), markup=False, highlight=False, soft_wrap=True)
         if once:
             return
+        shown = words
         time.sleep(every)

@@ -153,5 +153,5 @@ def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> 
     edges = [0, *(np.flatnonzero(np.diff(episode)) + 1), rows]
     for start, end in pairwise(edges):
         part: dict[str, Float[Array, " T"]] = {native: values[start:end] for native, values in table.items()}
-        number = int(episode[start]) if rows else 0
+        number = int(np.nan_to_num(episode[start])) if rows else 0
         yield assemble(f"episode_{number:06d}", screen_cells(part, file), settings, file, names)

@@ -29,13 +29,12 @@ def load_mat(path: Path) -> dict[str, np.ndarray]:
         RecordingError: As `read_mat`.
     """
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise RecordingError(path, "is a MATLAB 7.3 file (HDF5)", "write it with save(…, '-v7')") from None
-    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, OverflowError, MemoryError) as error:
+    except Exception as error:  # zlib, struct, NumPy and the reader each raise their own
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise RecordingError(path, f"not a MATLAB file ({reason})", "write it with save(…, '-v7')") from None
     arrays = {name: np.squeeze(values) for name, values in flatten(content).items()}

@@ -24,6 +24,10 @@ DATES = re.compile(r"(?<!\d)(?:(20\d\d)|(\d\d))([-_.]?)(\d\d)\3(\d\d)(?!\d)")
 EPOCH = 1e9
 
 
+class NoSession(InputError):
+    """A watched folder in which no session lies yet."""
+
+
 @dataclass(frozen=True)
 class FoundSession:
     """A session that lies there.
@@ -60,8 +64,9 @@ def find_sessions(folder: Path) -> list[FoundSession]:
         raise InputError(folder, "no such folder", "give a folder of sessions, or of arms with sessions")
     found = list(_in_folder(folder))
     if not found:
+        # Whoever goes on looking may wait for the first one.
         what = "holds no session" + (", but runs" if _is_session(folder) else "")
-        raise InputError(folder, what, "give each session a folder: FOLDER/SESSION or FOLDER/ARM/SESSION")
+        raise NoSession(folder, what, "give each session a folder: FOLDER/SESSION or FOLDER/ARM/SESSION")
     return sorted(found, key=lambda one: one.key)
 
 
