@@ -80,6 +80,9 @@ class AlarmRecord(TypedDict):
     low: float
     high: float
     spread: float
+    scale: float | None
+    scale_low: float | None
+    scale_high: float | None
 
 
 class OddSessionRecord(TypedDict):

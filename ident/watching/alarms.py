@@ -18,6 +18,7 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 from ident.watching.change_bets import ChangeBets
+from ident.watching.common_scale import common_scale
 
 # Chance of any false alarm in an arm's life.
 LEVEL = 0.05
@@ -59,6 +60,7 @@ class Alarm:
         before, after: Mean of the figure.
         low, high: 95 % interval of the change.
         spread: Day-to-day standard deviation before the change.
+        scale, scale_low, scale_high: Factor by which all figures of the joint changed alike, if they did.
     """
 
     arm: str
@@ -73,6 +75,9 @@ class Alarm:
     low: float
     high: float
     spread: float
+    scale: float | None = None
+    scale_low: float | None = None
+    scale_high: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON and for tables."""
@@ -135,16 +140,25 @@ def find_alarms(
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
         enough = len(streams) / level
         named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
-        alarms += [_tell(arm, key, streams[key], session, evidence) for key in named]
+        alarms += [_tell(arm, key, streams, session, evidence) for key in named]
         for key, stream in streams.items():
             stream.start_anew() if key in named else stream.hand_in()
     return tuple(alarms)
 
 
-def _tell(arm: str, key: tuple[str, str], stream: _Stream, session: str, evidence: float) -> Alarm:
+def _tell(
+    arm: str, key: tuple[str, str], streams: Mapping[tuple[str, str], _Stream], session: str, evidence: float
+) -> Alarm:
+    stream = streams[key]
     values = np.array([point.value for point in stream.points])
     early, late = values[: stream.bets.before], values[stream.bets.before :]
     low, high = _interval_of_change(early, late)
+    own = {figure: other.points for (joint, figure), other in streams.items() if joint == key[0]}
+    past = {point.session for point in stream.points[: stream.bets.before]}
+    scale = common_scale(
+        {figure: [point.value for point in points if point.session in past] for figure, points in own.items()},
+        {figure: [point.value for point in points if point.session not in past] for figure, points in own.items()},
+    )
     return Alarm(
         arm=arm,
         joint=key[0],
@@ -158,6 +172,7 @@ def _tell(arm: str, key: tuple[str, str], stream: _Stream, session: str, evidenc
         low=low,
         high=high,
         spread=float(early.std(ddof=1)),
+        **({} if scale is None else dict(zip(("scale", "scale_low", "scale_high"), scale, strict=True))),
     )
 
 

@@ -64,18 +64,26 @@ def alarm_card(alarm: Alarm) -> dict[str, str]:
     """An alarm as text for a page."""
     unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
     change = alarm.after - alarm.before
+    scaled = alarm.scale is not None
     share = f" ({change / alarm.before:+.0%})" if alarm.before else ""
     return {
         "arm": alarm.arm,
         "joint": alarm.joint,
-        "what": f"{NAMES[alarm.figure]} of {alarm.joint}",
+        "what": f"torque scale of {alarm.joint}" if scaled else f"{NAMES[alarm.figure]} of {alarm.joint}",
         "change": f"{significant(alarm.before, 3)} → {significant(alarm.after, 3)}{unit}{share}",
         "interval": f"change {significant(alarm.low, 2)} to {significant(alarm.high, 2)}{unit}",
         "spread": f"day to day it varies by {significant(alarm.spread, 2)}{unit}",
         "since": alarm.since,
         "told": alarm.session,
-        "action": ACTIONS[alarm.figure],
+        "action": _scale_action(alarm) if scaled else ACTIONS[alarm.figure],
     }
+
+
+def _scale_action(alarm: Alarm) -> str:
+    """What to do about a torque whose scale has changed."""
+    low, high = (100.0 * ((value or 1.0) - 1.0) for value in (alarm.scale_low, alarm.scale_high))
+    size = f"{100.0 * ((alarm.scale or 1.0) - 1.0):+.1f} % [{low:.1f}, {high:.1f}]"
+    return f"recalibrate the torque or current of {alarm.joint}: all of its figures changed alike, by {size}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,7 @@ SCHEMAS: dict[str, dict[str, pa.DataType]] = {
     "alarms": {
         **dict.fromkeys(("arm", "joint", "figure", "session", "since"), TEXT),
         **dict.fromkeys(("evidence", "probability", "before", "after", "low", "high", "spread"), NUMBER),
+        **dict.fromkeys(("scale", "scale_low", "scale_high"), NUMBER),
     },
 }
 DONE = "sessions"

@@ -118,6 +118,10 @@ def tell_alarm(alarm: Alarm) -> str:
     """An alarm in one line."""
     unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
     change = alarm.after - alarm.before
+    if alarm.scale is not None and alarm.scale_low is not None and alarm.scale_high is not None:
+        low, high = 100.0 * (alarm.scale_low - 1.0), 100.0 * (alarm.scale_high - 1.0)
+        size = f"{100.0 * (alarm.scale - 1.0):+.3g} % [{low:.3g}, {high:.3g}]"
+        return f"{alarm.arm}: the torque of {alarm.joint} changed its scale by {size} since {alarm.since}"
     return (
         f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change:+.3g}{unit} [{alarm.low:.3g}, {alarm.high:.3g}] "
         f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"

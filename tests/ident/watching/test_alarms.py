@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.watching.alarms import Alarm, Point, find_alarms
+from ident.watching.common_scale import common_scale
 from ident.watching.odd_sessions import find_odd_sessions
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
@@ -84,3 +85,22 @@ def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
     assert (found.joint, found.figure, found.session) == (*key, NAMES[place])
     assert 9.0 < found.usual < 11.0
     assert {(alarm.joint, alarm.figure) for alarm in alarms} == {("joint_2", "viscous")}
+
+
+def test_figures_that_change_alike_are_the_torques_scale() -> None:
+    """Eight per cent on all of them is the scale; on one of them, or on none, it is not."""
+    rng = np.random.default_rng(9)
+    means = {"gain": 1.0, "rotor": 0.8, "viscous": 11.0, "coulomb": 6.0, "offset": 0.3}
+
+    def days(factors: dict[str, float], count: int) -> dict[str, list[float]]:
+        return {
+            name: list(mean * factors.get(name, 1.0) * (1.0 + 0.01 * rng.standard_normal(count)))
+            for name, mean in means.items()
+        }
+
+    scale = common_scale(days({}, 8), days(dict.fromkeys(means, 1.08), 6))
+    assert scale is not None
+    assert scale[1] < 1.08 < scale[2]
+    assert scale[2] - scale[1] < 0.03
+    assert common_scale(days({}, 8), days({"coulomb": 1.08}, 6)) is None
+    assert common_scale(days({}, 8), days({}, 6)) is None
