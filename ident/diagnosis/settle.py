@@ -49,24 +49,24 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     """
     prior, settings = search.prior, search.settings
     doubted: tuple[Reservation, ...] = ()
-    evidence = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
-    spread = estimate_run_spread(evidence, _with_slow_effects(evidence, prior))
+    free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
+    spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     for _ in range(settings.most_settling):
-        evidence = evidence.with_run_spread(spread)
+        evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
-        drifting = _mere_drift(search, sure.found)
+        drifting = _mere_drift(search, sure.found, free)
         if drifting:
             search = replace(search, barred=search.barred | drifting)
             sure = _sure(search, session, baseline, doubted)
             search, doubted = sure.search, sure.doubted
         wider = _wider_belief(search, sure.found, baseline)
-        model = project(evidence.gram(), evidence, prior, [item.group for item in sure.found.named])
-        smaller = np.minimum(spread, estimate_run_spread(evidence, model))
-        if wider == 1.0 and (not sure.found.named or np.all(smaller > settings.settled_share * spread)):
+        # Beside slow effects that got no name friction varied too little, beside none of the others too much.
+        now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
+        if wider == 1.0 and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
             break
-        spread, prior = smaller, prior.tightened(1.0 / wider)
+        spread, prior = now, prior.tightened(1.0 / wider)
     return sure
 
 
@@ -86,14 +86,19 @@ def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
     return project(gram, evidence, prior, [group for _, group in best.values()])
 
 
-def _mere_drift(search: Search, found: SearchResults) -> set[Key]:
-    """Names of slow effects that wandering friction explains as well: a slow curve follows some of any random walk."""
+def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key]:
+    """Names of slow effects that wandering friction explains as well: a slow curve follows some of any random walk.
+
+    Args:
+        search: The search.
+        found: What it found.
+        free: Its evidence with friction free to vary.
+    """
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
     slow = [group for group in groups if group.effect.by_run]
     if not slow:
         return set()
-    free = evidence.with_run_spread(np.full(evidence.layout.n, WIDE_SPREAD))
     gram = free.gram()
     least = search.settings.family_error / evidence.layout.n
     drifting = set()

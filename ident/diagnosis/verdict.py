@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.trees import Ceiling
@@ -24,6 +25,8 @@ NOISE_MARGIN = 1.08
 # Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
 # next) this many times that of the middle joint, or this many times the noise's mean square.
 STANDS_OUT, MUCH_LEFT = 1.35, 2.5
+# Chance that a variance is larger than the bound that is taken for its largest.
+SURE_SIDE = 0.05
 # Error over noise from which on a gap speaks for itself.
 LOUD = 1.15
 
@@ -49,9 +52,11 @@ def find_unexplained(
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
     much = typical**2 > MUCH_LEFT * evidence.floor**2
-    # How much friction varies is known from so many stretches only: one standard error of that variance is no gap.
+    # How much friction varies is known from so many stretches only: it may be the upper end of its 95 % interval. And a
+    # stretch that was left out lies apart from the mean of the others.
     stretches = max(len(np.unique(evidence.friction.stretch)), 2)
-    varying = (1.0 + np.sqrt(2.0 / (stretches - 1))) * evidence.friction_noise**2
+    most = (stretches - 1) / float(chi2.ppf(SURE_SIDE, stretches - 1)) * stretches / (stretches - 1)
+    varying = most * evidence.friction_noise**2
     beyond = typical**2 > whitening.level**2 + varying
     left = moved & (np.array(learnt) | (beyond & ((colour > STANDS_OUT * usual) | much)))
     return left, np.minimum(evidence.floor, usual * whitening.innovation)

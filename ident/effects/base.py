@@ -297,6 +297,26 @@ def linear_interval(
     return Interval(value, value - reach, value + reach)
 
 
+# Draws behind an interval: its ends are then sure to a twentieth of its width.
+INTERVAL_DRAWS = 400
+
+
+def drawn_interval(
+    function: Callable[[Float[Array, " k"]], float], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
+) -> Interval:
+    """95 % interval of any function of coefficients that are not negative, from draws of them.
+
+    For what bends within the coefficients' spread, where the delta method tells anything.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    # The same draws every time: a figure is told the same when it is told again.
+    normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
+    drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    told = np.array([function(one) for one in np.maximum(drawn, 0.0)])
+    value, (low, high) = function(coefficients), np.quantile(told, (0.025, 0.975))
+    return Interval(value, min(value, float(low)), max(value, float(high)))
+
+
 def delta_interval(
     function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
 ) -> Interval:

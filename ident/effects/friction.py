@@ -46,6 +46,11 @@ LEAST_TOP_SPEED = 0.05
 LEAST_POSITION_RANGE = 0.5  # [rad]
 
 
+def _rest_speed(session: SessionContext, joint: int) -> float:
+    """Least speed at which a joint is told from one at rest, in any run [rad/s]."""
+    return min(float(run.motion.rest_speed[joint]) for run in session.runs)
+
+
 class StribeckFriction(Effect):
     """Friction that falls as motion sets in: τ = A s exp(−(|v| / v_s)^δ).
 
@@ -70,7 +75,7 @@ class StribeckFriction(Effect):
         return reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        rest = min(float(run.motion.rest_speed[joint]) for run in session.runs)
+        rest = _rest_speed(session, joint)
         return tuple(
             Variant({"stribeck_velocity_rad_s": speed, "exponent": exponent})
             for speed in STRIBECK_VELOCITIES
@@ -79,11 +84,12 @@ class StribeckFriction(Effect):
         )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        middle = variant.inner["stribeck_velocity_rad_s"]
+        middle, rest = variant.inner["stribeck_velocity_rad_s"], _rest_speed(session, joint)
         return tuple(
             Variant({"stribeck_velocity_rad_s": factor * middle, "exponent": exponent})
             for factor in FINE_STRIBECK_FACTORS
             for exponent in FINE_STRIBECK_EXPONENTS
+            if factor * middle > rest
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:

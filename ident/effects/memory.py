@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval, drawn_interval
 from ident.effects.knowledge import Doubt, Range, Typical
 from ident.effects.plausible import LARGEST_TORQUE_SHARE
 from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves, rated_torque
@@ -199,10 +200,13 @@ class PreslidingHysteresis(Effect):
         def amplitude(k: Array) -> float:
             return float(np.maximum(k, 0.0) @ sizes) / displacement(k)
 
-        where = delta_interval(displacement, coefficients, covariance)
+        where = drawn_interval(displacement, coefficients, covariance)
         reach = grid_interval(where.value, DISPLACEMENTS)
+        strength = drawn_interval(amplitude, coefficients, covariance)
+        if delta_interval(lambda k: float(k @ sizes), coefficients, covariance).low <= 0.0:
+            strength = replace(strength, low=0.0)  # draws that are not negative can't tell that there may be none
         return {
-            "amplitude_Nm": delta_interval(amplitude, coefficients, covariance),
+            "amplitude_Nm": strength,
             "displacement_rad": Interval(
                 where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
             ),

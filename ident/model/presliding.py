@@ -71,7 +71,7 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     """
     n = motions[0].n
     known = [
-        _Known(motion.moving, motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
+        _Known(motion.settled, motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
         for motion, torque in zip(motions, rigid, strict=True)
     ]
     grid = _grid(motions)
@@ -84,9 +84,9 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What all trials share of a run: where it moves, filtered acceleration and speed, torque to be explained."""
+    """What all trials share of a run: where it slides steadily, its filtered acceleration and speed, and the torque."""
 
-    moving: Bool[Array, "t n"]
+    settled: Bool[Array, "t n"]
     columns: Float[Array, "t n 2"]
     target: Float[Array, "t n"]
 
@@ -104,12 +104,12 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
 
 
 def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
-    """Sum of squares that each joint leaves where it moves [N² m²]."""
+    """Sum of squares that each joint leaves where it slides steadily: nothing else is judged by it [N² m²]."""
     gram = np.zeros((motions[0].n, 4, 4))
     for motion, one in zip(motions, known, strict=True):
         slip = motion.filtered(trial.direction(motion))
         rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
-        rows = np.where(one.moving[:, :, None], rows, 0.0)
+        rows = np.where(one.settled[:, :, None], rows, 0.0)
         gram += np.einsum("tja,tjb->jab", rows, rows)
     found = np.zeros(len(gram))
     for j, sums in enumerate(gram):

@@ -88,6 +88,7 @@ class Motion:
         continues: Whether it is the next piece of the recorded run that the motion before it is a piece of.
         state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
             made of the states is what the noise that is in them does.
+        band: Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Motion:
     position_command: Float[Array, "T n"] | None = None
     continues: bool = False
     state_noise: Float[Array, "T n 3"] | None = None
+    band: Float[Array, " n"] | None = None
 
     @property
     def n(self) -> int:
@@ -145,16 +147,21 @@ class Motion:
     def settled(self) -> Bool[Array, "t n"]:
         """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
 
-        At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood. Before
-        a joint has travelled some way its friction depends on what was before the run.
+        At rest dry friction holds any torque up to its level, and the filter smears that over its neighbourhood, as the
+        smoother smears where it begins and ends. Before a joint has travelled some way its friction depends on what was
+        before the run.
         """
-        reach = max(1, round(REVERSAL_PERIODS / self.lowpass.cutoff / (self.interval * self.lowpass.factor)))
+        slowest = np.minimum(self.lowpass.cutoff, np.inf if self.band is None else self.band)
+        reach = np.maximum(1, np.round(REVERSAL_PERIODS / slowest / (self.interval * self.lowpass.factor)))
         heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
         settled = heading != 0.0
-        for shift in range(1, reach + 1):
-            settled[shift:] &= heading[shift:] == heading[:-shift]
-            settled[:-shift] &= heading[:-shift] == heading[shift:]
-            settled[:shift] = settled[-shift:] = False  # what was before a run and came after it, nobody knows
+        for shift in range(1, min(int(reach.max()), len(heading) - 1) + 1):
+            same = (heading[shift:] == heading[:-shift]) | (shift > reach)
+            settled[shift:] &= same
+            settled[:-shift] &= same
+            # What was before a run and came after it, nobody knows.
+            settled[:shift] &= shift > reach
+            settled[-shift:] &= shift > reach
         q = self.q[self.coarse]
         travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q) > FORGETTING_TRAVEL
         return np.asarray(settled & travelled)
@@ -178,7 +185,8 @@ class Motion:
         names = ("q", "dq", "ddq", "tau", "std", "temperature", "position_command", "state_noise")
         kept = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
-        return replace(self, joints=tuple(joints), **cut)
+        band = None if self.band is None else freeze(self.band[columns])
+        return replace(self, joints=tuple(joints), band=band, **cut)
 
 
 def session_noise(session: Session) -> NoiseLevels:
@@ -229,6 +237,7 @@ def prepare_run(
         temperature=on_grid(run.temperature),
         position_command=on_grid(run.position_command),
         state_noise=None if noise is None else freeze(noise),
+        band=freeze(np.minimum(band, levels.bandwidth(1.0 / rate))),
     )
 
 
