@@ -71,7 +71,7 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     """
     n = motions[0].n
     known = [
-        _Known(motion.settled, motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
+        _Known(_between_rests(motion), motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
         for motion, torque in zip(motions, rigid, strict=True)
     ]
     grid = _grid(motions)
@@ -84,15 +84,35 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What all trials share of a run: where it slides steadily, its filtered acceleration and speed, and the torque."""
+    """What all trials share of a run: where it moves, filtered acceleration and speed, torque to be explained."""
 
-    settled: Bool[Array, "t n"]
+    moving: Bool[Array, "t n"]
     columns: Float[Array, "t n 2"]
     target: Float[Array, "t n"]
 
 
 def _moves(motion: Motion) -> Float[Array, "T n 2"]:
     return np.stack([motion.ddq, motion.dq], axis=-1)
+
+
+def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
+    """Where each joint moves, or turns round, out of the smoother's reach of a standstill and of the run's ends.
+
+    A smoothed speed dies away while the joint stands already, held by any torque: that looks like a slow turning.
+    """
+    still = ~motion.moving
+    kept = motion.moving.copy()
+    for j, reach in enumerate(motion.blurred):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], still[:, j], [True]]).astype(int)))
+        # Neighbouring edges bound a stretch of motion, and between two of these lies a rest or a mere turn.
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            before = 0 if start == 0 else start - max((e for e in edges[1::2] if e <= start), default=-(10**9))
+            after = 0 if end == len(still) else min((s for s in edges[::2] if s >= end), default=10**9) - end
+            if start == 0 or before > reach:
+                kept[start : start + reach, j] = False
+            if end == len(still) or after > reach:
+                kept[max(end - reach, start) : end, j] = False
+    return kept
 
 
 def _grid(motions: Sequence[Motion]) -> list[Sliding]:
@@ -104,12 +124,12 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
 
 
 def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
-    """Sum of squares that each joint leaves where it slides steadily: nothing else is judged by it [N² m²]."""
+    """Sum of squares that each joint leaves where it moves [N² m²]."""
     gram = np.zeros((motions[0].n, 4, 4))
     for motion, one in zip(motions, known, strict=True):
         slip = motion.filtered(trial.direction(motion))
         rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
-        rows = np.where(one.settled[:, :, None], rows, 0.0)
+        rows = np.where(one.moving[:, :, None], rows, 0.0)
         gram += np.einsum("tja,tjb->jab", rows, rows)
     found = np.zeros(len(gram))
     for j, sums in enumerate(gram):

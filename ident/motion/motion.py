@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import RecordingError
 from ident.motion.butterworth import design_lowpass
 from ident.motion.encoder import draw_errors, find_resolution
@@ -143,6 +143,13 @@ class Motion:
         """
         return np.abs(self.dq[self.coarse]) > self.rest_speed
 
+    @property
+    def blurred(self) -> Int[Array, " n"]:
+        """Samples of the filtered grid over which filter and smoother smear a stop or a turn of each joint."""
+        slowest = np.minimum(self.lowpass.cutoff, np.full(self.n, np.inf) if self.band is None else self.band)
+        reach = np.round(REVERSAL_PERIODS / slowest / (self.interval * self.lowpass.factor))
+        return np.maximum(1, reach).astype(int)
+
     @cached_property
     def settled(self) -> Bool[Array, "t n"]:
         """Where each joint moves and neither reverses, stops nor starts within the filter's reach.
@@ -151,8 +158,7 @@ class Motion:
         smoother smears where it begins and ends. Before a joint has travelled some way its friction depends on what was
         before the run.
         """
-        slowest = np.minimum(self.lowpass.cutoff, np.inf if self.band is None else self.band)
-        reach = np.maximum(1, np.round(REVERSAL_PERIODS / slowest / (self.interval * self.lowpass.factor)))
+        reach = self.blurred
         heading = np.where(self.moving, np.sign(self.dq[self.coarse]), 0.0)
         settled = heading != 0.0
         for shift in range(1, min(int(reach.max()), len(heading) - 1) + 1):
