@@ -141,7 +141,9 @@ def _sure(
     """The effects that the search named, without those that a rival beats by far or whose figures no arm has.
 
     What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
+    So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
     """
+    beaten = 0
     found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
@@ -157,5 +159,12 @@ def _sure(
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
             return Settled(search, found, estimates, fine, doubted)
+        if not refused and beaten < held.most_doubted:
+            lost = {group.key for k, group in enumerate(groups) if k not in kept}
+            beaten += len(lost)
+            other = replace(search, barred=search.barred | lost).run()
+            if len(other.named) > len(kept):
+                search, found = replace(search, barred=search.barred | lost), other
+                continue
         found = search.only(found, kept)
     return Settled(search, found, [], None, doubted)

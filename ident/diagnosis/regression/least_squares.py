@@ -119,7 +119,7 @@ class Projection:
 
     def _fall(self, columns: Int[Array, " k"], nonnegative: Sequence[int]) -> tuple[float, Float[Array, " k"]]:
         signed = np.zeros(len(columns), dtype=bool)
-        signed[list(nonnegative)] = True
+        signed[[k for k in nonnegative if k < len(columns)]] = True  # an effect may have fewer columns here than it can
         beta = self.solve(columns, signed)
         fall = 2 * self.rest[columns, -1] @ beta - beta @ self.rest[np.ix_(columns, columns)] @ beta
         return float(max(fall, 0.0)), beta

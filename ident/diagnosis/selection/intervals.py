@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -212,6 +212,28 @@ def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"], dro
     return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
 
 
+def _beside(
+    search: Search,
+    group: Group,
+    others: Sequence[Group],
+    ahead: Sequence[Group],
+    scores: Mapping[Key, float],
+    spare: float,
+) -> list[float]:
+    """Log evidence of a name together with each candidate that has more, where the two explain different things.
+
+    What explains something else is no rival: both may be there.
+    """
+    evidence, gram = search.evidence, search.evidence.gram()
+    found = []
+    for rival in ahead:
+        if rival.key != group.key:
+            left = search.score_of(project(gram, evidence, search.prior, [*others, rival]), group) / spare
+            if left > 0.0:
+                found.append(scores[rival.key] + left)
+    return found
+
+
 def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
 ) -> tuple[float, tuple[str, ...]]:
@@ -224,7 +246,9 @@ def weigh_rivals(
     ahead = [rival for score, rival in best.values() if score > best[group.key][0] and rival.key in allowed]
     allowed -= {rival.key for rival in ahead if rival.key != group.key and not search.helps(projection, others, rival)}
     scores: dict[Key, float] = {key: score / spare for key, (score, _) in best.items() if key in allowed}
-    own = scores[group.key]
+    own = max(
+        [scores[group.key], *_beside(search, group, others, [r for r in ahead if r.key in scores], scores, spare)]
+    )
     best_of_effect: dict[str, float] = {}
     for (effect, _, _), score in scores.items():
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
