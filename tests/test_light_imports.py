@@ -92,3 +92,12 @@ def test_a_fit_without_a_net_loads_neither_torch_nor_a_compiler(tmp_path: Path) 
     heavy = {"torch", "cvxpy", "mujoco", "numba", "sklearn", "rosbags", "matplotlib", "rerun", "pandas"}
     assert not loaded_by(*fit, tmp_path / "model") & heavy
     assert "scipy" not in loaded_by(*fit, tmp_path / "again", "--inertia", "base")
+
+
+def test_a_slip_in_a_scene_file_is_told_before_anything_heavy_is_loaded(tmp_path: Path) -> None:
+    """A wrong key costs no compiler, no solver and no net."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text('robot = "tm5-900"\n[task]\nstart = [0, 0, 0]\n')
+    script = RUN.replace("    assert not end.code, end.code\n", "    assert end.code == 2, end.code\n")
+    found = loaded(script.format(package="plan", arguments=["plan", "solve", str(scene)], heavy=HEAVY))
+    assert not found & {"torch", "numba", "scipy", "cvxpy", "casadi", "matplotlib", "pyarrow", "sklearn"}

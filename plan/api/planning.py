@@ -44,8 +44,8 @@ def solve(
     Args:
         scene: Scene file, or the task that `load_task` read from it.
         model: Fitted model or its folder; the rigid arm without losses if None.
-        method: `reference`, `cma`, `ppo`, `ppo-paper`, `ga`, `ga-pymoo`, `brute`, `compress`, `toppra`, or a planner of
-            one's own.
+        method: `sqp`, `reference`, `cma`, `ppo`, `ppo-paper`, `ga`, `ga-pymoo`, `brute`, `compress`, `toppra`, `ompl`
+            (where OMPL is installed), or a planner of one's own.
         objective: `energy` or `time`.
         metric: How energy is counted: `signed`, `positive`, `absolute` or `copper`.
         variables: What is searched: `vias`, `times` or `both`.

@@ -67,7 +67,7 @@ def solve(
     model: ModelFolder = None,
     objective: Objective = "energy",
     method: Annotated[
-        str, typer.Option(help="sqp, reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress or toppra.")
+        str, typer.Option(help="sqp, reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress, toppra or ompl.")
     ] = "sqp",
     metric: Metric = "absolute",
     variables: Variables = None,
@@ -90,6 +90,9 @@ def solve(
     rate: Annotated[float, typer.Option(help="Rate of that file [Hz].")] = 250.0,
 ) -> None:
     """Finds one trajectory and certifies it."""
+    from plan.problem.task_file import load_task
+
+    task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is told at once
     from plan.api.planning import origin
     from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
     from plan.problem.execution import require_writable
@@ -103,7 +106,7 @@ def solve(
     check_outputs([scene, model, vias, resume], places)
     if picture is not None:
         require_picture(picture)
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
+    opened = open_task(task, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
@@ -136,12 +139,15 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")] = None,
 ) -> None:
     """Runs all methods on one task."""
+    from plan.problem.task_file import load_task
+
+    task = load_task(scene)
     from plan.api.planning import origin
     from plan.api.tasks import COMPARISON_FILES, compare_task, open_task, save_comparison
 
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model, vias], {**written, "--json": json_file})
-    opened = open_task(scene, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
+    opened = open_task(task, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
     table = table.with_provenance(origin("plan compare", opened, model, {"methods": methods, "seeds": seeds}))

@@ -8,7 +8,6 @@ from typing import Literal
 
 import coal
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ident.arrays import Array, Float, Int, freeze
 
@@ -101,6 +100,8 @@ class Solid:
 
 def hull_points(points: Float[Array, "k 3"]) -> Float[Array, "m 3"]:
     """Corners of the convex hull of some points; of points in a plane, those of the plane grown by a micrometre."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to load, and boxes need none of it
+
     points = np.asarray(points, dtype=float)
     try:
         return points[ConvexHull(points).vertices]

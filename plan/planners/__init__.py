@@ -10,6 +10,7 @@ from plan.planners.brute_force import BruteForce
 from plan.planners.compression import Compression
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
+from plan.planners.ompl_toppra import OmplToppra, is_installed
 from plan.planners.ppo import Ppo
 from plan.planners.reference import Reference
 from plan.planners.sequential import Sequential
@@ -28,9 +29,10 @@ METHODS: dict[str, Callable[[], Planner]] = {
     "brute": BruteForce,
     "compress": Compression,
     "toppra": Toppra,
+    "ompl": OmplToppra,
 }
-# Methods that shorten time only.
-TIME_ONLY = ("compress", "toppra")
+# Methods that shorten time only, and peers that are there to be compared with when they are named.
+TIME_ONLY, PEERS = ("compress", "toppra"), ("ompl",)
 
 
 def make_planner(method: str, objective: str) -> Planner:
@@ -43,6 +45,8 @@ def make_planner(method: str, objective: str) -> Planner:
         raise MethodError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
     if method in TIME_ONLY and objective != "time":
         raise MethodError("--method", f"{method} shortens time only", "use --objective time, or another method")
+    if method == "ompl" and not is_installed():
+        raise MethodError("--method ompl", "OMPL is not installed", "pip install ompl, or use another method")
     return METHODS[method]()
 
 

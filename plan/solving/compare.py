@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.results import Result
 from plan.errors import MethodError
-from plan.planners import METHODS, TIME_ONLY, default_budget
+from plan.planners import METHODS, PEERS, TIME_ONLY, default_budget, make_planner
 from plan.planners.base import Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -123,12 +123,13 @@ def compare(
         progress: Called while searching.
 
     Raises:
-        MethodError: No such method.
+        MethodError: No such method, or not for this task.
     """
     chosen = list(methods) if methods else able(problem)
     for method in chosen:
         if method not in METHODS:
             raise MethodError("--methods", f"{method!r} is unknown", f"use some of: {', '.join(METHODS)}")
+        make_planner(method, problem.objective)
     starts: dict[int, Starts] = {}
     results = []
     for method in chosen:
@@ -142,12 +143,14 @@ def compare(
 
 
 def able(problem: PlanningProblem) -> list[str]:
-    """Methods that can do the task: compression and toppra for time, brute force for small grids."""
+    """Our own methods that can do the task: compression and toppra for time, brute force for small grids."""
     small = 11**problem.dimension <= 2_000_000 and problem.free == "vias"
     return [
         method
         for method in METHODS
-        if (problem.objective == "time" or method not in TIME_ONLY) and (small or method != "brute")
+        if method not in PEERS
+        and (problem.objective == "time" or method not in TIME_ONLY)
+        and (small or method != "brute")
     ]
 
 

@@ -102,10 +102,12 @@ def main() -> None:
                 continue
             whole = tomllib.loads(path.read_text())
             whole["task"]["objective"] = objective
-            packages = [str(Path(pin.__file__).parents[4] / "share"), str(arm.source.parents[4])]
+            source = ArmModel.load(robot).source
+            assert source is not None
+            packages = [str(Path(pin.__file__).parents[4] / "share"), str(source.parents[3])]
             limits = {"lower": arm.lower, "upper": arm.upper, "speed": arm.velocity_limit, "clearance": 0.005}
             limits["torque"] = arm.effort_limit
-            found = faults(result.to_dict(), whole, checked, World(arm.source, packages, whole), limits)
+            found = faults(result.to_dict(), whole, checked, World(source, packages, whole), limits)
             if found:
                 broken.append((i, robot, objective, found))
                 print(i, robot, objective, found, flush=True)
