@@ -61,7 +61,7 @@ from ident.effects.friction import (
 )
 from ident.effects.informative_motions import SHOWINGS
 from ident.effects.memory import PreslidingHysteresis, ThermalFriction
-from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, Payload
+from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
 from ident.effects.sensing import EncoderOffset, TorqueDelay, TorqueGainError, TorqueOffset, TorqueSaturation
 from ident.effects.transmission import JointCoupling, SpringTorque, TorqueRipple
 from ident.errors import InputError
@@ -79,7 +79,7 @@ CATALOGUE: tuple[Effect, ...] = (
     Backlash(),
     TorqueRipple(),
     SpringTorque(),
-    Payload(),
+    UnknownPayload(),
     LinkInertialError(),
     GravityMisalignment(),
     TorqueGainError(),

@@ -28,7 +28,7 @@ LEAST_COLUMN = 1e-6
 STRUCTURE_STATES = 30
 
 
-class Payload(Effect):
+class UnknownPayload(Effect):
     """A load at the last link that the model doesn't know: mass m at a centre c, in the last link's frame.
 
     The four columns belong to m and m (c − c₀), with the inertia that a point mass has near c₀, a reach along the last

@@ -63,7 +63,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Limits:
+class ModelLimits:
     """All limits of a file.
 
     Attributes:
@@ -80,7 +80,7 @@ class Limits:
         return tuple(Check(score.name, limit, _value(score, limit, row)) for limit in self.limits)
 
 
-def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> Limits:
+def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> ModelLimits:
     """Reads a file of limits.
 
     Args:
@@ -102,7 +102,7 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
     )
     if not limits:
         raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
-    return Limits(limits, rung)
+    return ModelLimits(limits, rung)
 
 
 def _table(path: Path, figure: str, table: Any) -> dict[str, Any]:

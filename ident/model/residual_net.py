@@ -16,8 +16,7 @@ Source: paper, eq. 4 and 6 and section 4.1.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -33,6 +32,7 @@ from ident.files import atomic_write
 from ident.model.checkpoint import Training, save_tensors
 from ident.model.net_gate import JointGate, judge_net
 from ident.model.networks import DenseNet, JointNets, Network
+from ident.model.torch_threads import torch_threads
 from ident.reading import read_json, require_regular
 
 Progress = Callable[[int, int, float], None]
@@ -309,7 +309,7 @@ def fit_residual_net(
         network = _build(x.shape[-1], y.shape[1], options)
         # One thread: a net's sums, and so its weights, depend on how many there are, and Pinocchio changes their
         # number. On a busy machine more only wait for each other.
-        with _threads(1):
+        with torch_threads(1):
             training = _train(network, data, options, progress, checkpoint)
     if options.patience and training.best:
         network.load_state_dict(training.best)
@@ -328,16 +328,6 @@ def _unseen(network: JointNets, data: _Data) -> Float[Array, "T n"]:
     with torch.inference_mode():
         weight = data.held[:, :, None] / data.held.sum(dim=0).clamp(min=1.0)[None, :, None]
         return np.asarray((weight * network(data.inputs)).sum(dim=0).numpy(), dtype=float)
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _train(

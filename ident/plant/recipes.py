@@ -28,7 +28,7 @@ from ident.recordings.recording import Payload, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import random_path
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import Motion, via_spline
 
 ARM_SEED = 900
@@ -84,7 +84,7 @@ def training_counts(rng: np.random.Generator) -> Array:
     return counts
 
 
-def path_within(limits: Limits, duration: float, rng: np.random.Generator) -> Float[Array, "m n"]:
+def path_within(limits: MotionLimits, duration: float, rng: np.random.Generator) -> Float[Array, "m n"]:
     """Via points of a path that the arm can follow within a duration [s]."""
     while True:
         points = random_path(limits, 2, rng, span=rng.uniform(*REACH), roam=0.7)
@@ -93,7 +93,7 @@ def path_within(limits: Limits, duration: float, rng: np.random.Generator) -> Fl
             return points
 
 
-def training_motions(limits: Limits, rng: np.random.Generator) -> list[list[Motion]]:
+def training_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[Motion]]:
     """Motions of T1 and T2: five trajectories each, forward and backward, slow, medium and fast."""
     sets: list[list[Motion]] = [[], []]
     for number, counts in enumerate(training_counts(rng)):
@@ -107,7 +107,7 @@ def training_motions(limits: Limits, rng: np.random.Generator) -> list[list[Moti
     return sets
 
 
-def evaluation_motions(limits: Limits, rng: np.random.Generator) -> list[list[Motion]]:
+def evaluation_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[Motion]]:
     """Motions of E1 and E2: five trajectories each, once, at speeds between those of the training."""
     sets: list[list[Motion]] = [[], []]
     for number in range(10):
@@ -126,7 +126,7 @@ def weight(arm: ArmModel, mass: float) -> tuple[AddedBody, Payload]:
 def paper_sessions(progress: Progress) -> Iterator[Session]:
     """T1, T2, E1, E2 and the payload sets, one after the other."""
     arm = ArmModel.load("tm5-900")
-    limits, hardware = Limits(arm), paper_arm(arm)
+    limits, hardware = MotionLimits(arm), paper_arm(arm)
     rng = np.random.default_rng(ARM_SEED + 1)
     training, evaluation = training_motions(limits, rng), evaluation_motions(limits, rng)
     plans = dict(zip(("T1", "T2", "E1", "E2"), training + evaluation, strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.plant.answer import Answer, TrueEffect
-from ident.plant.causes import CATALOGUE, Scene
+from ident.plant.causes import CATALOGUE, Circumstances
 from ident.plant.decoys import add_decoy
 from ident.plant.hardware import Hardware, draw_hardware
 from ident.plant.mjcf import AddedBody, as_point
@@ -253,7 +253,7 @@ def _add_effect(
 ) -> tuple[Hardware, TrueEffect]:
     """The hardware with one more effect, and the truth about it."""
     cause = request.cause
-    alone = Scene(meter.hardware, joint, meter.motions, np.random.default_rng(seed))
+    alone = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(seed))
     if request.amplitude is not None:
         size = meter.find_size(cause, alone, request.amplitude, seed)
     else:

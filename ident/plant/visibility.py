@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import InputError
-from ident.plant.causes.base import Cause, Scene, View
+from ident.plant.causes.base import Cause, Circumstances, View
 from ident.plant.contact import Contact
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_torque, sample
@@ -223,7 +223,7 @@ class VisibilityMeter:
             self._feeds = [feed_forward(self.hardware, motion) for motion in self.motions]
         return self._feeds
 
-    def measure(self, cause: Cause, scene: Scene, size: float, seed: int) -> Float[Array, " n"]:
+    def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
         """Visible amplitude of a cause of a given size at each joint [N m]; measured once.
 
         Args:
@@ -242,7 +242,7 @@ class VisibilityMeter:
             self._seen[key] = freeze(amplitude(after, before, window, self.band))
         return self._seen[key]
 
-    def show(self, cause: Cause, scene: Scene, size: float, seed: int, view: View, all_runs: bool) -> Shown:
+    def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
         """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones.
 
         Args:
@@ -287,12 +287,12 @@ class VisibilityMeter:
         total = sum(motion.duration for motion in self.motions)
         return 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
 
-    def share(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
+    def share(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
         """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""
         seen = self.measure(cause, scene, size, seed) / self.floor
         return float(seen.max() if cause.whole_arm else seen[scene.joint])
 
-    def find_size(self, cause: Cause, scene: Scene, wanted: float, seed: int) -> float:
+    def find_size(self, cause: Cause, scene: Circumstances, wanted: float, seed: int) -> float:
         """The size whose visible amplitude is a multiple of the noise floor.
 
         Raises:
@@ -312,7 +312,7 @@ class VisibilityMeter:
             )
         return size
 
-    def _share_or_inf(self, cause: Cause, scene: Scene, size: float, seed: int) -> float:
+    def _share_or_inf(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
         """As `share`; a size at which the arm can't move any more shows without limit."""
         try:
             return self.share(cause, scene, size, seed)

@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import Motion, chirp, fourier, ramps, ticks, together, via_spline
 
 ATTEMPTS = 60
@@ -40,7 +40,7 @@ def plan_motions(
         InputError: Unknown kind, or a duration or number that makes no motion.
     """
     check_request(kinds, runs, duration)
-    limits = Limits(arm)
+    limits = MotionLimits(arm)
     motions: list[Motion] = []
     turn = 0
     while len(motions) < runs:
@@ -63,7 +63,7 @@ def check_request(kinds: Sequence[str], runs: int, duration: float) -> None:
 
 
 def random_path(
-    limits: Limits, vias: int, rng: np.random.Generator, span: float = 0.8, roam: float = 0.15
+    limits: MotionLimits, vias: int, rng: np.random.Generator, span: float = 0.8, roam: float = 0.15
 ) -> Float[Array, "m n"]:
     """Start, via points and goal of a path that touches nothing [rad].
 
@@ -85,7 +85,7 @@ def random_path(
     raise RobotError(limits.arm.name, f"no free path found in {ATTEMPTS} tries", "check its joint limits and geometry")
 
 
-def timed_spline(limits: Limits, name: str, points: Float[Array, "m n"], duration: float) -> Motion:
+def timed_spline(limits: MotionLimits, name: str, points: Float[Array, "m n"], duration: float) -> Motion:
     """A spline through points, slower than asked where the limits need it."""
     for _ in range(40):
         motion = via_spline(name, points, duration)
@@ -95,7 +95,7 @@ def timed_spline(limits: Limits, name: str, points: Float[Array, "m n"], duratio
     raise RobotError(limits.arm.name, "a path can't be followed within limits", "check its effort and velocity limits")
 
 
-def _spline(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _spline(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     vias = int(np.clip(round(duration / 2.0), 2, 12))
     for attempt in range(PATHS):
         # Nearer to the centre where a weak arm can't hold itself up on the way, however slowly it goes.
@@ -111,7 +111,9 @@ def _spline(limits: Limits, duration: float, rng: np.random.Generator) -> list[M
     return [slow, slow.reversed("spline"), fast, fast.reversed("spline")]
 
 
-def _shrink(limits: Limits, rng: np.random.Generator, make: Callable[[Float[Array, " n"], float], Motion]) -> Motion:
+def _shrink(
+    limits: MotionLimits, rng: np.random.Generator, make: Callable[[Float[Array, " n"], float], Motion]
+) -> Motion:
     """The largest of ever smaller motions about random poses that stays within limits."""
     for attempt in range(ATTEMPTS):
         share = 0.9**attempt
@@ -122,7 +124,7 @@ def _shrink(limits: Limits, rng: np.random.Generator, make: Callable[[Float[Arra
     raise RobotError(limits.arm.name, f"no motion found in {ATTEMPTS} tries", "check its limits and geometry")
 
 
-def _fourier(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _fourier(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     base, orders, n = max(0.1, 1.0 / duration), 5, limits.arm.n
     phases = rng.uniform(0.0, 2.0 * np.pi, (orders, n))
     weight = rng.uniform(0.4, 1.0, (orders, n)) / np.arange(1, orders + 1)[:, None]
@@ -134,7 +136,7 @@ def _fourier(limits: Limits, duration: float, rng: np.random.Generator) -> list[
     return [_shrink(limits, rng, make)]
 
 
-def _chirp(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _chirp(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     phase = rng.uniform(0.0, 2.0 * np.pi, limits.arm.n)
 
     def make(centre: Float[Array, " n"], share: float) -> Motion:
@@ -143,7 +145,7 @@ def _chirp(limits: Limits, duration: float, rng: np.random.Generator) -> list[Mo
     return [_shrink(limits, rng, make)]
 
 
-def _sweep(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _sweep(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     """Each joint goes to and fro between ever nearer turning points, at its own slow speed."""
     shares = np.array([1.0, -1.0, 0.7, -0.6, 0.4, -0.25, 0.15, 0.0])
 
@@ -160,7 +162,7 @@ def _sweep(limits: Limits, duration: float, rng: np.random.Generator) -> list[Mo
     return [_shrink(limits, rng, make)]
 
 
-def _ladder(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _ladder(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     """Every joint there and back at a ladder of speeds; which joint is fast when, differs."""
     rungs = np.geomspace(0.03, 0.55, 6)
 
@@ -178,7 +180,7 @@ def _ladder(limits: Limits, duration: float, rng: np.random.Generator) -> list[M
     return [_shrink(limits, rng, make)]
 
 
-def _jointwise(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     """One joint after the other there and back at two speeds, the others at rest."""
 
     def make(centre: Float[Array, " n"], share: float) -> Motion:
@@ -200,7 +202,7 @@ def _jointwise(limits: Limits, duration: float, rng: np.random.Generator) -> lis
 _THERE_AND_BACK = ((1.0, 1.0), (-1.0, 2.0), (0.0, 1.0))
 
 
-def _hold(limits: Limits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
     """Poses approached from below and from above, with standstill at each arrival."""
     poses = max(int(duration / 4.0), 1)
 
@@ -235,7 +237,7 @@ def _with_dwells(start: float, moves: Sequence[tuple[float, float]], period: flo
     return np.concatenate(pieces)
 
 
-KINDS: dict[str, Callable[[Limits, float, np.random.Generator], list[Motion]]] = {
+KINDS: dict[str, Callable[[MotionLimits, float, np.random.Generator], list[Motion]]] = {
     "spline": _spline,
     "fourier": _fourier,
     "sweep": _sweep,

@@ -21,7 +21,7 @@ CLEARANCE_M = 0.01
 CHECK_STEP = 0.04
 
 
-class Limits:
+class MotionLimits:
     """Limits of one arm, for motion planning.
 
     Args:

@@ -43,6 +43,8 @@ def read_plan(path: str | Path, arm: ArmModel) -> Motion:
     points = _points(file, record, arm)
     times = np.array([0.0, *_numbers(file, record, "times_s"), _number(file, record, "duration_s")])
     execution = record.get("execution") or {}
+    if not isinstance(execution, dict):
+        raise RecordingError(file, "its execution is no table", "plan the motion anew")
     ramp = _number(file, execution, "ramp_s") if "ramp_s" in execution else 0.0
     times *= _number(file, execution, "stretch") if "stretch" in execution else 1.0
     if len(times) != len(points) or np.any(np.diff(times) <= 0) or times[-1] > LONGEST_S:
@@ -70,7 +72,10 @@ def _record(file: Path) -> dict[str, Any]:
 def _require_arm(file: Path, record: dict[str, Any], arm: ArmModel) -> None:
     if record.get("robot") != arm.name:
         raise RobotError(file, f"the plan is for {record.get('robot')!r}, the robot is {arm.name!r}", "give --robot")
-    named = {*record.get("joints", []), *(record.get("held") or {})}
+    joints, held = record.get("joints"), record.get("held") or {}
+    if not isinstance(joints, list) or not all(isinstance(one, str) for one in joints) or not isinstance(held, dict):
+        raise RecordingError(file, "its joints are no list of names", "plan the motion anew")
+    named = {*joints, *held}
     strange = [name for name in arm.joint_names if name not in named]
     if strange:
         raise RobotError(file, f"the plan says nothing of {strange[0]}", "plan it for this robot")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.trajectories.kinds import timed_spline
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, Motion, chirp, fourier, ramps, sampled, ticks, via_spline
 
 RUN_S = 10.0
@@ -65,7 +65,7 @@ class Stage:
         rng: Source of chance.
     """
 
-    limits: Limits
+    limits: MotionLimits
     joint: int
     pose: Float[Array, " n"]
     size: float
@@ -289,7 +289,7 @@ FAMILIES: dict[str, Family] = {
 def make_run(
     family: Family,
     figures: Mapping[str, float],
-    limits: Limits,
+    limits: MotionLimits,
     joint: int,
     home: Float[Array, " n"],
     size: float,

@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import Limits, thin
+from ident.trajectories.limits import MotionLimits, thin
 from ident.trajectories.reference import Motion
 from plan.errors import SceneError
 from plan.geometry.arm_shapes import StandIn
@@ -36,7 +36,7 @@ class Feasibility:
     """
 
     def __init__(self, arm: ArmModel, stand_in: StandIn | None = None, around: Surroundings | None = None) -> None:
-        self.limits = Limits(arm)
+        self.limits = MotionLimits(arm)
         if around is None:
             self.scene = Scene.build(arm, stand_in=stand_in)
             return
@@ -75,7 +75,7 @@ class Feasibility:
         return 0.0
 
 
-def _narrow(limits: Limits, around: Surroundings) -> None:
+def _narrow(limits: MotionLimits, around: Surroundings) -> None:
     """Takes the limits of a scene file where they are narrower than the arm's."""
     if around.lower is not None:
         limits.lower = np.maximum(limits.lower, around.lower)

@@ -14,7 +14,7 @@ from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import SessionContext
 from ident.motion.motion import CRITICAL_OVERSAMPLING, Lowpass, Motion
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S
 from ident.trajectories.reference import Motion as Reference
 from plan.experiment.random_motions import random_runs
@@ -48,7 +48,7 @@ class Eye:
     @classmethod
     def of(cls, arm: ArmModel, noise: Float[Array, " n"] | None = None) -> Eye:
         """The eye for an arm; noise of half a per cent of the rated torque if none is known."""
-        limits = Limits(arm)
+        limits = MotionLimits(arm)
         rng = np.random.default_rng(0)
         runs = [as_recorded(run, arm, 0.0) for run in random_runs(arm, 3, 6.0, rng)]
         healthy = [_with_torque(run, arm, limits.torque, rng) for run in runs]

@@ -9,7 +9,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from plan.planners.base import Ledger
 from plan.planners.local_model import LocalModel, Look
-from plan.planners.subproblem import Rows, solve_step
+from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import DEGREE
 
 # Price of the largest excess over a limit (a share of it) and of the clearance's shortfall (10 cm), as shares of the
@@ -151,7 +151,7 @@ def descend(
                 length = float(np.abs(found.step).max())
                 learned = new.clearance > now.clearance + KEPT and length < NEARBY
                 if learned:
-                    clear = Rows.join([clear, _seen_from(local, x, found.step)])
+                    clear = ConstraintRows.join([clear, _seen_from(local, x, found.step)])
                 reach = (0.6 if learned else 0.3) * min(reach, length)
                 continue
             x, now, taken = x + found.step, new, found.step
@@ -161,14 +161,14 @@ def descend(
     return Course(local, x, now, curvature, False)
 
 
-def _seen_from(local: LocalModel, x: Array, step: Array) -> Rows:
+def _seen_from(local: LocalModel, x: Array, step: Array) -> ConstraintRows:
     """Clearance to first order about where a step failed, as seen from before it.
 
     The distance of two boxes bends where another edge or face comes nearest; a step that missed that knows it now.
     """
     rows = local.clearance_rows(x + step)
     missed = rows.room < 0.0
-    return Rows(rows.matrix[missed], rows.room[missed] + rows.matrix[missed] @ step)
+    return ConstraintRows(rows.matrix[missed], rows.room[missed] + rows.matrix[missed] @ step)
 
 
 def _learn(curvature: Float[Array, "d d"], step: Float[Array, " d"], change: Float[Array, " d"]) -> Float[Array, "d d"]:

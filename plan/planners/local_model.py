@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
-from plan.planners.subproblem import Rows
+from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
@@ -117,7 +117,7 @@ class LocalModel:
         excess = max(outside, *(float(share.max()) - 1.0 for share in shares), 0.0)
         return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)))
 
-    def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], Rows]:
+    def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], ConstraintRows]:
         """Derivative of the cost, and the limits that are near, to first order."""
         coefficients, duration = self.split(x)
         states = self.grid.states(coefficients, duration)
@@ -133,20 +133,20 @@ class LocalModel:
             parts.append(np.einsum("ti,tij->tj", by_tau, found.by_acceleration))
             slope = self._scatter([w * part for part in parts], duration)
         torque = self._torque_rows(states, found, duration)
-        return slope, Rows.join([torque, *self._kinematic_rows(coefficients, states, duration)])
+        return slope, ConstraintRows.join([torque, *self._kinematic_rows(coefficients, states, duration)])
 
-    def clearance_rows(self, x: Float[Array, " d"]) -> Rows:
+    def clearance_rows(self, x: Float[Array, " d"]) -> ConstraintRows:
         """Clearance of the nearest pairs at the watched places, to first order."""
         scene = self.problem.scene
         if len(scene.pairs) == 0:
-            return Rows.none(self.size)
+            return ConstraintRows.none(self.size)
         coefficients = self.split(x)[0]
         even = (np.arange(PLACES) + 0.5) / PLACES
         gaps = scene.gaps(self.grid.positions(coefficients, even))
         bound = self.problem.margin + NEAR
         shares, pairs, found = _dips(even, gaps, bound)
         if len(shares) == 0:
-            return Rows.none(self.size)
+            return ConstraintRows.none(self.size)
         # Between two places the arm moves by centimetres: each dip is looked at more closely, and its bottom watched.
         inside = np.unique(shares[found < self.problem.margin + CLOSE])
         closer = np.unique(np.clip(inside[:, None] + CLOSER / PLACES, 0.0, 1.0))
@@ -159,7 +159,7 @@ class LocalModel:
         slopes = np.array([scene.proximity.gradient(at, int(pair)) for at, pair in zip(q, pairs, strict=True)])
         local = [-slopes / CLEARANCE_UNIT, np.zeros_like(slopes), np.zeros_like(slopes)]
         room = (found - self.problem.margin - self._extra) / CLEARANCE_UNIT
-        return Rows(self._rows(*self.grid.at(shares), local), room)
+        return ConstraintRows(self._rows(*self.grid.at(shares), local), room)
 
     # Parts of the above.
 
@@ -221,16 +221,18 @@ class LocalModel:
             np.add.at(out, self.grid.first[:, None] + np.arange(DEGREE + 1), local)
         return out[self.grid.held : -self.grid.held].reshape(-1)
 
-    def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> Rows:  # type: ignore[no-untyped-def]
+    def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> ConstraintRows:  # type: ignore[no-untyped-def]
         share = found.tau / self._torque_limit
         nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
         signs = np.sign(share[nodes, joints]) / self._torque_limit[nodes, joints]
         parts = (found.by_position, found.by_speed, found.by_acceleration)
         local = [part[nodes, joints] * signs[:, None] for part in parts]
         matrix = self._node_rows(nodes, local, states, duration)
-        return Rows(matrix, 1.0 - np.abs(share[nodes, joints]))
+        return ConstraintRows(matrix, 1.0 - np.abs(share[nodes, joints]))
 
-    def _kinematic_rows(self, coefficients: Array, states: tuple[Array, Array, Array], duration: float) -> list[Rows]:
+    def _kinematic_rows(
+        self, coefficients: Array, states: tuple[Array, Array, Array], duration: float
+    ) -> list[ConstraintRows]:
         """Position, speed and acceleration at the nodes, and jerk section by section."""
         limits, n = self.problem.limits, self.n
         found = []
@@ -238,7 +240,7 @@ class LocalModel:
         for side, room in ((1.0, limits.upper - q), (-1.0, q - limits.lower)):
             nodes, joints = np.nonzero(room < 0.5)
             local = [side * np.eye(n)[joints], np.zeros((len(nodes), n)), np.zeros((len(nodes), n))]
-            found.append(Rows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
+            found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
         wanted = [(1, self._speed_limit)]
         if limits.acceleration is not None:
             wanted.append((2, SHARE * limits.acceleration))
@@ -248,12 +250,12 @@ class LocalModel:
             rows = np.eye(n)[joints] * (np.sign(share[nodes, joints]) / limit[joints])[:, None]
             local = [rows if k == order else np.zeros_like(rows) for k in range(3)]
             matrix = self._node_rows(nodes, local, states, duration)
-            found.append(Rows(matrix, 1.0 - np.abs(share[nodes, joints])))
+            found.append(ConstraintRows(matrix, 1.0 - np.abs(share[nodes, joints])))
         if limits.jerk is not None:
             found.append(self._jerk_rows(coefficients, duration))
         return found
 
-    def _jerk_rows(self, coefficients: Array, duration: float) -> Rows:
+    def _jerk_rows(self, coefficients: Array, duration: float) -> ConstraintRows:
         assert self.problem.limits.jerk is not None
         limit = SHARE * self.problem.limits.jerk
         share = self.grid.jerk(coefficients, duration) / limit
@@ -265,7 +267,7 @@ class LocalModel:
         if self.timed:
             by_time = -3.0 * np.abs(share[sections, joints]) * self.reference / duration
             matrix = self._with_time(matrix, by_time)
-        return Rows(matrix, 1.0 - np.abs(share[sections, joints]))
+        return ConstraintRows(matrix, 1.0 - np.abs(share[sections, joints]))
 
     def _node_rows(
         self, nodes: Array, local: list[Array], states: tuple[Array, Array, Array], duration: float

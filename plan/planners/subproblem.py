@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ConstraintRows:
     """Linear inequalities: matrix · step ≤ room, in units in which one is a whole limit or a decimetre.
 
     Attributes:
@@ -24,12 +24,12 @@ class Rows:
     room: Float[Array, " r"]
 
     @classmethod
-    def none(cls, size: int) -> Rows:
+    def none(cls, size: int) -> ConstraintRows:
         """No inequality."""
         return cls(np.empty((0, size)), np.empty(0))
 
     @classmethod
-    def join(cls, parts: list[Rows]) -> Rows:
+    def join(cls, parts: list[ConstraintRows]) -> ConstraintRows:
         """All of several sets."""
         return cls(np.concatenate([p.matrix for p in parts]), np.concatenate([p.room for p in parts]))
 
@@ -52,7 +52,7 @@ class Step:
 def solve_step(
     gradient: Float[Array, " d"],
     hessian: Float[Array, "d d"],
-    groups: list[Rows],
+    groups: list[ConstraintRows],
     weights: Float[Array, " g"],
     low: Float[Array, " d"],
     high: Float[Array, " d"],
@@ -92,7 +92,7 @@ def solve_step(
     return Step(step, before - after, slack)
 
 
-def _stack(groups: list[Rows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
+def _stack(groups: list[ConstraintRows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
     """All inequalities of the step and of the slacks, which stand behind it."""
     size, count = len(low), len(groups)
     lengths = [len(rows.room) for rows in groups]
@@ -117,7 +117,7 @@ def _compress(matrix: Float[Array, "r c"]) -> sparse.csc_matrix:
     return sparse.csc_matrix((turned[columns, rows], rows, ends), shape=matrix.shape)
 
 
-def _unhindered(gradient: Array, hessian: Array, groups: list[Rows], low: Array, high: Array) -> Step | None:
+def _unhindered(gradient: Array, hessian: Array, groups: list[ConstraintRows], low: Array, high: Array) -> Step | None:
     """Newton's own step where no bound and no inequality is in its way."""
     if any(rows.room.min(initial=0.0) < 0.0 for rows in groups):
         return None

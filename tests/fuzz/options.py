@@ -6,6 +6,7 @@ takes a value is stopped once it has worked for a moment.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -30,7 +31,7 @@ NUMBERS = ("nan", "-1", "1e9", "inf", "99999999999999999999", "-0.0")
 TEXTS = (".", "nan", "", "x" * 5000, "$(touch RUN)", "[bold]\x1b[31m", "a:b:c:d", "1e9", "-")
 PATHS = (".", "/dev/zero", "/proc/self/mem", "nowhere/below", "\x1b[31m", "notes.txt/x", "x" * 5000, "")
 # Processor time after which a command counts as having taken its options [s].
-MOMENT_S = 0.5
+MOMENT_S = 0.3
 SKIPPED = ("help", "version", "install_completion", "show_completion")
 
 
@@ -57,6 +58,7 @@ def load_all() -> None:
         package = importlib.import_module(name)
         for module in pkgutil.walk_packages(package.__path__, f"{name}."):
             importlib.import_module(module.name)
+    gc.freeze()  # what is there stays as it is in the children: nothing is copied
 
 
 def trials(corpus: Path) -> Iterator[Trial]:
@@ -78,12 +80,12 @@ def trials(corpus: Path) -> Iterator[Trial]:
 
 def values_for(parameter: Any) -> tuple[str, ...]:
     """Values by the kind of an option."""
-    kind = parameter.type.name
-    if kind in ("integer", "float", "integer range", "float range"):
+    kind = str(parameter.type_descriptor.annotation)
+    if "int" in kind or "float" in kind:
         return NUMBERS
-    if kind == "boolean":
+    if "bool" in kind:
         return ()
-    return PATHS if kind in ("path", "file", "filename", "directory") else TEXTS
+    return PATHS if "Path" in kind else TEXTS
 
 
 def _line(command: Any, chosen: Any, value: str, corpus: Path) -> Iterator[str]:

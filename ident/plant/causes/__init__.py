@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.errors import InputError
-from ident.plant.causes.base import Cause, Scene
+from ident.plant.causes.base import Cause, Circumstances
 from ident.plant.causes.drive import DRIVE
 from ident.plant.causes.load import LOAD
 from ident.plant.causes.rubbing import RUBBING
@@ -16,7 +16,7 @@ CATALOGUE: dict[str, Cause] = {cause.id: cause for cause in (*RUBBING, *DRIVE, *
 OUTSIDE: dict[str, Cause] = {cause.id: cause for cause in UNLISTED}
 """Causes outside the catalogue."""
 
-__all__ = ["CATALOGUE", "OUTSIDE", "Cause", "Scene", "find_cause"]
+__all__ = ["CATALOGUE", "OUTSIDE", "Cause", "Circumstances", "find_cause"]
 
 
 def find_cause(name: str) -> Cause:

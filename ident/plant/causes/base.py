@@ -17,7 +17,7 @@ Parameters = dict[str, float | str]
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Circumstances:
     """Where a cause acts.
 
     Attributes:
@@ -78,15 +78,15 @@ class Cause:
 
     id: str
     parameter: str
-    typical: Callable[[Scene], float]
-    bounds: Callable[[Scene], tuple[float, float]]
-    apply: Callable[[Scene, float], tuple[Hardware, Parameters]]
+    typical: Callable[[Circumstances], float]
+    bounds: Callable[[Circumstances], tuple[float, float]]
+    apply: Callable[[Circumstances, float], tuple[Hardware, Parameters]]
     whole_arm: bool = False
     view: View = "refit"
     inverse: bool = False
     needs_all: bool = False
 
-    def checked(self, scene: Scene, size: float) -> float:
+    def checked(self, scene: Circumstances, size: float) -> float:
         """The size, if it is physical.
 
         Raises:
@@ -102,6 +102,6 @@ class Cause:
         return size
 
 
-def between(low: float, high: float) -> Callable[[Scene], tuple[float, float]]:
+def between(low: float, high: float) -> Callable[[Circumstances], tuple[float, float]]:
     """Bounds that do not depend on the arm."""
     return lambda _scene: (low, high)

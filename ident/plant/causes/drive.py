@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.plant.causes.base import Cause, Parameters, Scene, between
+from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.hardware import Hardware
 
 # Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad].
@@ -13,17 +13,17 @@ MESH_STIFFNESS = 200.0
 DRIVE_DAMPING = 0.05
 
 
-def _damping(scene: Scene, stiffness: float, ratio: float) -> float:
+def _damping(scene: Circumstances, stiffness: float, ratio: float) -> float:
     return float(2.0 * ratio * np.sqrt(stiffness * scene.hardware.drive.rotor_inertia[scene.joint]))
 
 
-def _elasticity(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     damping = _damping(scene, size, DRIVE_DAMPING)
     hardware = scene.hardware.with_laws("drive", scene.joint, elastic=True, stiffness=size, damping=damping)
     return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
 
 
-def _backlash(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     stiffness = MESH_STIFFNESS * scene.rated
     damping = _damping(scene, stiffness, 2.0 * DRIVE_DAMPING)
     hardware = scene.hardware.with_laws(
@@ -32,20 +32,20 @@ def _backlash(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
 
 
-def _ripple(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     phase = float(scene.rng.uniform(-np.pi, np.pi))
     hardware = scene.hardware.with_laws("drive", scene.joint, ripple=size, ripple_phase=phase, ripple_load=0.5)
     order = float(scene.hardware.drive.ripple_order[scene.joint])
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
-def _spring(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _spring(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     rest = float(scene.rng.uniform(-0.8, 0.8))
     hardware = scene.hardware.with_laws("drive", scene.joint, hose_stiffness=size, hose_rest=rest)
     return hardware, {"stiffness_Nm_rad": size, "rest_rad": rest}
 
 
-def _stiffness_bounds(scene: Scene) -> tuple[float, float]:
+def _stiffness_bounds(scene: Circumstances) -> tuple[float, float]:
     """Softer, and the joint would sag by a third of a radian under its rated torque; stiffer is rigid."""
     return 3.0 * scene.rated, 1000.0 * scene.rated
 

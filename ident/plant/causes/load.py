@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.plant.causes.base import Cause, Parameters, Scene, between
+from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.contact import Contact
 from ident.plant.hardware import Hardware
 from ident.plant.mjcf import AddedBody, as_point
@@ -23,7 +23,7 @@ def reach(hardware: Hardware) -> float:
     return float(sum(np.linalg.norm(placement.translation) for placement in placements)) + 1e-3
 
 
-def _payload(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """A box at the flange that nobody mentioned."""
     h = scene.hardware
     com = 0.06 * reach(h) * scene.rng.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
@@ -32,13 +32,13 @@ def _payload(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"mass_kg": size, **_vector("com", com, "m")}
 
 
-def _payload_bounds(scene: Scene) -> tuple[float, float]:
+def _payload_bounds(scene: Circumstances) -> tuple[float, float]:
     """No more than twice what the wrist can hold."""
     h = scene.hardware
     return 0.0, 2.0 * float(h.drive.effort_limit.max()) / (9.81 * reach(h))
 
 
-def _link_inertia(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _link_inertia(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """Something is mounted on the link, or missing from it: mass, first and second moments change together."""
     h, j = scene.hardware, scene.joint
     nominal = h.arm.model.inertias[j + 1]
@@ -51,7 +51,7 @@ def _link_inertia(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"mass_change_kg": float(mass), **_vector("moment_change", mass * place, "kgm")}
 
 
-def _tilt(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _tilt(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The base stands askew: gravity turns about a horizontal axis of the base."""
     h = scene.hardware
     heading = float(scene.rng.uniform(-np.pi, np.pi))
@@ -65,7 +65,7 @@ def _tilt(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"tilt_x_rad": float(tilt[0]), "tilt_y_rad": float(tilt[1]), "tilt_rad": size}
 
 
-def _contact(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _contact(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """Somebody pushes against a link for a while, in one run."""
     h, rng = scene.hardware, scene.rng
     run = int(rng.integers(len(scene.motions)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.plant.causes.base import Cause, Parameters, Scene, between
+from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.hardware import Hardware
 from ident.plant.thermal import heat_law
 
@@ -12,17 +12,17 @@ from ident.plant.thermal import heat_law
 RATED_RISE_K = 25.0
 
 
-def _up_to(scene: Scene) -> tuple[float, float]:
+def _up_to(scene: Circumstances) -> tuple[float, float]:
     """Dry friction beyond a third of the rated torque would stall the joint."""
     return 0.0, 0.33 * scene.rated
 
 
-def _either_way(scene: Scene) -> tuple[float, float]:
+def _either_way(scene: Circumstances) -> tuple[float, float]:
     """A difference between directions can't exceed twice the friction itself."""
     return -1.8 * scene.coulomb, 1.8 * scene.coulomb
 
 
-def _stribeck(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _stribeck(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     velocity = float(np.exp(scene.rng.uniform(np.log(0.03), np.log(0.15))))
     exponent = float(scene.rng.uniform(0.9, 2.0))
     hardware = scene.hardware.with_laws(
@@ -31,7 +31,7 @@ def _stribeck(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"amplitude_Nm": size, "stribeck_velocity_rad_s": velocity, "exponent": exponent}
 
 
-def _nonlinear_viscous(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     velocity = float(scene.rng.uniform(0.05, 0.3))
     hardware = scene.hardware.with_laws("friction", scene.joint, eyring=size, eyring_velocity=velocity)
     # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
@@ -41,11 +41,11 @@ def _nonlinear_viscous(scene: Scene, size: float) -> tuple[Hardware, Parameters]
     return hardware, {"eyring_Nm": size, "eyring_velocity_rad_s": velocity, **nearest}
 
 
-def _load(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     return scene.hardware.with_laws("friction", scene.joint, load=size), {"mu": size}
 
 
-def _thermal(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _thermal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The joint's own heat network; its lubricant loses a share of its viscosity at the rated rise."""
     h, j = scene.hardware, scene.joint
     time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
@@ -59,13 +59,13 @@ def _thermal(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {**changes, "time_constant_s": time_constant}
 
 
-def _hysteresis(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     displacement = float(np.exp(scene.rng.uniform(np.log(2e-3), np.log(3e-2))))
     hardware = scene.hardware.with_laws("friction", scene.joint, soft=size, soft_stiffness=size / displacement)
     return hardware, {"amplitude_Nm": size, "displacement_rad": displacement}
 
 
-def _position(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _position(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     order, phase = int(scene.rng.integers(1, 3)), float(scene.rng.uniform(-np.pi, np.pi))
     hardware = scene.hardware.with_laws(
         "friction", scene.joint, seat=size / scene.coulomb, seat_order=order, seat_phase=phase
@@ -73,13 +73,13 @@ def _position(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
-def _asymmetric(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _asymmetric(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     viscous = float(scene.rng.uniform(0.3, 0.8) * size / scene.coulomb * scene.hardware.friction.viscous[scene.joint])
     hardware = scene.hardware.with_laws("friction", scene.joint, coulomb_skew=size, viscous_skew=viscous)
     return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
 
 
-def _coupling(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The joint's motor is also turned by its neighbour: friction and rotor of the combined motion."""
     h, j, other = scene.hardware, scene.joint, scene.neighbour
     ratio = float(scene.rng.choice([-1.0, 1.0]))

@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from ident.plant.causes.base import Cause, Parameters, Scene, between
+from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.hardware import Hardware
 
 
-def _gain(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _gain(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     sensing = scene.hardware.sensing.set(scene.joint, gain=1.0 + size)
     return scene.hardware.replace(sensing=sensing), {"gain": size}
 
 
-def _offset(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _offset(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """An offset that drifts by about a tenth of itself in a minute, and wanders a little."""
     drift = float(size * scene.rng.uniform(-0.1, 0.1) / 60.0)
     sensing = scene.hardware.sensing.set(scene.joint, offset=size, drift=drift, wander=0.03 * abs(size))
     return scene.hardware.replace(sensing=sensing), {"offset_Nm": size, "drift_Nm_s": drift}
 
 
-def _delay(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _delay(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     return scene.hardware.replace(sensing=scene.hardware.sensing.replace(delay=size)), {"delay_s": size}
 
 
-def _saturation(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _saturation(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     sensing = scene.hardware.sensing.set(scene.joint, limit=size)
     return scene.hardware.replace(sensing=sensing), {"limit_Nm": size}
 
 
-def _encoder(scene: Scene, size: float) -> tuple[Hardware, Parameters]:
+def _encoder(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     sensing = scene.hardware.sensing.set(scene.joint, encoder_offset=size)
     return scene.hardware.replace(sensing=sensing), {"offset_rad": size}
 
 
-def _delay_bounds(scene: Scene) -> tuple[float, float]:
+def _delay_bounds(scene: Circumstances) -> tuple[float, float]:
     """A reading can't be older than the shortest run."""
     return 0.0, min(motion.duration for motion in scene.motions)
 

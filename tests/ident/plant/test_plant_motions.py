@@ -6,7 +6,7 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, chirp, ramps, via_spline
 
 
@@ -17,7 +17,7 @@ def planned(arm):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_motions_keep_limits_and_rest_at_both_ends(arm, planned, kind):
-    limits = Limits(arm)
+    limits = MotionLimits(arm)
     for motion in planned[kind]:
         assert (motion.q > arm.lower).all()
         assert (motion.q < arm.upper).all()
@@ -96,8 +96,8 @@ def test_a_ramp_reaches_its_goal_at_its_speed():
 def test_a_folded_arm_is_seen_to_collide(arm):
     """Shoulder and elbow bent so far that the wrist meets the base: no motion may go there."""
     folded = np.array([1.3, -1.4, -2.4, -3.0, 1.9, 3.8])
-    assert Limits(arm).touches(via_spline("", np.array([np.zeros(6), folded]), 1.0).q)
-    assert not Limits(arm).touches(via_spline("", np.array([np.zeros(6), 0.2 * np.ones(6)]), 1.0).q)
+    assert MotionLimits(arm).touches(via_spline("", np.array([np.zeros(6), folded]), 1.0).q)
+    assert not MotionLimits(arm).touches(via_spline("", np.array([np.zeros(6), 0.2 * np.ones(6)]), 1.0).q)
 
 
 def test_other_arms_get_motions_too():

@@ -7,7 +7,7 @@ import pytest
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from ident.trajectories.limits import Limits
+from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, Motion, sampled
 from plan.experiment.design import LEAST_RUNS, excite
 from plan.experiment.families import FAMILIES
@@ -35,7 +35,7 @@ def test_runs_keep_limits_and_distance(feasible: Feasibility, family: str) -> No
     runs = programme.runs(3, feasible)
     assert runs
     for run in runs:
-        assert Limits(feasible.limits.arm).stays_within(run.q, run.dq, run.ddq)
+        assert MotionLimits(feasible.limits.arm).stays_within(run.q, run.dq, run.ddq)
         assert feasible.clearance(run) > 0.0
         assert run.q[[0, -1]] == pytest.approx(np.stack([programme.home] * 2), abs=1e-6)
         assert np.all(run.dq[[0, -1]] == 0.0)

@@ -1,4 +1,4 @@
-"""How many threads torch may use: one in searches, whose batches are too small to share."""
+"""How many threads torch may use: one in trainings and searches, whose batches are too small to share."""
 
 from __future__ import annotations
 
