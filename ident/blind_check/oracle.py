@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.plant.causes import CATALOGUE, Scene, find_cause
+from ident.plant.causes import CATALOGUE, Circumstances, find_cause
 from ident.plant.simulate import Simulation
 from ident.plant.visibility import STRIDE_S, Shown
 from ident.plant.world_arm import noise_density
@@ -60,7 +60,7 @@ def bound_of(simulation: Simulation, seed: int = 0) -> Bound | None:
     true = find_cause(truth[0].effect)
     names = meter.hardware.arm.joint_names
     joint = names.index(truth[0].joints[0]) if truth[0].joints else len(names) - 1
-    scene = Scene(meter.hardware, joint, meter.motions, np.random.default_rng(0))
+    scene = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(0))
     shown = {true.id: meter.show(true, scene, truth[0].size, simulation.seeds[0], true.view, true.needs_all)}
     for cause in CATALOGUE.values():
         if cause.id != true.id and not (cause.needs_all and not true.needs_all):

@@ -20,7 +20,7 @@ from ident.errors import InputError
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion, prepare
 from ident.plant.answer import Answer, TrueEffect
-from ident.plant.causes import CATALOGUE, Cause, Scene
+from ident.plant.causes import CATALOGUE, Cause, Circumstances
 from ident.plant.causes.base import View
 from ident.plant.friction import plain_friction
 from ident.plant.hardware import Hardware, draw_hardware
@@ -215,5 +215,5 @@ def add_effect(real: RealArm, request: EffectRequest, joint: int, seed: int) -> 
     raise InputError(f"--effect {cause.id}", f"can't show {wanted:g} times what is left", "choose another joint")
 
 
-def _scene(real: RealArm, hardware: Hardware, joint: int, seed: int) -> Scene:
-    return Scene(hardware, joint, real.planned, np.random.default_rng(seed))
+def _scene(real: RealArm, hardware: Hardware, joint: int, seed: int) -> Circumstances:
+    return Circumstances(hardware, joint, real.planned, np.random.default_rng(seed))
