@@ -8,7 +8,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.plant.answer import ENVELOPE_NAME, Answer, TrueEffect, open_envelope, read_answer, seal, write_answer
-from ident.plant.causes import CATALOGUE, OUTSIDE, Scene, find_cause
+from ident.plant.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
 from ident.plant.decoys import DECOYS, add_decoy
 from ident.plant.output import simulate_to, write_simulation
 from ident.plant.recipes import TRAINING_SAMPLES, run_recipe, sealed_key, training_counts
@@ -67,12 +67,12 @@ def test_every_effect_runs_at_every_joint_and_changes_the_recording(hardware, mo
     meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
     cause = find_cause(effect)
     for joint in (0, 2, 5) if not cause.whole_arm else (5,):
-        scene = Scene(hardware, joint, motions, np.random.default_rng(2))
+        scene = Circumstances(hardware, joint, motions, np.random.default_rng(2))
         size = cause.checked(scene, cause.typical(scene))
         changed, parameters = cause.apply(scene, size)
         assert changed is not hardware
         assert all(isinstance(value, str) or math.isfinite(value) for value in parameters.values())
-    scene = Scene(hardware, 2, motions, np.random.default_rng(2))
+    scene = Circumstances(hardware, 2, motions, np.random.default_rng(2))
     assert meter.measure(cause, scene, cause.typical(scene), 2).max() > 1e-3
 
 
@@ -80,7 +80,7 @@ def test_a_visible_amplitude_is_found(hardware, motions):
     meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
     for effect in ("load_dependent_friction", "torque_saturation"):
         cause = find_cause(effect)
-        scene = Scene(hardware, 2, motions, np.random.default_rng(2))
+        scene = Circumstances(hardware, 2, motions, np.random.default_rng(2))
         size = meter.find_size(cause, scene, 2.0, seed=2)
         assert meter.share(cause, scene, size, seed=2) == pytest.approx(2.0, rel=0.1)
 
@@ -89,7 +89,7 @@ def test_an_amplitude_beyond_physics_is_refused(hardware, motions):
     """Joint 1 is vertical: no encoder offset there shows in gravity, the torque does not depend on it."""
     meter = VisibilityMeter(hardware, motions, [1.0, 1.0], 0)
     cause = find_cause("encoder_offset")
-    scene = Scene(hardware, 0, motions, np.random.default_rng(2))
+    scene = Circumstances(hardware, 0, motions, np.random.default_rng(2))
     with pytest.raises(InputError, match="can't be reached"):
         meter.find_size(cause, scene, 50.0, seed=2)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.plant import visibility
-from ident.plant.causes import Scene, find_cause
+from ident.plant.causes import Circumstances, find_cause
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.simulator import choose_step
@@ -26,7 +26,7 @@ def meters(hardware, motions):
 
 
 def scene_at(hardware, motions, joint):
-    return Scene(hardware, joint, motions, np.random.default_rng(2))
+    return Circumstances(hardware, joint, motions, np.random.default_rng(2))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_what_only_the_reading_shows_needs_no_new_simulation(hardware, motions, 
     fine = meters[1]
     cause, scene = find_cause(effect), scene_at(hardware, motions, 2)
     size = cause.typical(scene)
-    changed, _ = cause.apply(Scene(hardware, 2, motions, np.random.default_rng(2)), size)
+    changed, _ = cause.apply(Circumstances(hardware, 2, motions, np.random.default_rng(2)), size)
     assert moves_alike(changed, hardware)
     seen = fine.measure(cause, scene, size, 2)
     way = visibility.Way(cause.needs_all, None)
