@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array
-from ident.plant.causes import Scene, find_cause
+from ident.plant.causes import Circumstances, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_encoder, read_torque
 from ident.plant.simulator import Simulator
@@ -45,7 +45,7 @@ def record(hardware: Hardware, motions: Sequence[Motion], pause: float = 1.0) ->
 def with_effect(hardware: Hardware, motions: Sequence[Motion], effect: str, joint: int, size: float) -> Hardware:
     """The arm with one effect; its other parameters are drawn from a fixed seed."""
     cause = find_cause(effect)
-    scene = Scene(hardware, joint, motions, np.random.default_rng(11))
+    scene = Circumstances(hardware, joint, motions, np.random.default_rng(11))
     return cause.apply(scene, cause.checked(scene, size))[0]
 
 
