@@ -19,6 +19,7 @@ from scipy.special import stdtrit
 from ident.arrays import Array, Float
 from ident.watching.change_bets import ChangeBets
 from ident.watching.common_scale import common_scale
+from ident.watching.figures import UNITS
 
 # Chance of any false alarm in an arm's life.
 LEVEL = 0.05
@@ -125,6 +126,8 @@ def find_alarms(
         level: Chance of any false alarm in the arm's life.
     """
     streams = {key: _Stream() for key in history}
+    # All that the joints could have: a figure that first appears later must not change what was told before.
+    count = max(len(streams), len({joint for joint, _ in history}) * len(UNITS))
     by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {name: [] for name in order}
     for key, points in history.items():
         for point in points:
@@ -133,12 +136,12 @@ def find_alarms(
     for session in order:
         for key, point in by_session[session]:
             streams[key].take(point)
-        evidence = float(np.mean([stream.evidence for stream in streams.values()])) if streams else 1.0
+        evidence = (sum(stream.evidence for stream in streams.values()) + count - len(streams)) / max(count, 1)
         if evidence < 1.0 / level:
             continue
         # The figure with most evidence, and every other that would have been enough alone.
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
-        enough = len(streams) / level
+        enough = count / level
         named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
         alarms += [_tell(arm, key, streams, session, evidence) for key in named]
         for key, stream in streams.items():

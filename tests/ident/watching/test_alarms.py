@@ -72,6 +72,8 @@ def test_what_is_told_does_not_depend_on_what_comes_later() -> None:
     for end in (25, 30, 45):
         cut = {key: own[:end] for key, own in points.items()}
         assert find_alarms("arm", cut, NAMES[:end]) == tuple(a for a in whole if NAMES.index(a.session) < end)
+    late = {**points, ("joint_2", "gain"): points[KEYS[0]][50:]}
+    assert find_alarms("arm", late, NAMES) == whole
 
 
 def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
