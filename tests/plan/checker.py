@@ -18,6 +18,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
+from scipy.special import expit
 
 # Samples of a motion for torque and energy (even number of steps), and for collisions.
 FINE, COARSE = 20_000, 600
@@ -132,7 +133,7 @@ class Net:
             y = x[:, k % n]
             for i in range(layers):
                 y = y @ self.parts[f"weights.{i}"][k] + self.parts[f"biases.{i}"][k]
-                y = y / (1.0 + np.exp(-y)) if i + 1 < layers else y
+                y = y * expit(y) if i + 1 < layers else y
             total[:, k % n] += y[:, 0]
         return total / self.members * self.scale
 
