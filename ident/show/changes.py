@@ -17,6 +17,7 @@ from ident.show.silence import group_silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OF_THE_ARM = ("payload", "gravity_misalignment", "torque_delay")
 WITHOUT, WITH, NOISE = "#d55e00", "#009e73", "#999999"
 
 
@@ -35,6 +36,9 @@ def headline(record: Mapping[str, Any]) -> str:
 
 
 def _named(change: Mapping[str, Any]) -> str:
+    """A change with its place; one of the whole arm has none."""
+    if change["effect"] in OF_THE_ARM:
+        return effect_name(change["effect"])
     where = join_words(change["joints"]) if len(change["joints"]) <= 3 else "the whole arm"
     return f"{effect_name(change['effect'])} in {where}"
 

@@ -138,12 +138,13 @@ def _over_curve(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None
     unit = own if unit == "" else f"{own}/s" if unit == "/s" else unit
     what = "friction" if effect in WHOLE or effect in ODD else "torque without the law"
     figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [N m]", WIDE, left=0.65, bottom=0.45)
-    axes.fill_between(found[0][:, 0], found[0][:, 1], found[0][:, 3], color=DATA, alpha=0.25, linewidth=0)
+    for part in _unbroken(found[0]):
+        axes.fill_between(part[:, 0], part[:, 1], part[:, 3], color=DATA, alpha=0.25, linewidth=0)
     axes.plot(found[0][:, 0], found[0][:, 2], "o", color=DATA, markersize=3.5)
     for rows, colour, style in ((found[2], PLAIN, "--"), (found[1], LAW, "-")):
         for part in _unbroken(rows):
             axes.plot(part[:, 0], part[:, 2], style, color=colour, linewidth=1.6)
-    rest = "the tuned line alone" if effect in WHOLE else "without it: zero"
+    rest = "Coulomb and viscous friction beside it" if effect in WHOLE else "zero, without it"
     caption = (
         f"{what[0].upper()}{what[1:]} of {joint} over its {name}. Grey: recorded, medians and 80 % of the samples; "
         f"green: with the named law; dashed: {rest}."
