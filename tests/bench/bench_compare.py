@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ident import compare
-from ident.plant.causes import Scene, find_cause
+from ident.plant.causes import Circumstances, find_cause
 from ident.plant.hardware import nominal_hardware
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
@@ -114,7 +114,7 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
 
 def _request(kind: str, arm: ArmModel, joint: int, rng: np.random.Generator) -> EffectRequest:
     cause = find_cause(kind)
-    scene = Scene(nominal_hardware(arm), joint, (), rng)
+    scene = Circumstances(nominal_hardware(arm), joint, (), rng)
     size = cause.typical(scene) * float(np.exp(rng.uniform(*np.log(FACTORS))))
     if kind in ("torque_gain_error", "torque_offset") and rng.random() < 0.5:
         size = -size

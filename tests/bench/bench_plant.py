@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from ident.plant.causes import CATALOGUE, OUTSIDE, Scene
+from ident.plant.causes import CATALOGUE, OUTSIDE, Circumstances
 from ident.plant.hardware import draw_hardware
 from ident.plant.simulate import RICH
 from ident.plant.simulator import Simulator
@@ -33,10 +33,10 @@ def main(joint_name: str = "joint_2") -> None:
     print("| effect | at | size | " + " | ".join(f"J{j + 1}" for j in range(arm.n)) + " | × real time |")
     print("|---|---|---|" + "---|" * (arm.n + 1))
     for cause in (*CATALOGUE.values(), *OUTSIDE.values()):
-        scene = Scene(hardware, joint, motions, np.random.default_rng(2))
+        scene = Circumstances(hardware, joint, motions, np.random.default_rng(2))
         size = cause.typical(scene)
         seen = meter.measure(cause, scene, size, 2) / hardware.sensing.noise_floor
-        changed, _ = cause.apply(Scene(hardware, joint, motions, np.random.default_rng(2)), size)
+        changed, _ = cause.apply(Circumstances(hardware, joint, motions, np.random.default_rng(2)), size)
         start = time.process_time()
         Simulator(changed, np.random.default_rng(0)).run(motions, [8.0] * len(motions), lambda: None)
         factor = total / (time.process_time() - start)
