@@ -38,6 +38,8 @@ SCALE_LOW, SCALE_HIGH = 0.5, 4.0
 HEAVY_SHARE, HEAVY_NM = 0.2, 0.5
 # Heavy joints reach 0.97 in these logs; a torque of which the model explains less than this is something else.
 FOLLOWS = 0.3
+# How many standard errors out of that range it must lie, and pieces of the session that these come from.
+SURE, PIECES = 3.0, 12
 # A model of itself. Friction terms lower the residual's variance by at least 22 % on every joint of these logs, and
 # by 2.6 % at most on the UR10e controller's own rigid model, which its logs hold as last columns.
 FRICTION_GAIN, RIGID_EXPLAINS, FRICTION_SHARE = 0.05, 0.99, 0.005
@@ -138,6 +140,27 @@ def fit_signed(
     return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
 
 
+def _surely_off(states: States, joint: int) -> bool:
+    """Whether gravity's coefficient is out of range however it is drawn: strong friction that varies can hide it.
+
+    Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
+    """
+    dq, steps = states.dq[:, joint], np.arange(len(states.q)) * PIECES // len(states.q)
+    bare = [states.gravity[:, joint], states.inertial[:, joint], np.tanh(dq / TRANSITION_RAD_S), dq, np.ones(len(dq))]
+    for columns in (bare, [*bare, states.q[:, joint]]):
+        table = np.column_stack([*columns, states.tau[:, joint]])
+        pieces = np.stack([table[steps == k].T @ table[steps == k] for k in range(PIECES)])
+        whole, *parts = (
+            float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
+            for sums in [pieces.sum(axis=0), *(pieces.sum(axis=0) - piece for piece in pieces)]
+        )
+        doubt = SURE * np.sqrt((PIECES - 1) / PIECES * np.sum((np.array(parts) - np.mean(parts)) ** 2))
+        size = abs(whole)
+        if size + doubt > SCALE_LOW and size - doubt < SCALE_HIGH:
+            return False
+    return True
+
+
 def explained_by_model(session: Session, arm: ArmModel) -> float:
     """Median over the heavy joints of the share of torque that is explained with either sign."""
     states = collect_states(session, arm)
@@ -199,7 +222,9 @@ def _check_scale(
     off = [
         joint
         for joint in heavy
-        if joint not in deaf and all(not SCALE_LOW < fit[joint].gravity < SCALE_HIGH for fit in (fits, sprung))
+        if joint not in deaf
+        and all(not SCALE_LOW < fit[joint].gravity < SCALE_HIGH for fit in (fits, sprung))
+        and _surely_off(states, joint)
     ]
     issues = []
     if deaf:
