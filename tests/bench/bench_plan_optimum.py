@@ -76,7 +76,8 @@ def draw(arm: ArmModel, model: ChainTorque, objective: str, boxes: int, rng: np.
     low, high = np.maximum(arm.lower, -2.2) * 0.8, np.minimum(arm.upper, 2.2) * 0.8
     speed = np.minimum(arm.velocity_limit, np.pi)
     # Links of a Panda's hand are never farther apart than some millimetres.
-    near = min(0.02, 0.5 * float(Scene.build(arm).separation(rng.uniform(low, high, (200, arm.n))).max()))
+    some = np.random.default_rng(0).uniform(low, high, (200, arm.n))  # leaves the task's own draws as they are
+    near = min(0.02, 0.5 * float(Scene.build(arm).separation(some).max()))
     while True:
         scene = Scene.build(arm, [box(k, boxes, rng) for k in range(boxes)])
         for _ in range(200):
