@@ -29,6 +29,7 @@ from ident.diagnosis.regression.run_spread import residual_weights
 OWN = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 STEPS = (0.0, 0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
 DRAWS = 499
+FEWEST = 3  # stretches: of fewer, a mean and a slow curve leave nothing
 
 
 def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Group], rng: np.random.Generator) -> float:
@@ -45,15 +46,30 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
     seen, spread = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = seen @ weights[evidence.layout.local[joint]]
     laws = [seen @ _after(model, evidence, joint, group) for group in variants]
-    if len(levels) < 2 * 3:
+    return chance_of_curve(levels, spread, laws, rng)
+
+
+def chance_of_curve(
+    levels: Float[Array, " s"],
+    spread: Float[Array, "s s"],
+    laws: Sequence[Float[Array, "s k"]],
+    rng: np.random.Generator,
+) -> float:
+    """p-value of laws against friction that wanders, all of them together.
+
+    Args:
+        levels: Viscous and Coulomb level of each stretch in turn.
+        spread: Their covariance by noise.
+        laws: What each variant of the law adds to the levels, a column a coefficient.
+        rng: Draws levels of friction that wanders.
+    """
+    if len(levels) < 2 * FEWEST:
         return 1.0
     covariances = list(_covariances(spread))
     _, best = _greatest(levels[:, None], covariances, [])
     root = np.linalg.cholesky(covariances[int(best[0])])
     drawn = np.concatenate([levels[:, None], root @ rng.standard_normal((len(levels), DRAWS))], axis=1)
-    alone, _ = _greatest(drawn, covariances, [])
-    with_law, _ = _greatest(drawn, covariances, laws)
-    gain = with_law - alone
+    gain = _greatest(drawn, covariances, laws)[0] - _greatest(drawn, covariances, [])[0]
     return float(np.mean(gain >= gain[0] - 1e-9))
 
 
