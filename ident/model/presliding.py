@@ -19,11 +19,15 @@ from numba import njit
 from ident.arrays import Array, Bool, Float, freeze
 from ident.model.loss import TRANSITION_GRID, direction
 from ident.motion.motion import Motion
+from ident.numerics import solve_non_negative
 
 # Ranges tried [rad]: beyond them friction with such a memory is an effect of its own.
 RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
 # A range of fewer standard deviations of the position than this follows noise.
 NOISE_FACTOR = 8.0
+# Friction's possible curves beside the straight line: powers of the speed, and what falls off at this speed [rad/s].
+AS_LIKELY = 2.0  # nats
+CONCAVE, SLOW = (0.3, 0.6), 0.05
 
 
 @njit(cache=True)
@@ -63,7 +67,7 @@ class Sliding:
 
 
 def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]]) -> Sliding:
-    """For each joint what leaves least of the torque beside Coulomb and viscous friction and rotor inertia.
+    """For each joint what leaves least of the torque beside rotor inertia and friction of any concave law of speed.
 
     Args:
         motions: Runs.
@@ -76,7 +80,10 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     ]
     grid = _grid(motions)
     misfit = np.array([_misfit(motions, known, trial) for trial in grid])
-    best = np.argmin(misfit, axis=0)
+    # Of turnings that are as likely the sharpest: where friction's own law is smooth, it hardly matters.
+    samples = np.maximum(sum(one.moving.sum(axis=0) for one in known), 1)
+    worse = 0.5 * samples * np.log(np.maximum(misfit, 1e-300) / np.maximum(misfit.min(axis=0), 1e-300))
+    best = np.argmax(worse <= AS_LIKELY, axis=0)
     return Sliding(
         np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
     )
@@ -84,15 +91,18 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What all trials share of a run: where it moves, filtered acceleration and speed, torque to be explained."""
+    """What all trials share of a run: where it moves, filtered columns of motion, torque to be explained."""
 
     moving: Bool[Array, "t n"]
-    columns: Float[Array, "t n 2"]
+    columns: Float[Array, "t n k"]
     target: Float[Array, "t n"]
 
 
-def _moves(motion: Motion) -> Float[Array, "T n 2"]:
-    return np.stack([motion.ddq, motion.dq], axis=-1)
+def _moves(motion: Motion) -> Float[Array, "T n k"]:
+    """Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning."""
+    heading, pace = np.sign(motion.dq), np.abs(motion.dq)
+    concave = [heading * pace**power for power in CONCAVE]
+    return np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
 
 
 def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
@@ -124,8 +134,9 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
 
 
 def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
-    """Sum of squares that each joint leaves where it moves [N² m²]."""
-    gram = np.zeros((motions[0].n, 4, 4))
+    """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
+    count = known[0].columns.shape[2] + 2
+    gram = np.zeros((motions[0].n, count, count))
     for motion, one in zip(motions, known, strict=True):
         slip = motion.filtered(trial.direction(motion))
         rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
@@ -133,7 +144,8 @@ def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) 
         gram += np.einsum("tja,tjb->jab", rows, rows)
     found = np.zeros(len(gram))
     for j, sums in enumerate(gram):
-        scale = np.sqrt(np.diag(sums)[:-1]) + 1e-12
-        solved = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), sums[:-1, -1] / scale, rcond=1e-10)[0]
-        found[j] = sums[-1, -1] - solved @ (sums[:-1, -1] / scale)
+        scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
+        root = np.linalg.cholesky(sums / np.outer(scale, scale) + 1e-10 * np.eye(count)).T
+        left = root[:, -1] - root[:, :-1] @ solve_non_negative(root[:, :-1], root[:, -1])
+        found[j] = float(left @ left) * scale[-1] ** 2
     return found
