@@ -34,6 +34,7 @@ def test_every_command_is_tried(corpus: Path) -> None:
     assert len(found) > 100
 
 
+@pytest.mark.slow
 def test_hostile_values_are_refused_or_taken(corpus: Path) -> None:
     """Law: exit 0, 2 or 3, one line, no traceback, nothing of the user's touched."""
     chosen = [
