@@ -107,7 +107,7 @@ class DiagnosisSettings:
     )
     unlikely_nats: float = _number(5.0, "nats", "and its least evidence", "law: odds of 150 to 1")
     least_told_fall: float = _number(
-        0.02,
+        0.015,
         "1",
         "and the least fall of the error: hours of recording make anything significant",
         "chosen: less can't be seen",
