@@ -146,10 +146,11 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     ]
     lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
     recorded = np.cumsum(~continues) - 1
+    few = _few(travel, recorded)
     if len(lengths) > MOST_LONE_RUNS:
         block, run_of_block = _share_blocks(recorded)
         alone = np.arange(len(run_of_block))
-        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds), alone)
+        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds, few), alone)
     target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
     starts = tuple(
@@ -159,7 +160,7 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     parts = np.maximum(1, np.round(lengths * steps / STRETCH)).astype(int)
     stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
     stretches += np.repeat(np.cumsum(parts) - parts, counts)
-    fold = _deal_folds(np.repeat(recorded, counts), folds, few=_few(travel, recorded))
+    fold = _deal_folds(np.repeat(recorded, counts), folds, few)
     return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
 
 
@@ -194,7 +195,7 @@ def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Arr
     return block, np.repeat(np.arange(len(pieces)), counts)
 
 
-def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool = False) -> Int[Array, " B"]:
+def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool) -> Int[Array, " B"]:
     """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
     runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
     if few:

@@ -128,6 +128,25 @@ def test_a_long_run_alone_is_held_out_in_stretches(held: Analysis) -> None:
     assert [min(each) for each in folds] == sorted(min(each) for each in folds)
 
 
+def test_a_long_run_alone_has_folds_where_pieces_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: hours recorded as one run are held out in stretches too; in one fold nothing would be left to learn from."""
+    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", 5)
+    monkeypatch.setattr(evidence_module, "MOST_BLOCKS", 4)
+    for pieces in ([6], [6, 6]):
+        assert set.union(*folds_of_pieces(in_pieces(held.session, pieces))) == set(range(4))
+
+
+def test_a_run_that_alone_shows_a_joint_is_not_left_out_whole(held: Analysis) -> None:
+    """Law: where a joint moves in one run more than in all others together, every fold has some of every run."""
+    runs = list(held.session.runs)
+    for k, run in enumerate(runs[1:], start=1):
+        dq = run.motion.dq.copy()
+        dq[:, 0] *= 1e-3
+        runs[k] = replace(run, motion=replace(run.motion, dq=dq))
+    assert all(len(each) == 1 for each in folds_of_pieces(held.session))
+    assert all(len(each) > 1 for each in folds_of_pieces(replace(held.session, runs=tuple(runs))))
+
+
 def test_very_many_runs_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: beyond a number of runs neighbours share a block; each block lies in one fold, and none is empty."""
     monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", 5)
