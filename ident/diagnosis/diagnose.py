@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import tuned_beside, tuned_record
+from ident.diagnosis.explained import Explained, measure_shrink
 from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record, told
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
@@ -17,7 +18,7 @@ from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import NotTestable, build_layout
+from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.runs import build_session, leftover_torque
@@ -49,38 +50,25 @@ SCHEMA = "ident.diagnosis/1"
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """A named effect with its evidence."""
+class Finding(Explained):
+    """A named effect with its evidence.
 
-    estimate: Estimate
+    Attributes:
+        named: How it was judged.
+        energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
+        energy_std: Standard deviation over the runs of both [J].
+        share: Its order-free share of what all names close.
+    """
+
     named: Named
-    joints: tuple[str, ...]
-    rms_before: dict[str, float]
-    rms_after: dict[str, float]
     energy_before: float
     energy_after: float
     energy_std: tuple[float, float]
-    shrink: float
     share: float
-
-    @property
-    def gain(self) -> float:
-        """Root mean square of the torque that it explains on runs that the fit never saw, its joints together [N m]."""
-        return float(np.sqrt(max(_closed(self), 0.0)))
-
-    @property
-    def action(self) -> str:
-        """What a person at the cell can do about it."""
-        return self.estimate.told.effect.action(", ".join(self.joints), self.estimate.parameters)
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "effect": self.estimate.group.effect.id,
-            "joints": list(self.joints),
-            "probability": self.estimate.probability,
-            "class": list(self.estimate.rivals),
-            "action": self.action,
-            "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
+            **self.told(),
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,
@@ -239,7 +227,7 @@ def diagnose(
         where=told(maps["before"], settings.places_told),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
-        not_testable=tuple(_silent(item, arm.joint_names) for item in layout.silent),
+        not_testable=tuple(item.to_dict(arm.joint_names) for item in layout.silent),
         reservations=sure.doubted + far,
         extra={
             "nearest": nearest_record(found, arm.joint_names),
@@ -261,15 +249,6 @@ def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) ->
     alone = project(evidence.gram(), evidence, fine.search.prior)
     told, coefficients = [e.told for e in estimates], [e.coefficients for e in estimates]
     return tuned_beside(baseline, evidence, alone, told, coefficients)
-
-
-def _silent(item: NotTestable, joints: Sequence[str]) -> dict[str, Any]:
-    own = item.effect.scope == "joint"
-    return {
-        "effect": item.effect.id,
-        "joints": [joints[item.joint]] if own else list(joints),
-        "reason": item.reason,
-    }
 
 
 def _session_facts(motions: Sequence[Motion]) -> dict[str, float]:
@@ -326,11 +305,11 @@ def _findings(
                 energy_before=float(reach.energy_before[acts].sum()),
                 energy_after=float(reach.energy_after[acts].sum()),
                 energy_std=(_spread(reach.runs_before[:, acts]), _spread(reach.runs_after[:, acts])),
-                shrink=_shrink(old[acts], new[acts], floors[acts]),
+                shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
             )
         )
-    return tuple(sorted(findings, key=lambda finding: -_closed(finding)))
+    return tuple(sorted(findings, key=lambda finding: -finding.closed))
 
 
 def _spread(energies: Float[Array, "R k"]) -> float:
@@ -338,20 +317,10 @@ def _spread(energies: Float[Array, "R k"]) -> float:
     return float(energies.sum(axis=1).std())
 
 
-def _closed(finding: Finding) -> float:
-    return sum(finding.rms_before[j] ** 2 - finding.rms_after[j] ** 2 for j in finding.rms_before)
-
-
-def _shrink(old: Array, new: Array, floor: Array) -> float:
-    """Share of the reducible held-out mean square that is closed."""
-    reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
-    return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))
-
-
 def _together(found: SearchResults, joints: Sequence[str], floors: Float[Array, " n"]) -> dict[str, Any]:
     old, new = found.ladder[0].rms, found.ladder[-1].rms
     return {
         "rms_before_Nm": dict(zip(joints, map(float, old), strict=True)),
         "rms_after_Nm": dict(zip(joints, map(float, new), strict=True)),
-        "shrink": _shrink(old, new, floors) if found.named else 0.0,
+        "shrink": measure_shrink(old, new, floors) if found.named else 0.0,
     }

@@ -114,14 +114,14 @@ def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
     kept = motion.moving.copy()
     for j, reach in enumerate(motion.blurred):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], still[:, j], [True]]).astype(int)))
-        # Neighbouring edges bound a stretch of motion, and between two of these lies a rest or a mere turn.
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            before = 0 if start == 0 else start - max((e for e in edges[1::2] if e <= start), default=-(10**9))
-            after = 0 if end == len(still) else min((s for s in edges[::2] if s >= end), default=10**9) - end
-            if start == 0 or before > reach:
-                kept[start : start + reach, j] = False
-            if end == len(still) or after > reach:
-                kept[max(end - reach, start) : end, j] = False
+        starts, ends = edges[::2], edges[1::2]
+        # Between two stretches of motion lies a rest or a mere turn; before the first and after the last, nobody knows.
+        rests = starts[1:] - ends[:-1] > reach
+        for start in starts[np.concatenate([[True], rests])[: len(starts)]]:
+            kept[start : start + reach, j] = False
+        after = np.concatenate([rests, [True]])[: len(ends)]
+        for start, end in zip(starts[after], ends[after], strict=True):
+            kept[max(end - reach, start) : end, j] = False
     return kept
 
 

@@ -109,6 +109,14 @@ def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
     return np.concatenate([getattr(motion, name) for motion in motions])
 
 
+def _terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
+    """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
+    dq = states.dq[rows, joint]
+    return np.column_stack(
+        [states.gravity[rows, joint], states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
+    )
+
+
 def fit_signed(
     states: States, joint: int, sign: float, rows: Array | slice = slice(None), spring: bool = False
 ) -> SignedFit:
@@ -121,10 +129,8 @@ def fit_signed(
         rows: States to use.
         spring: Whether a spring of either sign may explain what grows with the joint's angle.
     """
-    dq, tau = states.dq[rows, joint], sign * states.tau[rows, joint]
-    gravity = states.gravity[rows, joint]
-    columns = [gravity - gravity.mean(), states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
-    table = np.column_stack(columns)
+    tau, table = sign * states.tau[rows, joint], _terms(states, joint, rows)
+    table[:, 0] -= table[:, 0].mean()
     size = np.linalg.norm(table, axis=0)
     # Columns that are zero but for rounding would get coefficients without meaning.
     live = size > 1e-6 * max(float(size.max()), 1e-12)
@@ -145,8 +151,8 @@ def _surely_off(states: States, joint: int) -> bool:
 
     Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
     """
-    dq, steps = states.dq[:, joint], np.arange(len(states.q)) * PIECES // len(states.q)
-    bare = [states.gravity[:, joint], states.inertial[:, joint], np.tanh(dq / TRANSITION_RAD_S), dq, np.ones(len(dq))]
+    terms, steps = _terms(states, joint), np.arange(len(states.q)) * PIECES // len(states.q)
+    bare = [terms, np.ones(len(terms))]
     for columns in (bare, [*bare, states.q[:, joint]]):
         table = np.column_stack([*columns, states.tau[:, joint]])
         pieces = np.stack([table[steps == k].T @ table[steps == k] for k in range(PIECES)])

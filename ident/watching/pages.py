@@ -195,20 +195,15 @@ class FleetTable(Section):
         return {"rows": [self._row(arm) for arm in self.found.arms]}
 
     def _row(self, arm: ArmHistory) -> dict[str, Any]:
-        good = [row for row in arm.sessions if row["status"] == "done"]
-        last = good[-1] if good else None
-        named = {
-            f"{effect_name(row['effect'])} ({row['joints']})"
-            for row in arm.effects
-            if last is not None and row["session"] == last["session"]
-        }
+        good = len(arm.done)
+        named = {f"{effect_name(row['effect'])} ({row['joints']})" for row in arm.last_effects}
         newest = arm.alarms[-1] if arm.alarms else None
         changed = "" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
         return {
             "arm": arm.arm,
             "page": self.store.page(arm.arm).name,
-            "sessions": len(good),
-            "unfit": len(arm.sessions) - len(good),
+            "sessions": good,
+            "unfit": len(arm.sessions) - good,
             "last": arm.sessions[-1]["date"][:10],
             "alarms": len(arm.alarms),
             "changed": changed,
@@ -233,10 +228,8 @@ class FleetEffects(Section):
     def context(self) -> dict[str, Any]:
         shared: dict[str, dict[str, str]] = defaultdict(dict)
         for arm in self.found.arms:
-            good = [row["session"] for row in arm.sessions if row["status"] == "done"]
-            for row in arm.effects:
-                if good and row["session"] == good[-1]:
-                    shared[effect_name(row["effect"])][arm.arm] = row["joints"]
+            for row in arm.last_effects:
+                shared[effect_name(row["effect"])][arm.arm] = row["joints"]
         ranked = sorted(shared.items(), key=lambda item: -len(item[1]))
         pages = {arm.arm: self.store.page(arm.arm).name for arm in self.found.arms}
         rows = [

@@ -65,6 +65,17 @@ class ArmHistory:
     alarms: tuple[Alarm, ...] = ()
     odd: tuple[OddSession, ...] = ()
 
+    @property
+    def done(self) -> list[dict[str, Any]]:
+        """Rows of the sessions that were fit."""
+        return [row for row in self.sessions if row["status"] == "done"]
+
+    @property
+    def last_effects(self) -> list[dict[str, Any]]:
+        """Rows of the effects that the last of these shows."""
+        last = self.done[-1:]
+        return [row for row in self.effects if last and row["session"] == last[0]["session"]]
+
 
 @dataclass(frozen=True, eq=False)
 class Watch(Result):

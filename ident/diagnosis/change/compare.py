@@ -21,6 +21,7 @@ from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
 from ident.diagnosis.change.switched import keys_of
 from ident.diagnosis.change.yardstick import Standing, measure_standing
+from ident.diagnosis.explained import measure_shrink
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key, NotTestable
 from ident.diagnosis.regression.least_squares import project
@@ -251,7 +252,7 @@ def _result(
                 joints=joints_of(item, joints),
                 rms_before=dict(zip(names, map(float, old), strict=True)),
                 rms_after=dict(zip(names, map(float, new), strict=True)),
-                shrink=_shrink(old, new, floor[acts]),
+                shrink=measure_shrink(old, new, floor[acts]),
                 p_value=max(standing.p_value, item.gates.p_value),
                 log_score=item.gates.log_score,
                 evidence=item.gates.evidence,
@@ -269,14 +270,7 @@ def _result(
         rms_after=dict(zip(joints, map(float, told.left.rms), strict=True)),
         noise=dict(zip(joints, map(float, floor), strict=True)),
         run_spread=dict(zip(joints, map(float, look.switched.evidence.spread), strict=True)),
-        not_testable=tuple(
-            {
-                "effect": one.effect.id,
-                "joints": [joints[one.joint]] if one.effect.scope == "joint" else list(joints),
-                "reason": one.reason,
-            }
-            for one in hidden
-        ),
+        not_testable=tuple(one.to_dict(joints) for one in hidden),
         reservations=told.doubted,
     )
 
@@ -286,9 +280,3 @@ def _verdict(found: Sequence[ArmChange], unlawful: bool, too_short: bool) -> str
         return "changed_unexplained" if unlawful else "not_testable" if too_short else "no_change"
     lawful = any(change.effect != "unlisted_change" for change in found)
     return "changed" if lawful else "changed_unexplained"
-
-
-def _shrink(old: Float[Array, " k"], new: Float[Array, " k"], floor: Float[Array, " k"]) -> float:
-    """Share of the held-out mean square above noise that a change closes."""
-    reducible = float(np.sum(np.maximum(old**2 - floor**2, 0.0)))
-    return float(np.clip(np.sum(old**2 - new**2) / max(reducible, 1e-12), -1.0, 1.0))

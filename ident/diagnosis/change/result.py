@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
+from ident.diagnosis.explained import Explained
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.intervals import Estimate
 from ident.recordings.recording import TelemetryIssue
 from ident.results import Result
 
@@ -42,58 +40,24 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmChange:
-    """A change with its evidence; figures are after minus before.
+class ArmChange(Explained):
+    """A change with its evidence; figures are after minus before, errors those of the later set.
 
     Attributes:
-        estimate: What it is, its figures, its rivals.
-        joints: Where it shows.
-        rms_before, rms_after: What the common model leaves of the later set without and with it, on runs that the fit
-            never saw [N m].
-        shrink: Share of what lay above the noise that it closes there.
         p_value: Of so large a change by chance, all that were asked for counted.
         log_score: Gain on held-out runs with its standard error [nats].
         evidence: Log evidence [nats].
         run_spread: How much the effect differs from run to run of one set, as a share of the change.
     """
 
-    estimate: Estimate
-    joints: tuple[str, ...]
-    rms_before: dict[str, float]
-    rms_after: dict[str, float]
-    shrink: float
     p_value: float
     log_score: tuple[float, float]
     evidence: float
     run_spread: float
 
-    @property
-    def effect(self) -> str:
-        return self.estimate.group.effect.id
-
-    @property
-    def closed(self) -> float:
-        """Mean square that it closes [N² m²]."""
-        return sum(self.rms_before[name] ** 2 - self.rms_after[name] ** 2 for name in self.rms_before)
-
-    @property
-    def gain(self) -> float:
-        """Root mean square of the torque that it explains, all its joints together [N m]."""
-        return float(np.sqrt(max(self.closed, 0.0)))
-
-    @property
-    def action(self) -> str:
-        """What a person at the cell can do about it."""
-        return self.estimate.told.effect.action(", ".join(self.joints), self.estimate.parameters)
-
     def to_dict(self) -> dict[str, Any]:
         return {
-            "effect": self.effect,
-            "joints": list(self.joints),
-            "probability": self.estimate.probability,
-            "class": list(self.estimate.rivals),
-            "action": self.action,
-            "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
+            **self.told(),
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,

@@ -29,7 +29,7 @@ from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.switched import Sides, Switched
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
-from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.regression.run_spread import excess_over_noise, residual_weights
 
 # Degrees of freedom that a variance from runs has beside those of the runs: arms of one kind differ by little.
 PRIOR_DOF = 2.0
@@ -136,11 +136,9 @@ def _component(
         here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
         if not len(here):
             continue
-        weight = 1.0 / variance[here]
-        mean = float(weight @ size[here] / weight.sum())
-        excess += float(weight @ (size[here] - mean) ** 2) - (len(here) - 1)
+        beyond, unit = excess_over_noise(size[here], variance[here])
+        excess, scale = excess + beyond, scale + unit
         free += len(here) - 1
-        scale += float(weight.sum() - weight @ weight / weight.sum())
         share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
     return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
 

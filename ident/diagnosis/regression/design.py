@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -61,6 +62,15 @@ class NotTestable:
     effect: Effect
     joint: int
     reason: str
+
+    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        """Its record, by the names of the joints."""
+        own = self.effect.scope == "joint"
+        return {
+            "effect": self.effect.id,
+            "joints": [joints[self.joint]] if own else list(joints),
+            "reason": self.reason,
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,14 +43,25 @@ def estimate_run_spread(evidence: Evidence, projection: Projection) -> Float[Arr
     return np.array([_spread_of_joint(evidence, j, weights) for j in range(evidence.layout.n)])
 
 
+def excess_over_noise(values: Float[Array, " R"], variance: Float[Array, " R"]) -> tuple[float, float]:
+    """What values differ by beyond their noise, and what a variance component of one would add to that.
+
+    Args:
+        values: Estimates of one thing.
+        variance: Of each by noise.
+    """
+    weight = 1.0 / variance
+    mean = float(weight @ values / weight.sum())
+    excess = float(weight @ (values - mean) ** 2) - (len(values) - 1)
+    return excess, float(weight.sum() - weight @ weight / weight.sum())
+
+
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
     own = weights[evidence.layout.local[joint]]
     level, variance = evidence.friction.relative_levels(joint, own)
     runs, usual = len(level), USUAL_SPREAD**2
     if runs < 2:
         return USUAL_SPREAD
-    share = 1.0 / (variance * evidence.misfit(joint, weights))
-    mean = float(share @ level / share.sum())
-    excess = float(share @ (level - mean) ** 2) - (runs - 1)
-    found = max(0.0, excess) / max(float(share.sum() - share @ share / share.sum()), 1e-300)
+    excess, scale = excess_over_noise(level, variance * evidence.misfit(joint, weights))
+    found = max(0.0, excess) / max(scale, 1e-300)
     return float(np.sqrt((runs * found + PRIOR_RUNS * usual) / (runs + PRIOR_RUNS)))
