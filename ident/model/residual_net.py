@@ -41,6 +41,8 @@ Progress = Callable[[int, int, float], None]
 DIRECTION_SCALES = (0.02, 0.15)
 # Rounds the corner of |τ| so that gradients exist at zero [N m].
 LOAD_ROUNDING = 0.5
+# Figures a joint that a net a joint is given.
+JOINT_FEATURES = 6
 # A short recording still gets this many steps an epoch, as long as a step sees enough samples.
 LEAST_STEPS, LEAST_BATCH = 32, 16
 # Length of the stretches that are held back as a whole [samples].
@@ -189,7 +191,13 @@ class ResidualNet:
             network.load_state_dict(load_file(weights))
             if not all(bool(torch.isfinite(tensor).all()) for tensor in network.state_dict().values()):
                 raise ValueError("a weight is not finite")
-            if not all(np.isfinite(values).all() for values in (mean, std, scale)) or not (std > 0).all():
+            inputs = (3 * len(scale),) if options.preset == "paper" else (len(scale), JOINT_FEATURES)
+            if not mean.shape == std.shape == inputs or scale.ndim != 1:
+                raise ValueError("its scales are of another number of joints or inputs")
+            # Nets reckon in single precision: what overflows there is no scale.
+            with np.errstate(over="ignore"):
+                scales = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
+            if not all(np.isfinite(values).all() for values in scales) or not (scales[1] > 0).all():
                 raise ValueError("a scale is not finite and positive")
         except ModelError:
             raise

@@ -224,6 +224,6 @@ def read_world_file(path: Path, presets: Mapping[str, WorldRange]) -> WorldRange
     """
     values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
-    if preset not in presets:
+    if not isinstance(preset, str) or preset not in presets:
         raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(presets)}")
     return presets[preset].with_values(path.stem, values, path)

@@ -63,12 +63,25 @@ def gripper_joints(root: ET.Element) -> list[str]:
     def moves(joint: ET.Element) -> bool:
         return joint.get("type") in MOVING
 
+    def after(joint: ET.Element) -> list[ET.Element]:
+        return children.get(link_of(joint, "child"), [])
+
     def below(joint: ET.Element) -> list[str]:
-        own = [joint.get("name") or ""] if moves(joint) else []
-        return own + [name for child in children.get(link_of(joint, "child"), []) for name in below(child)]
+        names, coming = [], [joint]
+        while coming:
+            one = coming.pop()
+            names += [one.get("name") or ""] if moves(one) else []
+            coming += reversed(after(one))
+        return names
 
     def length(joint: ET.Element) -> int:
-        return moves(joint) + max((length(child) for child in children.get(link_of(joint, "child"), [])), default=0)
+        longest, coming = 0, [(joint, 0)]
+        while coming:
+            one, so_far = coming.pop()
+            so_far += moves(one)
+            longest = max(longest, so_far)
+            coming += [(child, so_far) for child in after(one)]
+        return longest
 
     child_links = {link_of(joint, "child") for joint in root.findall("joint")}
     link = next((item.get("name") for item in root.findall("link") if item.get("name") not in child_links), None)

@@ -175,6 +175,23 @@ def test_a_saved_net_is_the_same_net_without_pickle(options: NetOptions, tmp_pat
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [("input_std", [[]]), ("input_mean", [[0.0] * 6] * 9), ("output_std", 1e308), ("input_mean", 1e308)],
+)
+def test_scales_that_do_not_fit_the_net_are_a_model_error(name: str, value: object, tmp_path: Path) -> None:
+    """Of another shape, or beyond what single precision holds: told when read, not when torque is asked for."""
+    state = _states(6, 200)
+    fit_residual_net([state], [_stribeck(state)], options=replace(QUICK, epochs=1)).save(tmp_path)
+    path = tmp_path / "residual.json"
+    record = json.loads(path.read_text())
+    if isinstance(value, float):
+        value = (np.zeros_like(np.array(record[name])) + value).tolist()
+    path.write_text(json.dumps({**record, name: value}))
+    with pytest.raises(ModelError, match=r"scale.*; fit the model again"):
+        ResidualNet.load(tmp_path)
+
+
+@pytest.mark.parametrize(
     ("file", "content"),
     [
         ("residual.json", b"{"),

@@ -81,6 +81,7 @@ def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) 
         ('velocity = "guessed"', "none, differenced"),
         ("jitter = [0.2, 0.1]", "in order"),
         ('preset = "mars"', "choose from"),
+        ("preset = [100, 500]", "choose from"),
         ("rate_hz = ", "TOML"),
     ],
 )

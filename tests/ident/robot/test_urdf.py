@@ -230,3 +230,11 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00\x01" * 20)
     with pytest.raises(RobotError, match="is not UTF-8 text"):
         ArmModel.load(path)
+
+
+def test_a_chain_as_long_as_a_urdf_may_be_is_walked_without_recursion() -> None:
+    """Fingers beyond an arm are found at the end of 2000 joints one after the other, in document order."""
+    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(2000)]
+    hand = [joint("left", "l2000", "tip_a"), joint("right", "l2000", "tip_b")]
+    root = ET.fromstring("<robot name='long'><link name='l0'/>" + "".join(chain + hand) + "</robot>")
+    assert gripper_joints(root) == ["left", "right"]
