@@ -59,14 +59,15 @@ def prove_clearance(scene: Scene, splines: Splines, samples: int = 200) -> Clear
         return Clearance(1.0, 1.0, 0.0, "nothing to hit", 0)
     times = np.linspace(0.0, total, samples)
     seen, when, name = _least(scene, splines, times)
-    checks = samples
+    checks, since = samples, 0.0
     while seen > 0.0:
         target = max(seen - SLACK, 0.5 * seen)
-        least, where, worst, count = _walk(scene, splines, target)
+        least, where, worst, count = _walk(scene, splines, target, since)
         checks += count
         if least >= target:
             return Clearance(float(target), min(seen, least), when, name, checks)
-        seen, when, name = least, where, scene.pair_name(worst)
+        # What was walked with a higher target holds for the lower one, too.
+        seen, when, since, name = least, where, where, scene.pair_name(worst)
     return Clearance(min(seen, 0.0), seen, when, name, checks)
 
 
@@ -84,8 +85,8 @@ def _least(scene: Scene, splines: Splines, times: Float[Array, " T"]) -> tuple[f
     return seen, when, scene.pair_name(which)
 
 
-def _walk(scene: Scene, splines: Splines, target: float) -> tuple[float, float, int, int]:
-    """Walks along the motion in safe steps; stops at the first place closer than the target.
+def _walk(scene: Scene, splines: Splines, target: float, since: float) -> tuple[float, float, int, int]:
+    """Walks along the motion in safe steps from a time on [s]; stops at the first place closer than the target.
 
     Returns:
         Smallest distance met [m], its time [s], its pair, and the number of positions looked at.
@@ -93,7 +94,7 @@ def _walk(scene: Scene, splines: Splines, target: float) -> tuple[float, float, 
     knots = np.concatenate([[0.0], np.cumsum(splines.durations[0])])
     # Top change of each pair's distance in each section, exact for the cubic's speed [m/s].
     rates = np.maximum(splines.section_speeds[0] @ scene.levers.T, 1e-9)
-    least, where, worst, count, t = np.inf, 0.0, 0, 0, 0.0
+    least, where, worst, count, t = np.inf, since, 0, 0, since
     clear = np.zeros(len(scene.pairs))
     while True:
         section = min(int(np.searchsorted(knots, t, side="right")) - 1, len(rates) - 1)

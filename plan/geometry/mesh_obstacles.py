@@ -58,7 +58,7 @@ def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid,
 
 def _load(path: Path, scale: Array) -> tuple[Float[Array, "k 3"], Int[Array, "m 3"]]:
     try:
-        model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), np.array(scale, dtype=float))
+        model = coal.MeshLoader(coal.NODE_TYPE.BV_AABB).load(str(path), np.array(scale, dtype=float))
     except (ValueError, RuntimeError) as error:
         lines = [line.removeprefix("message: ") for line in str(error).splitlines()]
         reason = next((line for line in lines if "resource" in line), "the reader refused it")

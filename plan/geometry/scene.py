@@ -169,9 +169,14 @@ class Scene:
         first, second = self.pairs[pair]
         return f"{self.boxes[second].name} and {self.boxes[first].name}"
 
-    def gaps(self, q: Float[Array, "T n"]) -> Float[Array, "T P"]:
-        """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm."""
-        return gaps_of_states(*self._world, self.pairs, self._tree, _rows(q))
+    def gaps(self, q: Float[Array, "T n"], beyond: float = 1e9) -> Float[Array, "T P"]:
+        """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm.
+
+        Args:
+            q: Positions [rad].
+            beyond: Gap from which on any larger one may stand for it: far pairs then cost next to nothing [m].
+        """
+        return gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond)
 
     def separation(self, q: Float[Array, "T n"]) -> Float[Array, " T"]:
         """Smallest gap at each position [m]; a metre where there is nothing to hit."""
@@ -348,7 +353,7 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
         return np.empty((PROBES, 0))
     bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
     tree = build_tree(bodies, len(boxes), links)
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, numbers, tree, q))
+    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, numbers, tree, q, 1e9))
 
 
 def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:

@@ -81,11 +81,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
         return most
     known = hint[0]
     low, high = np.empty(3), np.empty(3)
-    for k in range(3):
-        extent = 0.0
-        for m in range(3):
-            extent += abs(rot[link, k, m]) * bodies.half[link, m]
-        low[k], high[k] = at[link, k] - extent, at[link, k] + extent
+    _extent(link, rot, at, bodies, low, high)
     stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
@@ -157,8 +153,11 @@ def _scratch(n, bodies):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def gaps_of_states(chain, bodies, links, pairs, tree, q):  # type: ignore[no-untyped-def]
+def gaps_of_states(chain, bodies, links, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
+
+    Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: any gap beyond it stands
+    for them. So of a hundred obstacles only those near the arm cost something.
 
     Args:
         chain: The arm's kinematics.
@@ -167,19 +166,50 @@ def gaps_of_states(chain, bodies, links, pairs, tree, q):  # type: ignore[no-unt
         pairs: Pairs of shapes; the first of a pair with the world is the world's, its number counted from the links.
         tree: Of the world.
         q: Positions, shape (T, n) [rad].
+        beyond: Gap from which on it does not matter how large it is [m].
     """
     frame_rot, frame_at, rot, at, _ = _scratch(q.shape[1], bodies)
     out = np.empty((q.shape[0], pairs.shape[0]))
+    low, high = np.empty((links, 3)), np.empty((links, 3))
+    hint, warm = np.full(1, -1), np.zeros(3)
     for t in range(q.shape[0]):
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
+        for b in range(links):
+            _extent(b, rot, at, bodies, low[b], high[b])
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0], pairs[p, 1]
+            warm[:] = 0.0
             if a < links:
-                out[t, p] = body_gap(a, b, rot, at, bodies, np.zeros(3))
-            else:
-                out[t, p] = world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, np.full(1, -1), np.zeros(3))
+                gap = _ball_gap(a, b, at, bodies)
+                out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm)
+                continue
+            root = tree.root[a - links]
+            gap = _box_distance(root, tree, low[b], high[b])
+            if gap <= beyond:
+                hint[0] = -1
+                gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hint, warm)
+            out[t, p] = gap
     return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _ball_gap(a, b, at, bodies):  # type: ignore[no-untyped-def]
+    """Gap of the balls round two bodies [m]."""
+    apart = 0.0
+    for k in range(3):
+        apart += (at[a, k] - at[b, k]) ** 2
+    return math.sqrt(apart) - bodies.ball[a] - bodies.ball[b]
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _extent(body, rot, at, bodies, low, high):  # type: ignore[no-untyped-def]
+    """Box along the base frame's axes round a body [m]."""
+    for k in range(3):
+        extent = 0.0
+        for m in range(3):
+            extent += abs(rot[body, k, m]) * bodies.half[body, m]
+        low[k], high[k] = at[body, k] - extent, at[body, k] + extent
 
 
 @njit(cache=True, fastmath=True, nogil=True)

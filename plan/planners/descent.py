@@ -25,9 +25,9 @@ NEARBY = 0.1
 CALM = 2e-3
 # Length of the step by which curvature is measured [rad], and the factors that are believed.
 PROBE, STIFFEST = 0.01, (1e-3, 1e2)
-# What counts as kept: of a limit as a share of it, of the clearance as a share of 10 cm. A quarter of a millimetre more
-# than the margin is asked for.
-KEPT, KEPT_CLEAR = 2e-6, 1e-3
+# What counts as kept: of a limit as a share of it (half of what the search aims lower than the ledger asks for), of the
+# clearance as a share of 10 cm. A quarter of a millimetre more than the margin is asked for.
+KEPT, KEPT_CLEAR = 5e-5, 1e-3
 
 
 @dataclass(frozen=True, eq=False)

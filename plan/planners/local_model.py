@@ -142,8 +142,8 @@ class LocalModel:
             return ConstraintRows.none(self.size)
         coefficients = self.split(x)[0]
         even = (np.arange(PLACES) + 0.5) / PLACES
-        gaps = scene.gaps(self.grid.positions(coefficients, even))
         bound = self.problem.margin + NEAR
+        gaps = scene.gaps(self.grid.positions(coefficients, even), bound)
         shares, pairs, found = _dips(even, gaps, bound)
         if len(shares) == 0:
             return ConstraintRows.none(self.size)
@@ -151,7 +151,7 @@ class LocalModel:
         inside = np.unique(shares[found < self.problem.margin + CLOSE])
         closer = np.unique(np.clip(inside[:, None] + CLOSER / PLACES, 0.0, 1.0))
         if len(closer):
-            fine = _dips(closer, scene.gaps(self.grid.positions(coefficients, closer)), bound)
+            fine = _dips(closer, scene.gaps(self.grid.positions(coefficients, closer), bound), bound)
             shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
         order = np.argsort(found)[:MOST_NEAR]
         shares, pairs, found = shares[order], pairs[order], found[order]

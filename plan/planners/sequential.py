@@ -14,7 +14,7 @@ from plan.errors import MethodError
 from plan.initial.starts import straight
 from plan.initial.ways import iterate_ways
 from plan.planners.base import Candidate, Ledger, Planner
-from plan.planners.descent import KEPT, Course, begin, descend, refine
+from plan.planners.descent import KEPT, KEPT_CLEAR, Course, begin, descend, refine
 from plan.planners.local_model import LocalModel
 from plan.planners.reference import Reference
 from plan.planners.transcription import Grid
@@ -33,12 +33,19 @@ MANY = 12
 # Places of a section at which peaks are looked for: those of the ledger's evaluation among them, and close enough
 # together for the peak where a joint turns round and its friction changes sign.
 DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_nodes()[0]])))
-# Most times that limits are aimed lower because they were passed between the nodes.
-SETTLINGS = 2
+# Most times that limits are aimed lower because they were passed between the nodes, or at them by no more than a share:
+# a motion slowed down for a thousandth too much torque ends per cent above one that aims a thousandth lower.
+SETTLINGS, NEARLY = 2, 0.01
+# Starts after which the best of them goes through all grids at once: so a plan near the best one comes early, and the
+# same steps are not taken again where it is still among the best when all have been tried.
+LEAD = 3
 # A start whose cost lies this many times above the best after a third of its steps is given up.
 FAR = 1.25
 # Share of its limit that a search aims at below what the ledger asks for.
 AIM = 0.9999
+
+# Cost and course on the next finer grid, of courses that were refined.
+Refined = dict[Course, tuple[float, Course]]
 
 
 @dataclass(frozen=True)
@@ -77,20 +84,25 @@ class Sequential(Planner):
             Reference().search(problems, ledger, rng)
             return
         courses: list[Course] = []
+        known: Refined = {}
         for problem in self._initial(problems, rng):
             course = self._try(begin_course(problem), ledger, courses)
             courses.append(course)
             if ledger.remaining == 0:
                 return
+            if len(courses) == LEAD < self.starts:
+                self._finer([min(courses, key=lambda course: course.rank)], ledger, known)
         courses.sort(key=lambda course: course.rank)
-        self._finer(courses, ledger)
+        self._finer(courses, ledger, known)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it lies far above the best of the others."""
         course = descend(course, ledger, *bounds(course.local), self.first // 3, 0.3, 1e-4)
-        course, _ = self._settle(course, ledger)
+        enter(course, ledger)
+        if ledger.best is None or not ledger.best.feasible:
+            course, _ = self._settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
         if best < (False, course.look.cost / FAR):
             return course
@@ -101,7 +113,7 @@ class Sequential(Planner):
         """Enters a course; where limits hold at its nodes but not between them, after steps with tighter ones."""
         cost = enter(course, ledger)
         for _ in range(SETTLINGS):
-            if ledger.remaining == 0 or not course.kept or not passes_between(course):
+            if ledger.remaining == 0 or not nearly_kept(course) or not passes_between(course):
                 break
             course = descend(tightened(course), ledger, *bounds(course.local), self.steps // 4, 0.02, 1e-5)
             cost = min(cost, enter(course, ledger))
@@ -121,19 +133,24 @@ class Sequential(Planner):
         for _, problem in zip(range(self.starts), iterate_ways(base, rng), strict=False):
             yield problem
 
-    def _finer(self, courses: Sequence[Course], ledger: Ledger) -> None:
+    def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined) -> None:
         """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
         has ended 2 % below the best. So several go on, and are compared again on each grid.
+
+        Args:
+            courses: The best ones first.
+            ledger: Counts what is evaluated.
+            done: What became of courses on finer grids; filled.
         """
         timed, known = courses[0].local.timed, np.inf
         for level in range(self.levels[timed]):
             finer = []
             for course in courses[: self.kept[min(level, len(self.kept) - 1)]]:
-                refined = refine(course, *WIDTHS[min(level + 1, 2)], _nodes(timed, 2 * course.local.grid.sections))
-                refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
-                refined, cost = self._settle(refined, ledger)
+                if course not in done:
+                    done[course] = self._refine(course, ledger, level)
+                cost, refined = done[course]
                 if ledger.remaining == 0:
                     return
                 finer.append((cost, refined.rank, refined))
@@ -142,6 +159,14 @@ class Sequential(Planner):
             if level > 0 and known < np.inf and cost > known * (1.0 - self.gains[timed]):
                 return
             known = min(known, cost)
+
+    def _refine(self, course: Course, ledger: Ledger, level: int) -> tuple[float, Course]:
+        """Cost and course after steps on a grid with every section in two."""
+        nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
+        refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
+        refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
+        refined, cost = self._settle(refined, ledger)
+        return cost, refined
 
 
 def begin_course(problem: PlanningProblem) -> Course:
@@ -179,8 +204,13 @@ def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
     return torque / (SHARE * AIM * limits.torque), splines.top_speed[0] / (SHARE * AIM * limits.speed)
 
 
+def nearly_kept(course: Course) -> bool:
+    """Whether the clearance holds and no limit is passed by much at the nodes."""
+    return course.look.limits <= NEARLY and course.look.clearance <= KEPT_CLEAR
+
+
 def passes_between(course: Course) -> bool:
-    """Whether a limit that holds at the nodes is passed between them."""
+    """Whether a limit is passed somewhere, between the nodes too."""
     return bool(max(part.max() for part in peaks(course)) > 1.0 + KEPT)
 
 

@@ -33,6 +33,12 @@ class ConstraintRows:
         """All of several sets."""
         return cls(np.concatenate([p.matrix for p in parts]), np.concatenate([p.room for p in parts]))
 
+    def in_reach(self, low: Float[Array, " d"], high: Float[Array, " d"]) -> ConstraintRows:
+        """Those that a step within bounds can meet."""
+        farthest = self.matrix @ ((low + high) / 2) + np.abs(self.matrix) @ ((high - low) / 2)
+        met = farthest > self.room
+        return ConstraintRows(self.matrix[met], self.room[met])
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -71,6 +77,7 @@ def solve_step(
     plain = _unhindered(gradient, hessian, groups, low, high)
     if plain is not None:
         return plain
+    groups = [rows.in_reach(low, high) for rows in groups]
     size, count = len(gradient), len(groups)
     whole = np.zeros((size + count, size + count))
     whole[:size, :size] = np.triu(hessian)
