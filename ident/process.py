@@ -21,6 +21,8 @@ USER, SYSTEM, SIGNALLED = 2, 74, 128
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
 PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}
 
+MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
+
 
 def run_command(name: str, module: str) -> NoReturn:
     """Loads a command's module and runs its `app`; ends the process with one line wherever the user can do something.
@@ -56,8 +58,14 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         say(_system_fault(error))
         return SYSTEM
     except MemoryError:
-        say("memory is full; give fewer or shorter sessions, or a larger machine")
+        say(MEMORY_FULL)
         return SYSTEM
+    except ImportError as error:
+        # A library that can't be mapped: what the system's loader says where there is no room for it.
+        if "map segment" in str(error) or "annot allocate memory" in str(error):
+            say(MEMORY_FULL)
+            return SYSTEM
+        raise
     except Exception as error:
         # Interrupted, maybe within a library that made something else of it.
         if signals.came or type(error).__name__ == "Abort":
