@@ -12,6 +12,7 @@ from ident.lazy import lazily
 
 if TYPE_CHECKING:
     from ident.api.checking import blind as blind
+    from ident.api.closing import close as close
     from ident.api.comparing import compare as compare
     from ident.api.diagnosing import diagnose as diagnose
     from ident.api.fitting import evaluate as evaluate
@@ -41,6 +42,7 @@ _HOMES = {
     "Recording": "ident.recordings.recording",
     "Session": "ident.recordings.recording",
     "blind": "ident.api.checking",
+    "close": "ident.api.closing",
     "compare": "ident.api.comparing",
     "diagnose": "ident.api.diagnosing",
     "evaluate": "ident.api.fitting",
@@ -62,6 +64,7 @@ __all__ = [
     "Recording",
     "Session",
     "blind",
+    "close",
     "compare",
     "diagnose",
     "evaluate",

@@ -28,7 +28,7 @@ def test_those_of_plans_too(name: str) -> None:
 
 
 def test_an_unknown_kind_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match="give one of: blind, comparison, demo, diagnosis"):
+    with pytest.raises(InputError, match="give one of: blind, close, comparison, demo, diagnosis"):
         make_schema("nothing")
 
 

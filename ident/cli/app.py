@@ -333,6 +333,7 @@ def schema(
 
 
 # Their commands stand last in the list of commands.
+from ident.cli import closing as _closing  # noqa: E402, F401
 from ident.cli import compared as _compared  # noqa: E402, F401
 from ident.cli import daily as _daily  # noqa: E402, F401
 from ident.cli import identified as _identified  # noqa: E402, F401

@@ -143,27 +143,37 @@ class Diagnosed:
 
     @classmethod
     def of_record(
-        cls, record: dict[str, Any], catalogue: Sequence[Effect] = CATALOGUE, path: Path = Path("diagnosis")
+        cls,
+        record: dict[str, Any],
+        catalogue: Sequence[Effect] = CATALOGUE,
+        path: Path = Path("diagnosis"),
+        needed: bool = True,
     ) -> Diagnosed:
         """Takes the record of a diagnosis that was never a file, or was read already.
 
+        Args:
+            record: The record.
+            catalogue: The effects that may be named in it.
+            path: Where it comes from, for messages.
+            needed: Whether it must name an effect; else tuning alone will do.
+
         Raises:
-            InputError: It is damaged, or names nothing.
+            InputError: It is damaged, or names nothing that is needed.
         """
         try:
-            return cls._of(path, record, {effect.id: effect for effect in catalogue})
+            return cls._of(path, record, {effect.id: effect for effect in catalogue}, needed)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             what = f"it is damaged ({type(error).__name__}: {error})"
             raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
 
     @classmethod
-    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect]) -> Diagnosed:
+    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect], needed: bool) -> Diagnosed:
         joints = tuple(record["joints"])
         if not joints or not all(isinstance(name, str) for name in joints):
             raise ValueError(f"its joints are {joints!r}")
         tuned = record.get("baseline", {})
         changes = tuple(_change(one, joints, tuned, known.get(one["effect"])) for one in record["findings"])
-        if not changes:
+        if needed and not changes:
             what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
             raise InputError(path, what, "give a diagnosis with findings")
         has_baseline = "baseline" in record

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ident.errors import InputError
+from ident.schemas.closing import CloseRecord
 from ident.schemas.comparison import ArmComparisonRecord
 from ident.schemas.daily import NewSessionRecord, WatchRecord
 from ident.schemas.diagnosis import DiagnosisRecord
@@ -24,6 +25,7 @@ from ident.schemas.simulators import BlindRecord, PatchRecord, SimulationRecord
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 RECORDS: dict[str, Any] = {
     "blind": BlindRecord,
+    "close": CloseRecord,
     "comparison": ArmComparisonRecord,
     "demo": DemoRecord,
     "diagnosis": DiagnosisRecord,

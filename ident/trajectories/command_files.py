@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ from scipy.interpolate import make_interp_spline
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.files import atomic_write
 from ident.recordings.load import require_readable_size
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import TICK_S, Motion, sampled, ticks
 
 SUFFIXES = (".csv", ".parquet")
+# Every so many ticks are written: 250 Hz.
+THINNING = 4
 # Commands that stand farther apart than this say too little of what lies between them [s].
 LARGEST_STEP_S = 0.05
 
@@ -36,6 +40,24 @@ def read_commands(path: str | Path, arm: ArmModel) -> tuple[Motion, ...]:
     if not files:
         raise RecordingError(path, "holds no .csv or .parquet file", "give a folder that `plan excite --out` wrote")
     return tuple(_read_one(one, arm) for one in files)
+
+
+def write_commands(motions: Sequence[Motion], joints: Sequence[str], folder: str | Path) -> tuple[Path, ...]:
+    """Writes one file a motion at 250 Hz: positions [rad] and velocities [rad/s] from rest to rest."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    width = max(len(str(len(motions))), 2)
+    written = []
+    for number, motion in enumerate(motions, start=1):
+        q, dq = motion.q[::THINNING], motion.dq[::THINNING]
+        columns = {"time": np.round(np.arange(len(q)) * THINNING * TICK_S, 6)}
+        for j, name in enumerate(joints):
+            columns[f"{name}/position_command"] = np.round(q[:, j], 8)
+            columns[f"{name}/velocity_command"] = np.round(dq[:, j], 7)
+        written.append(folder / f"{number:0{width}d}_{motion.name}.csv")
+        with atomic_write(written[-1]) as part:
+            pacsv.write_csv(pa.table(columns), part)
+    return tuple(written)
 
 
 def _read_one(path: Path, arm: ArmModel) -> Motion:

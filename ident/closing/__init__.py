@@ -1,0 +1,1 @@
+"""From a URDF and an arm to a model whose gap is noise: diagnose, patch, excite, record, and again."""

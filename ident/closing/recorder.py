@@ -1,0 +1,76 @@
+"""Who records: an arm that is told motions and gives back what its log says of them."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from ident.errors import InputError, RecordingError
+from ident.recordings.load import TOPIC, load_session
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+from ident.trajectories.command_files import write_commands
+from ident.trajectories.reference import Motion
+
+# What a user's command must hold: the folder with the command files, and the folder for what was recorded.
+COMMANDS, SESSION = "{commands}", "{session}"
+
+
+class Recorder(Protocol):
+    """An arm that can be asked to move, simulated or real."""
+
+    def record(self, motions: Sequence[Motion]) -> Session:
+        """Runs the motions in order and gives back one run for each."""
+        ...
+
+
+class CommandRecorder:
+    """A real arm behind a user's command, which is run once a round, without a shell.
+
+    Args:
+        command: What to run; `{commands}` becomes the folder with one command file a run, `{session}` the folder in
+            which the command must leave its recordings.
+        folder: Where both lie, in a folder a round.
+        arm: The arm that moves.
+        topic: Topic of bags.
+
+    Raises:
+        InputError: A command that can't be split into words, or lacks a folder.
+    """
+
+    def __init__(self, command: str, folder: Path, arm: ArmModel, topic: str = TOPIC) -> None:
+        self.folder, self.arm, self.topic, self.rounds = folder, arm, topic, 0
+        try:
+            self.words = shlex.split(command)
+        except ValueError as error:
+            raise InputError("--record", f"{command!r} can't be read ({error})", "quote it as for a shell") from None
+        for place in (COMMANDS, SESSION):
+            if not any(place in word for word in self.words):
+                raise InputError("--record", f"{command!r} has no {place}", f"say where {place} goes")
+
+    def record(self, motions: Sequence[Motion]) -> Session:
+        """Writes the command files, runs the command, reads what it recorded.
+
+        Raises:
+            InputError: The command failed.
+            RecordingError: It left nothing that can be read.
+        """
+        self.rounds += 1
+        place = self.folder / f"round_{self.rounds}"
+        commands, session = place / "commands", place / "session"
+        write_commands(motions, self.arm.joint_names, commands)
+        session.mkdir(parents=True, exist_ok=True)
+        words = [word.replace(COMMANDS, str(commands)).replace(SESSION, str(session)) for word in self.words]
+        try:
+            done = subprocess.run(words, check=False)
+        except OSError as error:
+            raise InputError("--record", f"{words[0]!r} can't be run ({error.strerror})", "give a program") from None
+        if done.returncode != 0:
+            what = f"it ended with exit status {done.returncode} in round {self.rounds}"
+            raise InputError("--record", what, "mend it, and start again")
+        if not any(session.iterdir()):
+            raise RecordingError(session, "the command left no recording there", "write one run a command file")
+        return load_session(session, self.topic)
