@@ -11,7 +11,7 @@ import numpy as np
 from ident.closing.exciting import Exciter, KindsExciter
 from ident.closing.gap import measure_floors
 from ident.closing.loop import MOST_ROUNDS, Closed, Say, close_gap
-from ident.closing.models import TorqueModel, as_randomised, as_tuned, as_urdf
+from ident.closing.models import SimulatorModel, as_randomised, as_tuned, as_urdf
 from ident.closing.recorder import Recorder
 from ident.closing.result import ArmClosed
 from ident.diagnosis.from_reports import CUTOFF
@@ -92,7 +92,7 @@ def _compare(arm: ArmModel, hidden: Any, loop: Closed, seed: int) -> tuple[dict[
     motions = plan_motions(arm, ("spline",), HELD_OUT_RUNS, HELD_OUT_S, np.random.default_rng([seed, 0, 1]))
     session = hidden.record(motions)
     fresh = prepare(inspect_sessions([session], arm)[0].session, CUTOFF)
-    models: dict[str, TorqueModel] = {
+    models: dict[str, SimulatorModel] = {
         "urdf": as_urdf(arm),
         "tuned": as_tuned(arm, loop.record, CATALOGUE),
         "net": train_net(arm, loop.learned, seed),

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float
-from ident.closing.models import TorqueModel
+from ident.closing.models import SimulatorModel
 from ident.motion.motion import Motion
 
 # A gap within so much of the noise counts as closed.
@@ -43,7 +43,7 @@ class GapFloors:
         return self.upper <= MARGIN
 
 
-def measure_floors(model: TorqueModel, motions: Sequence[Motion], floors: Float[Array, " n"]) -> GapFloors:
+def measure_floors(model: SimulatorModel, motions: Sequence[Motion], floors: Float[Array, " n"]) -> GapFloors:
     """Compares what a model says of the log with the log, both through the run's own filter, where a joint slides.
 
     Args:

@@ -24,7 +24,7 @@ from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque
 
 
-class TorqueModel(Protocol):
+class SimulatorModel(Protocol):
     """What a controller is designed with, and what a log is compared with."""
 
     def joint_torque(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.closing.models import TorqueModel
+from ident.closing.models import SimulatorModel
 from ident.plant.causes import CATALOGUE, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.record import Channels, draw_pauses, no_progress, record_runs
@@ -93,7 +93,7 @@ class Tracking:
 
 
 def track(
-    hardware: Hardware, models: Mapping[str, TorqueModel], motions: Sequence[Motion], seed: int
+    hardware: Hardware, models: Mapping[str, SimulatorModel], motions: Sequence[Motion], seed: int
 ) -> dict[str, Tracking]:
     """Runs one controller on the true arm, its feed-forward designed with each model in turn.
 
