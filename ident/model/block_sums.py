@@ -29,6 +29,10 @@ LEAST_SETTLED = 0.1
 LEAST_ROWS = 20
 LOSS_COLUMNS = 4  # acceleration, speed, direction, one
 SHARED_COLUMNS = 3  # of a shaft: inertia, viscous, Coulomb
+# Blurs by which rows keep further away from stops and turns than samples that count as settled. After one blur the
+# filter still rings with 2 % of a step, after one and a half with 0.6 %; a stop's unknown friction is such a step, it
+# goes with the acceleration, and at one blur it made rotor inertia 1 to 2 % too small in recordings without any noise.
+EXTRA_PERIODS = 0.5
 # How far a filtered sign may be from ±1 clear of the shaft's reversals.
 SIGN_CLEAR = 0.02
 
@@ -85,7 +89,7 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, s
     runs: list[int] = []
     for motion, run in zip(motions, run_numbers(motions), strict=True):
         x = _columns(motion, arm, base)
-        mask = np.where(use_moving, motion.moving, motion.settled)
+        mask = np.where(use_moving, motion.moving, clear_of_stops(motion))
         if shaft is not None:
             x, mask = _with_shaft(x, mask, motion, shaft)
         x[~mask] = 0.0
@@ -144,8 +148,19 @@ def _with_shaft(
 
 def _too_few_settled(motions: Sequence[Motion]) -> Bool[Array, " n"]:
     moving = sum((motion.moving.sum(axis=0) for motion in motions), np.zeros(motions[0].n))
-    settled = sum((motion.settled.sum(axis=0) for motion in motions), np.zeros(motions[0].n))
+    settled = sum((clear_of_stops(motion).sum(axis=0) for motion in motions), np.zeros(motions[0].n))
     return np.asarray(settled < np.maximum(LEAST_ROWS, LEAST_SETTLED * moving))
+
+
+def clear_of_stops(motion: Motion) -> Bool[Array, "t n"]:
+    """Where each joint moves and the filter's ringing after a stop or a turn has died away."""
+    clear = motion.settled.copy()
+    reach = np.round(EXTRA_PERIODS * motion.blurred).astype(int)
+    for shift in range(1, min(int(reach.max()), len(clear) - 1) + 1):
+        beyond = shift > reach
+        clear[shift:] &= motion.settled[:-shift] | beyond
+        clear[:-shift] &= motion.settled[shift:] | beyond
+    return clear
 
 
 def _in_pairs(moments: list[Array], rows: list[Array], runs: list[int]) -> tuple[list[Array], list[Array], list[int]]:

@@ -202,6 +202,7 @@ def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimat
     covariance = np.zeros_like(found.covariance)
     covariance[:rank, :rank] = off
     covariance[rank:, rank:] = data * np.outer(short, short) + through @ off @ through.T
+    covariance += np.diag(found.wandering)
     fields = {**vars(found), "values": values, "covariance": covariance}
     return JointEstimate(**fields)
 

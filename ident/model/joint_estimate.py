@@ -19,7 +19,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
-from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect
+from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect, wandering
 from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
@@ -44,6 +44,7 @@ class JointEstimate:
         dof: Degrees of freedom behind each standard deviation.
         information, score: Weighted normal equations of the data alone, without prior.
         meat: Covariance of that score by the data.
+        wandering: Variance of each figure that is left however many runs there are, as friction wanders over them.
         noise: Residual standard deviation of each joint, runs' changes taken out [N m].
         inflation: Rows that one independent row is worth.
         spread: Relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2).
@@ -59,6 +60,7 @@ class JointEstimate:
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
     meat: Float[Array, "m m"]
+    wandering: Float[Array, " m"]
     noise: Float[Array, " n"]
     inflation: Float[Array, " n"]
     spread: Float[Array, "n 2"]
@@ -219,7 +221,8 @@ class JointProblem:
         # Each joint's figures take part in every block; a sandwich of few blocks is too small by that share.
         by_blocks = scores.T @ scores * blocks / max(1.0, blocks - self.size / self.n)
         bread = _inverse(self._with_prior(weighted.information))
-        covariance, dof = self._covariance(bread, by_blocks, by_runs, blocks)
+        walk = self._wandering(weighted.effects)
+        covariance, dof = self._covariance(bread, by_blocks, by_runs, blocks, walk)
         return JointEstimate(
             values=values,
             covariance=covariance,
@@ -227,6 +230,7 @@ class JointProblem:
             information=weighted.information,
             score=weighted.score,
             meat=by_blocks + by_runs,
+            wandering=walk[0],
             noise=np.sqrt(noise),
             inflation=inflation,
             spread=np.array([effect.spread for effect in weighted.effects]),
@@ -237,7 +241,18 @@ class JointProblem:
             shared=self.shared,
         )
 
-    def _covariance(self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int) -> tuple[Array, Array]:
+    def _wandering(self, effects: list[RunEffect]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+        """Variance of each figure by friction that wanders over the session, and its degrees of freedom."""
+        variance, free = np.zeros(self.size), np.ones(self.size)
+        for j, (effect, relative, dof) in enumerate(zip(effects, *wandering(effects), strict=True)):
+            index = self.index(j)[list(self.friction)]
+            variance[index] = effect.columns[list(self.friction)].diagonal() ** 2 * relative
+            free[index] = dof
+        return variance, free
+
+    def _covariance(
+        self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int, walk: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
         """Covariance of the figures and the degrees of freedom of each one's variance.
 
         A sandwich of few blocks can't be trusted to be large enough: where the weights' own account of the noise is
@@ -250,10 +265,11 @@ class JointProblem:
         from_blocks = from_blocks * np.outer(short, short)
         floor = ROUNDING * np.diag(bread)
         parts = [np.maximum(np.diag(part), floor) for part in (from_blocks, from_runs, from_prior)]
+        parts.append(np.maximum(walk[0], floor))
         total = sum(parts, np.zeros(self.size))
-        free = (max(1.0, blocks - self.size / self.n), max(1, len(self.labels) - 1), np.inf)
+        free = (max(1.0, blocks - self.size / self.n), max(1, len(self.labels) - 1), np.inf, walk[1])
         dof = 1.0 / sum(((part / total) ** 2 / d for part, d in zip(parts, free, strict=True)), np.zeros(self.size))
-        return from_blocks + from_runs + from_prior, np.maximum(dof, 1.0)
+        return from_blocks + from_runs + from_prior + np.diag(walk[0]), np.maximum(dof, 1.0)
 
 
 def shortfall(own: Float[Array, " m"], found: Float[Array, " m"], scale: Float[Array, " m"]) -> Float[Array, " m"]:

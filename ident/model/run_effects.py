@@ -10,6 +10,7 @@ Source: Laird and Ware 1982 (random effects by EM).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,13 @@ from ident.arrays import Array, Float
 EM_STEPS = 20
 # Spread that the search starts from: arms of the same batch repeat their friction to about a per cent.
 FIRST_SPREAD = 0.01
+
+# A run counts for how friction wanders if its data take away this share of what is unknown of it; and it takes so many.
+LEAST_KNOWN, LEAST_WALK = 0.5, 2
+# Variance that a walk gathers over the session, in variances of the independent changes: none, or of any order between
+# what is not seen and what hides the rest, all as likely before the data.
+WALKS = np.array([0.0, *np.geomspace(0.03, 30.0, 19)])
+TINY = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +55,12 @@ class RunEffect:
     noise: float
     gain: Float[Array, "g 2 2"]
     change: Float[Array, "g 2"]
+
+    @property
+    def known(self) -> Float[Array, "g 2"]:
+        """Share of the spread's variance that each run's data take away: 0 where a run says nothing of the joint."""
+        left = self.noise * np.diagonal(self.gain, axis1=1, axis2=2)
+        return 1.0 - np.divide(left, self.spread**2, out=np.ones_like(left), where=self.spread > 0.0)
 
     def weigh(self, sums: RunSums) -> tuple[Float[Array, "p p"], Float[Array, " p"]]:
         """Xᵀ V⁻¹ X and Xᵀ V⁻¹ y over all runs."""
@@ -100,3 +114,48 @@ def _posterior(inner: Float[Array, "g 2 2"], spread: Float[Array, " 2"]) -> Floa
     """(Λ⁻¹ + H)⁻¹ for each run, also where a spread is zero."""
     scaled = np.eye(2) + spread[:, None] * inner * spread
     return spread[:, None] * np.linalg.inv(scaled) * spread
+
+
+def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"]]:
+    """How far each joint's mean friction lies from what it was before the runs, as friction wanders from run to run.
+
+    Changes that are independent from run to run fade in the mean; those of friction that wanders don't, and no weight
+    of the runs brings them back. The cosine transform of g runs' changes tells the two apart: independent changes of
+    variance ν have the same power in each of its terms, a walk of step variance q has q / (2 sin(π k / 2g))² in the
+    k-th. The ratio of the two is one for all joints of an arm; it is averaged over what the changes leave possible, as
+    the likeliest ratio is often zero where the walk is merely small. The mean of a walk lies at a variance of
+    q (g + 1) (2 g + 1) / (6 g) from its start.
+
+    Args:
+        effects: Of all joints, runs in the order of their time.
+
+    Returns:
+        Variance of the relative distance for (viscous, Coulomb), and its degrees of freedom.
+
+    Source: Patterson and Thompson 1971 (restricted likelihood); Ahmed, Natarajan and Rao 1974 (cosine transform).
+    """
+    variance, dof = np.zeros((len(effects), 2)), np.ones((len(effects), 2))
+    surprise = np.zeros(len(WALKS))
+    levels = np.zeros((len(effects), 2, len(WALKS)))
+    for j, effect in enumerate(effects):
+        for e, (change, known) in enumerate(zip(effect.change.T, effect.known.T, strict=True)):
+            told = known >= LEAST_KNOWN
+            runs = int(told.sum())
+            if runs >= LEAST_WALK:
+                power, gain = _modes(change[told] / known[told])
+                spread = 1.0 + WALKS[:, None] / runs * gain
+                level = np.mean(power / spread, axis=1)
+                surprise += 0.5 * ((runs - 1) * np.log(level) + np.log(spread).sum(axis=1))
+                levels[j, e] = level * WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
+                dof[j, e] = runs - 1
+    likely = np.exp(surprise.min() - surprise)
+    variance = levels @ (likely / likely.sum())
+    return variance, dof
+
+
+def _modes(change: Float[Array, " g"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """Power of each term of the cosine transform but the mean, and what a walk of step variance one has there."""
+    runs = len(change)
+    k = np.arange(1, runs)
+    waves = np.sqrt(2.0 / runs) * np.cos(np.pi * np.outer(k, np.arange(runs) + 0.5) / runs)
+    return np.maximum((waves @ change) ** 2, TINY), 0.25 / np.sin(0.5 * np.pi * k / runs) ** 2

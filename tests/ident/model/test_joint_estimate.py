@@ -9,12 +9,14 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array
 from ident.errors import RecordingError
-from ident.model.block_sums import run_numbers, sum_blocks
+from ident.model.block_sums import clear_of_stops, run_numbers, sum_blocks
 from ident.model.consistency import is_consistent, nearest_consistent, pseudo_inertia
 from ident.model.identification import Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
+from ident.model.run_effects import RunEffect, wandering
 from ident.motion.motion import Motion
+from ident.numerics import student_quantile
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm
 
@@ -153,3 +155,50 @@ def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
         params = identify(spoilt, nominal, "nominal", robust=robust).loss.params
         errors.append(np.abs(np.stack([getattr(params, name) for name in NAMES[:3]], 1) - TRUTH)[:, 2].max())
     assert errors[1] < 0.5 * errors[0]
+
+
+def _effects(rng: np.random.Generator, runs: int, walk: float, own: float) -> tuple[list[RunEffect], Array]:
+    """Changes of six joints' friction, exactly known, by a walk and by chance; and their mean of each."""
+    steps = rng.standard_normal((6, runs, 2)) * walk / np.sqrt(runs)
+    changes = np.cumsum(steps, axis=1) + own * rng.standard_normal((6, runs, 2))
+    spread = np.full(2, np.hypot(walk, own))
+    effects = [RunEffect(np.zeros((3, 2)), spread, 1.0, np.zeros((runs, 2, 2)), change) for change in changes]
+    return effects, changes.mean(axis=1)
+
+
+@pytest.mark.parametrize(("runs", "walk", "own"), [(6, 0.03, 0.01), (12, 0.03, 0.015), (12, 0.15, 0.03)])
+def test_friction_that_wanders_stays_within_what_is_told(runs: int, walk: float, own: float) -> None:
+    """The mean over the runs lies as far from the start as told: of 600 intervals about 95 % hold the start."""
+    rng, beyond = np.random.default_rng(5), []
+    for _ in range(50):
+        effects, mean = _effects(rng, runs, walk, own)
+        variance, dof = wandering(effects)
+        beyond.append(np.abs(mean) > student_quantile(0.975, dof) * np.sqrt(variance + own**2 / runs))
+    assert 0.01 < np.mean(beyond) < 0.10
+    told = [np.sqrt(wandering(_effects(rng, runs, walk, own)[0])[0]).mean() for _ in range(20)]
+    assert np.mean(told) < 2.0 * walk / np.sqrt(3.0)
+
+
+def test_independent_changes_are_no_wandering() -> None:
+    """Over many runs chance is told as such: what is added to the mean's variance is a small share of one run's."""
+    rng = np.random.default_rng(6)
+    few, many = (
+        np.mean([wandering(_effects(rng, runs, 0.0, 0.02)[0])[0].mean() for _ in range(20)]) for runs in (10, 40)
+    )
+    assert many < 0.5 * few
+    assert many < 0.05 * 0.02**2
+    assert not wandering([RunEffect(np.zeros((3, 2)), np.zeros(2), 1.0, np.zeros((1, 2, 2)), np.zeros((1, 2)))])[
+        0
+    ].any()
+
+
+def test_rows_keep_clear_of_what_the_filter_makes_of_a_stop() -> None:
+    """Where rows count, no more than a hundredth is left of a torque that acts while the joint rests."""
+    time = np.arange(0.0, 12.0, 0.01)
+    speed = np.sin(2.0 * np.pi * time / 6.0) * (np.abs((time % 3.0) - 1.5) < 1.0)  # rests a second between strokes
+    states = np.cumsum(speed)[:, None] * 0.01, speed[:, None], np.gradient(speed, 0.01)[:, None]
+    motion = exact_motion(time, states, np.zeros_like(states[0]), ("joint_1",), "strokes")
+    resting = motion.filtered(np.where(np.abs(speed) < 2e-3, 1.0, 0.0)[:, None])
+    counts = clear_of_stops(motion)
+    assert counts.mean() > 0.3
+    assert np.abs(resting[counts]).max() < 0.01 < np.abs(resting[motion.settled]).max()
