@@ -58,7 +58,7 @@ def diagnose(
         robot: URDF path, name or arm; None takes the one named in session.toml.
         model: Model fitted to this arm, or its folder: its inertias count as known.
         catalogue: Further effects, or a Python file with them (which is run).
-        cutoff: Corner of the filter for torques and columns [Hz].
+        cutoff: Corner of the filter for torques and columns [Hz]; from the encoders' noise, 25 Hz at most, if None.
         seed: Of the sign-flip tests.
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
@@ -101,7 +101,7 @@ def examine(
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
     diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded)
     settings = {
-        "cutoff_hz": cutoff or CUTOFF,
+        "cutoff_hz": motions[0].lowpass.cutoff if motions else cutoff or CUTOFF,
         "seed": seed,
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],

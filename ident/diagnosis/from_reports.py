@@ -13,8 +13,8 @@ from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
-from ident.motion.motion import Motion, no_motion
-from ident.motion.out_of_core import hold
+from ident.motion.motion import CRITICAL_OVERSAMPLING, Motion, no_motion
+from ident.motion.out_of_core import hold, within_band
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
@@ -38,7 +38,7 @@ def diagnose_reports(
         reports: The telemetry check of each session, or of each part of a long one; one without runs only tells more.
         arm: The robot, as `ArmModel.load` gives it.
         catalogue: The effects to be asked for.
-        cutoff: Corner of the common filter [Hz].
+        cutoff: Corner of the common filter [Hz]; as far as the encoders tell the motion, 25 Hz at most, if None.
         seed: Of the sign flips.
         model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
             that of the tuned one.
@@ -51,6 +51,8 @@ def diagnose_reports(
     """
     heard = _Heard()
     motions = hold(_prepare_in_turn(reports, heard, cutoff or CUTOFF))
+    if cutoff is None:
+        motions = within_band(motions, CRITICAL_OVERSAMPLING)
     fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"

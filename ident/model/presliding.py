@@ -10,13 +10,13 @@ Source: Al-Bender 2005 (generalised Maxwell slip).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.model.loss import TRANSITION_GRID, direction
 from ident.motion.motion import Motion
 from ident.numerics import solve_non_negative
@@ -26,8 +26,9 @@ RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
 # A range of fewer standard deviations of the position than this follows noise.
 NOISE_FACTOR = 8.0
 # Friction's possible curves beside the straight line: powers of the speed, and what falls off at this speed [rad/s].
-AS_LIKELY = 2.0  # nats
 CONCAVE, SLOW = (0.3, 0.6), 0.05
+# What differs by so many nats is as likely; length of the stretches by which misfits are held against each other [s].
+AS_LIKELY, STRETCH = 2.0, 2.0
 
 
 @njit(cache=True)
@@ -79,14 +80,35 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
         for motion, torque in zip(motions, rigid, strict=True)
     ]
     grid = _grid(motions)
-    misfit = np.array([_misfit(motions, known, trial) for trial in grid])
-    # Of turnings that are as likely the sharpest: where friction's own law is smooth, it hardly matters.
-    samples = np.maximum(sum(one.moving.sum(axis=0) for one in known), 1)
-    worse = 0.5 * samples * np.log(np.maximum(misfit, 1e-300) / np.maximum(misfit.min(axis=0), 1e-300))
-    best = np.argmax(worse <= AS_LIKELY, axis=0)
+    samples = [
+        part.sum(axis=0)
+        for motion, one in zip(motions, known, strict=True)
+        for part in _stretches(one.moving.astype(float), motion)
+    ]
+    best = _sharpest(np.array([_misfit(motions, known, trial) for trial in grid]), np.array(samples))
     return Sliding(
         np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
     )
+
+
+def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, "stretches n"]) -> Int[Array, " n"]:
+    """Of the turnings that are as likely as the best one, the first: where friction's own law is smooth, any will do.
+
+    Neighbouring samples of torque err alike, and no trial is quite right: likelihoods count for as much less as the
+    best one's misfit varies more over stretches of time than that of independent samples would.
+
+    Args:
+        misfit: Sums of squares that each trial leaves.
+        samples: How many samples each stretch has.
+    """
+    count = np.maximum(samples.sum(axis=0), 1.0)
+    total = np.maximum(misfit.sum(axis=1), 1e-300)
+    best = total.argmin(axis=0)
+    left = np.take_along_axis(misfit, best[None, None], axis=0)[0]
+    variance = np.maximum(left.sum(axis=0) / count, 1e-300)
+    alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
+    worse = 0.5 * count * np.log(total / total.min(axis=0)) / np.maximum(alike, 1.0)
+    return np.argmax(worse <= AS_LIKELY, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,19 +155,26 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
     return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
 
 
-def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, " n"]:
+def _stretches(values: Float[Array, "t ..."], motion: Motion) -> Iterator[Float[Array, "s ..."]]:
+    """Values of a run, stretch by stretch."""
+    length = max(1, round(STRETCH / (motion.interval * motion.lowpass.factor)))
+    return (values[start : start + length] for start in range(0, len(values), length))
+
+
+def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches n"]:
     """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
     count = known[0].columns.shape[2] + 2
-    gram = np.zeros((motions[0].n, count, count))
+    pieces = []
     for motion, one in zip(motions, known, strict=True):
         slip = motion.filtered(trial.direction(motion))
         rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
         rows = np.where(one.moving[:, :, None], rows, 0.0)
-        gram += np.einsum("tja,tjb->jab", rows, rows)
-    found = np.zeros(len(gram))
-    for j, sums in enumerate(gram):
+        pieces += [np.einsum("tja,tjb->jab", part, part) for part in _stretches(rows, motion)]
+    grams = np.array(pieces)
+    found = np.zeros(grams.shape[:2])
+    for j, sums in enumerate(grams.sum(axis=0)):
         scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
         root = np.linalg.cholesky(sums / np.outer(scale, scale) + 1e-10 * np.eye(count)).T
-        left = root[:, -1] - root[:, :-1] @ solve_non_negative(root[:, :-1], root[:, -1])
-        found[j] = float(left @ left) * scale[-1] ** 2
+        weights = np.append(-solve_non_negative(root[:, :-1], root[:, -1]), 1.0) * scale[-1] / scale
+        found[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return found

@@ -6,7 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -18,7 +18,7 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import RecordingError
 from ident.motion.butterworth import design_lowpass
 from ident.motion.encoder import draw_errors, find_resolution
-from ident.motion.signal_band import find_signal_band, keep_band
+from ident.motion.signal_band import WHOLE_SHARE, find_signal_band, keep_band
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.motion.zero_phase import filter_both_ways
 from ident.recordings.recording import Payload, Recording, Session
@@ -185,6 +185,12 @@ class Motion:
         q, dq, ddq = np.moveaxis(self.state_noise, -1, 0)
         return replace(self, q=self.q + q, dq=self.dq + dq, ddq=self.ddq + ddq)
 
+    def below(self, corner: float, oversampling: float = OVERSAMPLING) -> Motion:
+        """The same run with a common filter of at most this corner [Hz]."""
+        if corner >= self.lowpass.cutoff:
+            return self
+        return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, oversampling))
+
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
@@ -193,6 +199,16 @@ class Motion:
         cut: dict[str, Any] = {name: freeze(values[:, columns]) for name, values in kept.items()}
         band = None if self.band is None else freeze(self.band[columns])
         return replace(self, joints=tuple(joints), band=band, **cut)
+
+
+def whole_band(motions: Iterable[Motion]) -> float:
+    """Frequency up to which the states of most joints follow their motion in most runs [Hz]; infinite if not known.
+
+    Where torque is looked at beyond, speeds and accelerations that are half kept stand against torques that are whole:
+    that looks like elasticity, whose torque grows towards its resonance.
+    """
+    bands = [motion.band for motion in motions if motion.band is not None]
+    return WHOLE_SHARE * float(np.median(np.median(bands, axis=0))) if bands else np.inf
 
 
 def session_noise(session: Session) -> NoiseLevels:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import chain, pairwise
 from typing import Generic, TypeVar, overload
@@ -20,7 +21,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.motion.motion import Motion
+from ident.motion.motion import Motion, whole_band
 
 # Samples of a session that are held in memory; those of a longer one are spooled.
 HELD_SAMPLES = 200_000
@@ -106,6 +107,17 @@ class SpooledMotions(OnDemand[Motion]):
         return len(self._bare)
 
     @property
+    def bare(self) -> Sequence[Motion]:
+        """The motions without their signals."""
+        return self._bare
+
+    def below(self, corner: float, oversampling: float) -> SpooledMotions:
+        """The same motions with a common filter of at most this corner [Hz]."""
+        found = copy(self)
+        found._bare = [motion.below(corner, oversampling) for motion in self._bare]
+        return found
+
+    @property
     def every(self) -> int:
         """One of how many motions is asked where a few are enough."""
         return max(1, -(-self.samples // self.most))
@@ -133,6 +145,19 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
         if samples > HELD_SAMPLES:
             return SpooledMotions(chain(emptied(held), coming))
     return tuple(held)
+
+
+def within_band(motions: Sequence[Motion], oversampling: float) -> Sequence[Motion]:
+    """The same motions, their common filter's corner no higher than what the encoders tell of the motion.
+
+    Args:
+        motions: All runs of a session.
+        oversampling: Samples that the common filter keeps a period of its corner.
+    """
+    if isinstance(motions, SpooledMotions):
+        return motions.below(whole_band(motions.bare), oversampling)
+    corner = whole_band(motions)
+    return tuple(motion.below(corner, oversampling) for motion in motions)
 
 
 def few(motions: Sequence[Motion]) -> Sequence[Motion]:

@@ -34,6 +34,8 @@ SLOWEST_BAND = 4.0
 # extended beyond its ends, in periods of the cut.
 FILTER_ORDER, PADDING_PERIODS = 10, 3.0
 FADING_PERIODS = 2.0
+# Of a joint's band: up to there the cutting filter keeps 99 % of its states, 1 / (1 + 0.8²⁰).
+WHOLE_SHARE = 0.8
 # Three beats one and seven on sessions of another simulator (false evidence for delays).
 CAUTION = 3.0
 # The noise of the sampled smoother follows the formula up to here, in sampling rates.

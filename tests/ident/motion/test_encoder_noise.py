@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.motion.encoder import draw_errors, find_resolution
-from ident.motion.motion import prepare_run, session_noise
+from ident.motion.motion import CRITICAL_OVERSAMPLING, prepare_run, session_noise
+from ident.motion.out_of_core import SpooledMotions, within_band
+from ident.motion.signal_band import keep_band
 from ident.motion.smoothing import NoiseLevels, smooth
 from ident.recordings.recording import Recording, Session
 
@@ -36,6 +40,27 @@ def test_slow_motions_lose_the_noise_above_them() -> None:
     middle, ends = slice(200, -200), np.r_[0:20, -20:0]
     assert np.sqrt(np.mean(after[middle] ** 2)) < 0.67 * np.sqrt(np.mean(before[middle] ** 2))
     assert np.abs(after[ends]).max() < 1.2 * np.abs(before[ends]).max()
+
+
+def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
+    """Law: a coarse encoder's common filter ends below its joint's band, where the cut leaves 99 % of its states; where
+
+    the encoder tells the motion up to the corner, the corner stays, in memory as on disk.
+    """
+    run, _ = slow_run(np.random.default_rng(3))
+    coarse = prepare_run(run, session_noise(Session("s", (run,))), cutoff=25.0)
+    assert coarse.band is not None
+    assert coarse.band[0] < 20.0
+    for held in ([coarse, coarse], SpooledMotions([coarse, coarse])):
+        corner = within_band(held, CRITICAL_OVERSAMPLING)[1].lowpass.cutoff
+        assert corner == pytest.approx(0.8 * coarse.band[0])
+        assert held[1].lowpass.cutoff == 25.0
+        tone = np.sin(2 * np.pi * corner * coarse.time)[:, None]
+        states = np.stack([0 * tone, 0 * tone, tone], axis=2)
+        kept = keep_band(states, RATE, coarse.band, 50.0)[200:-200, 0, 2]
+        assert np.abs(kept - tone[200:-200, 0]).max() < 0.02
+    fine = replace(coarse, band=np.array([60.0]))
+    assert within_band([fine], CRITICAL_OVERSAMPLING)[0] is fine
 
 
 def test_the_second_draw_is_as_large_as_the_noise_that_is_there() -> None:
