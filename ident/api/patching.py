@@ -44,6 +44,7 @@ def patch(
     out: str | Path,
     *,
     on: Sources | None = None,
+    into: str | Path | None = None,
     catalogue: Catalogue | None = None,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
@@ -55,6 +56,7 @@ def patch(
         robot: The robot that was diagnosed.
         out: Folder of the patch.
         on: Recordings to measure it on.
+        into: Your own MJCF of this arm: a copy of it gets what was found.
         catalogue: Further effects that the diagnosis may name, or a Python file with them (which is run).
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
@@ -66,7 +68,8 @@ def patch(
     opened = None if on is None else open_heldout(on, arm, diagnosed, topic, session_file)
     settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
     origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
-    record = write_patch(diagnosed, arm, Path(out), () if opened is None else opened.motions, origin)
+    motions = () if opened is None else opened.motions
+    record = write_patch(diagnosed, arm, Path(out), motions, origin, None if into is None else Path(into))
     return Patch(Path(out), record, provenance=origin)
 
 

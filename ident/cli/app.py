@@ -266,6 +266,7 @@ def patch(
     robot: Annotated[str, typer.Option(help="The robot that was diagnosed: URDF path or name.")],
     out: Annotated[Path, typer.Option(help="Folder of the patch.")],
     on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure it on.")] = None,
+    into: Annotated[Path | None, typer.Option(help="Your own MJCF of this arm: a copy gets what was found.")] = None,
     catalogue: Catalogue = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
@@ -276,10 +277,10 @@ def patch(
     from ident.patches.command import PATCH_KIND
     from ident.patches.printing import print_patch
 
-    read = [diagnosis, robot, catalogue, *(on or ()), session_file]
+    read = [diagnosis, robot, catalogue, *(on or ()), session_file, into]
     check_outputs(read, {"--json": json_file}, {"--out": (out, PATCH_KIND)})
     written = write_patch(
-        diagnosis, robot, out, on=on or None, catalogue=catalogue, topic=topic, session_file=session_file
+        diagnosis, robot, out, on=on or None, into=into, catalogue=catalogue, topic=topic, session_file=session_file
     )
     record = written.to_dict()
     deliver(lambda: print_patch(console, record, out), lambda: write_json(json_file, record))

@@ -21,23 +21,27 @@ def export(
     model: Model,
     out: Annotated[Path, typer.Option(help="Folder of the export.")],
     form: Annotated[
-        list[str] | None, typer.Option("--format", help="urdf, mjcf, toml, python or isaaclab; all if not given.")
+        list[str] | None,
+        typer.Option("--format", help="urdf, mjcf, toml, python, isaaclab, ros2_control or cpp; all if not given."),
     ] = None,
     nearest: Annotated[bool, typer.Option(help="Write links that no body could be as the nearest bodies.")] = False,
     on: Annotated[list[Path] | None, typer.Option(help="Sessions to measure the files on.")] = None,
+    into: Annotated[
+        Path | None, typer.Option(help="Your own MJCF of this arm: a copy gets what was identified.")
+    ] = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     json_file: JsonFile = None,
 ) -> None:
-    """What was identified, for others: URDF, MJCF, TOML, Python, Isaac Lab; each loaded back."""
+    """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control."""
     from ident.model.hybrid import HybridModel
     from ident.opening import open_for_model
     from ident.patches.export import EXPORT_KIND, FILES, write_export
 
-    check_outputs([model, *(on or ()), session_file], {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
+    check_outputs([model, *(on or ()), session_file, into], {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
     loaded = HybridModel.load(model)
     motions = open_for_model(on, loaded, topic, session_file).motions if on else ()
-    record = write_export(loaded, out, tuple(form or FILES), nearest, motions)
+    record = write_export(loaded, out, tuple(form or FILES), nearest, motions, into)
 
     def show() -> None:
         for name, found in record["loaded_back"].items():
@@ -46,6 +50,11 @@ def export(
             console.print(f"{FILES[name]}: loaded back{told}", highlight=False)
         for name, error in record.get("torque_rmse_Nm", {}).items():
             console.print(f"{FILES[name]}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
+        if "merged" in record:
+            far = record["merged"]["torque_difference_Nm"]
+            console.print(
+                f"merged.xml: your {into} with what was identified, torque within {far:.1e} N m", markup=False
+            )
         if record["changed_links"]:
             console.print(f"nearest bodies written for: {', '.join(record['changed_links'])}", markup=False)
         for line in record["left_out"]:

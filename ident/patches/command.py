@@ -19,6 +19,7 @@ from ident.patches.change import Change, Diagnosed, Tuning
 from ident.patches.expressed import FORMATS, express, untold
 from ident.patches.gaps import MOST_WINDOWS, WINDOW
 from ident.patches.mjcf import write_mjcf
+from ident.patches.mjcf_merge import Merged, merge_mjcf
 from ident.patches.module import write_module
 from ident.patches.parameters import write_parameters
 from ident.patches.standalone.log import Effect
@@ -32,6 +33,7 @@ SCHEMA = "ident.patch/1"
 PATCH_KIND = "patch"
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
+MERGED = "merged.xml"
 FILES = ("robot.urdf", "robot.xml", "parameters.toml", "extra_torque.py", "patch.json")
 
 
@@ -41,6 +43,7 @@ def write_patch(
     out: Path,
     motions: Sequence[Motion] = (),
     provenance: Provenance | None = None,
+    into: Path | None = None,
 ) -> dict[str, Any]:
     """Writes the patch of a diagnosis.
 
@@ -50,6 +53,7 @@ def write_patch(
         out: Folder of the patch; an earlier patch there is replaced.
         motions: Recordings to measure it on; none for the structural check alone.
         provenance: Where it comes from.
+        into: The user's own MJCF of this arm, of which a copy gets what was found.
 
     Returns:
         What `patch.json` holds.
@@ -76,6 +80,10 @@ def write_patch(
             "told": told,
             "structure": check_structure(after, _exactly_expressed(diagnosed.changes)),
         }
+        if into is not None:
+            merged = _merge(into, diagnosed, arm, folder / MERGED, out / MERGED)
+            record |= {"merged": merged.to_dict(), "files": [*FILES, MERGED]}
+            told += [f"{MERGED}: left out {one}" for one in merged.left_out]
         if motions:
             before = {
                 "before": write_before(arm, diagnosed.urdf, Path(spare) / "urdf"),
@@ -137,6 +145,14 @@ def _write_after(diagnosed: Diagnosed, arm: ArmModel, folder: Path) -> WrittenPa
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return WrittenPatch(folder, arm, tuple(arm.locked_joints), losses)
+
+
+def _merge(into: Path, diagnosed: Diagnosed, arm: ArmModel, part: Path, placed: Path) -> Merged:
+    """The user's own MJCF with tuned links, losses, and the effects that such a file has words for."""
+    _, links = tuned_arm(arm, diagnosed)
+    changed = arm.with_inertial_parameters(arm.inertial_parameters + links.total.ravel())
+    stated = [change for change in diagnosed.changes if express(change, "mjcf").answer != "no"]
+    return merge_mjcf(into, part, arm, changed, _losses(diagnosed, "mjcf"), stated, placed)
 
 
 def _losses(diagnosed: Diagnosed, form: str) -> Losses:

@@ -1,4 +1,4 @@
-"""What was identified, in the files of others: URDF, MJCF, TOML, a Python module, figures for Isaac Lab.
+"""What was identified, in the files of others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control.
 
 Only bodies that can exist are written: an integrator makes motion of them. Every file is loaded back by its consumer
 before the folder appears, and its torque compared with the model's.
@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.model.consistency import nearest_consistent
@@ -24,8 +23,13 @@ from ident.model.hybrid import HybridModel
 from ident.model.inertia import parameter_scale
 from ident.motion.motion import Motion
 from ident.patches.bodies import is_body
+from ident.patches.command import MERGED
+from ident.patches.cpp import write_cpp
+from ident.patches.isaac import write_isaac
 from ident.patches.mjcf import write_mjcf
+from ident.patches.mjcf_merge import merge_mjcf
 from ident.patches.module import write_module
+from ident.patches.ros2_limits import write_limits
 from ident.patches.standalone.motion import Losses
 from ident.patches.urdf import write_urdf
 from ident.patches.verify import WrittenPatch, load_module, random_states
@@ -39,9 +43,13 @@ FILES = {
     "toml": "parameters.toml",
     "python": "torque_model.py",
     "isaaclab": "isaaclab.py",
+    "ros2_control": "joint_limits.yaml",
+    "cpp": "torque_model.hpp",
 }
 # Formats that a simulator loads back; the others are read as they are.
 LOADED = ("urdf", "mjcf")
+# Those that a Python program takes.
+CONSUMED = (*LOADED, "toml", "python")
 
 
 def write_export(
@@ -50,6 +58,7 @@ def write_export(
     formats: Sequence[str] = tuple(FILES),
     nearest: bool = False,
     motions: Sequence[Motion] = (),
+    into: Path | None = None,
 ) -> dict[str, Any]:
     """Writes an identified arm.
 
@@ -59,6 +68,7 @@ def write_export(
         formats: Which of `FILES`.
         nearest: Whether links that no body could be are written as the nearest bodies.
         motions: Recordings on which each file's torque error is measured, before and after.
+        into: The user's own MJCF of this arm, of which a copy gets what was identified.
 
     Returns:
         What `export.json` holds.
@@ -82,8 +92,13 @@ def write_export(
             "files": [FILES[name] for name in formats],
             "changed_links": changed,
             "left_out": _left_out(model),
-            "loaded_back": {name: _loaded_back(name, written, arm, losses) for name in formats if name != "isaaclab"},
+            "loaded_back": {name: _loaded_back(name, written, arm, losses) for name in formats if name in CONSUMED},
         }
+        if into is not None:
+            record["merged"] = merge_mjcf(
+                into, folder / MERGED, model.nominal, arm, losses, placed=out / MERGED
+            ).to_dict()
+            record["files"].append(MERGED)
         if motions:
             record["torque_rmse_Nm"] = _errors([name for name in formats if name in LOADED], written, model, motions)
         (folder / "export.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
@@ -129,7 +144,9 @@ def _text(name: str, model: HybridModel, arm: ArmModel, losses: Losses) -> str:
     if name == "python":
         nothing: dict[str, list[int]] = {form: [] for form in LOADED}
         return write_module(arm, losses, [], nothing, dict.fromkeys(LOADED, losses))
-    return _parameters(model, arm) if name == "toml" else _isaaclab(model)
+    if name == "toml":
+        return _parameters(model, arm)
+    return {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}[name](arm, losses)
 
 
 def _parameters(model: HybridModel, arm: ArmModel) -> str:
@@ -152,29 +169,6 @@ def _parameters(model: HybridModel, arm: ArmModel) -> str:
         "links": {name: row.tolist() for name, row in links},
     }
     return tomli_w.dumps(record)
-
-
-def _isaaclab(model: HybridModel) -> str:
-    """Keyword arguments of an actuator configuration; Isaac Lab itself is not needed to read them."""
-    loss, names = model.loss, model.joint_names
-
-    def table(values: Float[Array, " n"]) -> str:
-        return "{" + ", ".join(f"{name!r}: {float(value)!r}" for name, value in zip(names, values, strict=True)) + "}"
-
-    return (
-        '"""Figures for Isaac Lab: ImplicitActuatorCfg(**ACTUATOR, stiffness=…, damping=…).\n\n'
-        "Beside robot.urdf, whose link inertias are the identified ones. Frictions are efforts [N m], as\n"
-        "Isaac Sim 5 and later take them (before, a share of the load); armature is rotor inertia at the joint\n"
-        '[kg m²].\n"""\n\n'
-        f"ROBOT = {model.robot.name!r}\n"
-        "ACTUATOR = {\n"
-        f'    "joint_names_expr": {list(names)!r},\n'
-        f'    "armature": {table(loss.motor_inertia)},\n'
-        f'    "friction": {table(loss.coulomb)},\n'
-        f'    "dynamic_friction": {table(loss.coulomb)},\n'
-        f'    "viscous_friction": {table(loss.viscous)},\n'
-        "}\n"
-    )
 
 
 def _left_out(model: HybridModel) -> list[str]:

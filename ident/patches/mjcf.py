@@ -43,7 +43,7 @@ def write_mjcf(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> str:
     root.append(ET.Comment(NOTE))
     ET.SubElement(root, "compiler", angle="radian", balanceinertia="true", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=_text(_gravity(arm, changes))
+        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=_text(gravity_of(arm, changes))
     )
     parent = ET.SubElement(root, "worldbody")
     shapes, hulls = _shapes(arm)
@@ -68,7 +68,8 @@ def _text(values: Sequence[float] | Array) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _gravity(arm: ArmModel, changes: Sequence[Change]) -> Float[Array, " 3"]:
+def gravity_of(arm: ArmModel, changes: Sequence[Change]) -> Float[Array, " 3"]:
+    """Gravity in the arm's base, turned by a named tilt [m/s²]."""
     gravity = np.array(arm.model.gravity.linear)
     for change in changes:
         if change.effect == "gravity_misalignment":
@@ -109,6 +110,10 @@ def _add_body(parent: ET.Element, arm: ArmModel, j: int, figures: JointFigures) 
 
 
 def _add_inertial(body: ET.Element, link: Float[Array, " 10"]) -> None:
+    ET.SubElement(body, "inertial", inertial_attributes(link))
+
+
+def inertial_attributes(link: Float[Array, " 10"]) -> dict[str, str]:
     """Principal moments and axes; a body without extent is given the least that MuJoCo takes."""
     mass, first = float(link[0]), link[1:4]
     centre = first / mass if mass > 0.0 else np.zeros(3)
@@ -116,14 +121,12 @@ def _add_inertial(body: ET.Element, link: Float[Array, " 10"]) -> None:
     about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     moments, axes = np.linalg.eigh(about_frame - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre)))
     axes[:, 0] *= np.sign(np.linalg.det(axes))
-    ET.SubElement(
-        body,
-        "inertial",
-        pos=_text(centre),
-        quat=_text(quaternion(axes)),
-        mass=repr(max(mass, LEAST_MOMENT)),
-        diaginertia=_text(np.maximum(moments, LEAST_MOMENT)),
-    )
+    return {
+        "pos": _text(centre),
+        "quat": _text(quaternion(axes)),
+        "mass": repr(max(mass, LEAST_MOMENT)),
+        "diaginertia": _text(np.maximum(moments, LEAST_MOMENT)),
+    }
 
 
 def _add_payload(parent: ET.Element, link: Float[Array, " 10"]) -> ET.Element:

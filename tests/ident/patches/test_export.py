@@ -1,8 +1,11 @@
 """Laws of exported models and of the gate."""
 
 import ast
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +15,17 @@ from ident.model.evaluation import evaluate
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.loss import LossParameters
+from ident.patches.cpp import write_cpp
 from ident.patches.export import FILES, write_export
+from ident.patches.isaac import write_isaac
+from ident.patches.ros2_limits import write_limits
+from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import made_motions, random_states, sliding_arm
 
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
+
+NO_LOSSES = Losses(np.zeros(6), np.zeros(6), np.zeros(6), np.full(6, 0.01), np.zeros(6))
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +54,55 @@ def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -
     found = ast.literal_eval(values["ACTUATOR"])
     assert found["armature"] == dict.fromkeys(model.joint_names, 0.1)
     assert found["viscous_friction"] == dict.fromkeys(model.joint_names, 8.0)
+
+
+def test_a_delay_is_told_in_physics_steps(model: HybridModel) -> None:
+    """Bounds in whole steps that hold the interval; none where no recording told of a delay."""
+    for delay, steps in (((0.0, 0.0), (0, 0)), ((0.011, 0.019), (2, 4))):
+        found: dict[str, Any] = {}
+        exec(write_isaac(model.robot, NO_LOSSES, delay), found)
+        assert found["delay_steps"](0.005) == steps
+
+
+def test_ros2_limits_are_the_urdf_s_and_the_acceleration_leaves_torque(model: HybridModel) -> None:
+    """At the told acceleration every pose's torque keeps the effort limit; more breaks it somewhere."""
+    yaml = pytest.importorskip("yaml")
+    found = yaml.safe_load(write_limits(model.robot, NO_LOSSES))["joint_limits"]
+    assert list(found) == list(model.joint_names)
+    arm, rng = model.robot, np.random.default_rng(3)
+    q = rng.uniform(np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0), (200, 6))
+    for j, one in enumerate(found.values()):
+        assert (one["min_position"], one["max_velocity"]) == (arm.lower[j], arm.velocity_limit[j])
+        ddq = np.zeros_like(q)
+        ddq[:, j] = one["max_acceleration"]
+        need = np.abs(arm.inverse_dynamics(q, np.zeros_like(q), ddq)[:, j])
+        assert np.mean(need > 1.02 * one["max_effort"]) < 0.02
+        assert need.max() > 0.5 * one["max_effort"]
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize("which", ["tm5-900", "sliding"])
+def test_the_cpp_header_gives_the_same_torque(which: str, tmp_path: Path) -> None:
+    """Compiled without a library and with all warnings, to 1e-9."""
+    arm = ArmModel.load("tm5-900") if which == "tm5-900" else sliding_arm()
+    losses = Losses(*(np.full(arm.n, value) for value in (0.1, 8.0, 6.0, 0.02, 0.0)))
+    (tmp_path / "torque_model.hpp").write_text(write_cpp(arm, losses))
+    (tmp_path / "try.cpp").write_text(
+        '#include <cstdio>\n#include "torque_model.hpp"\nint main() {\n'
+        f"  namespace m = arm_{arm.name};\n  m::Vector s[3];\n  for (;;) {{\n"
+        '    for (auto& v : s) for (auto& x : v) if (std::scanf("%lf", &x) != 1) return 0;\n'
+        '    for (double t : m::torque(s[0], s[1], s[2])) std::printf("%.17g ", t);\n  }\n}\n'
+    )
+    command = ["c++", "-std=c++11", "-Wall", "-Wextra", "-Werror", "-O0", "try.cpp", "-o", "try"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    states = random_states(np.random.default_rng(1), 20, arm.n)
+    rows = np.stack(states, axis=1)
+    text = " ".join(map(repr, map(float, rows.ravel())))
+    done = subprocess.run([str(tmp_path / "try")], input=text, capture_output=True, text=True, check=True)
+    found = np.array(done.stdout.split(), dtype=float).reshape(-1, arm.n)
+    q, dq, ddq = states
+    wanted = arm.inverse_dynamics(q, dq, ddq) + losses.torque(dq, ddq, np.tanh(dq / losses.transition))
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
 
 
 def test_what_no_body_could_be_is_refused_and_the_nearest_offered(model: HybridModel, tmp_path: Path) -> None:
