@@ -85,7 +85,7 @@ def write_export(
         for name in formats:
             (folder / FILES[name]).write_text(_text(name, model, arm, losses), encoding="utf-8")
         written = WrittenPatch(folder, model.nominal, tuple(model.nominal.locked_joints), dict.fromkeys(LOADED, losses))
-        record = {
+        record: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": model.robot.name,
             "joints": list(model.joint_names),

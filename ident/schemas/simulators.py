@@ -33,6 +33,7 @@ class PatchRecord(TypedDict):
     structure: dict[str, dict[str, Any]]
     provenance: ProvenanceRecord
     heldout: NotRequired[dict[str, Any]]
+    merged: NotRequired[dict[str, Any]]
 
 
 class SimulatedRecord(TypedDict):
