@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.inspecting import inspect as inspect
     from ident.api.patching import patch as patch
+    from ident.api.ranging import ranges as ranges
     from ident.api.simulating import simulate as simulate
     from ident.api.starting import new as new
     from ident.api.watching import watch as watch
@@ -51,6 +52,7 @@ _HOMES = {
     "new": "ident.api.starting",
     "open_sessions": "ident.opening",
     "patch": "ident.api.patching",
+    "ranges": "ident.api.ranging",
     "simulate": "ident.api.simulating",
     "watch": "ident.api.watching",
 }
@@ -73,6 +75,7 @@ __all__ = [
     "new",
     "open_sessions",
     "patch",
+    "ranges",
     "simulate",
     "watch",
 ]

@@ -1,4 +1,4 @@
-"""The commands that take an identified arm on: `ident export` and `ident verify`."""
+"""The commands that take an identified arm on: `ident export`, `ident ranges` and `ident verify`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, SessionFile, Sessions, Topic, app, console, write_json
+from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console, write_json
+from ident.errors import visible
 from ident.files import deliver
 from ident.ownership import check_outputs
 
@@ -62,6 +63,28 @@ def export(
         console.print(f"written to {out}", markup=False, soft_wrap=True)
 
     deliver(show, lambda: write_json(json_file, record))
+
+
+@app.command()
+def ranges(
+    sessions: Sessions,
+    robot: Robot = None,
+    model: Annotated[Path | None, typer.Option(help="Fitted model whose inertias all days refer to.")] = None,
+    topic: Topic = "/joint_states",
+    session_file: SessionFile = None,
+    cutoff: Cutoff = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
+    from ident.api.ranging import ranges as find
+
+    check_outputs([model, *sessions, robot, session_file], {"--json": json_file})
+    found = find(list(sessions), robot, model=model, topic=topic, session_file=session_file, cutoff=cutoff)
+    words = visible(found.summary(), lines=True)
+    deliver(
+        lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
+        lambda: write_json(json_file, found.to_dict()),
+    )
 
 
 @app.command()

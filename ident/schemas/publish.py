@@ -20,6 +20,7 @@ from ident.schemas.models import (
     TelemetryRecord,
     ViewRecord,
 )
+from ident.schemas.ranges import RangesRecord
 from ident.schemas.simulators import BlindRecord, PatchRecord, SimulationRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -34,6 +35,7 @@ RECORDS: dict[str, Any] = {
     "fit": FitRecord,
     "new": NewSessionRecord,
     "patch": PatchRecord,
+    "ranges": RangesRecord,
     "simulation": SimulationRecord,
     "telemetry": TelemetryRecord,
     "view": ViewRecord,
