@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.api.inspecting import inspect as inspect
     from ident.api.patching import patch as patch
     from ident.api.ranging import ranges as ranges
+    from ident.api.servo_arms import servo as servo
     from ident.api.simulating import simulate as simulate
     from ident.api.starting import new as new
     from ident.api.watching import watch as watch
@@ -53,6 +54,7 @@ _HOMES = {
     "open_sessions": "ident.opening",
     "patch": "ident.api.patching",
     "ranges": "ident.api.ranging",
+    "servo": "ident.api.servo_arms",
     "simulate": "ident.api.simulating",
     "watch": "ident.api.watching",
 }
@@ -76,6 +78,7 @@ __all__ = [
     "open_sessions",
     "patch",
     "ranges",
+    "servo",
     "simulate",
     "watch",
 ]

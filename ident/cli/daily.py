@@ -1,4 +1,4 @@
-"""The commands of a lab's daily work: `ident new` and `ident watch`."""
+"""The commands of a lab's daily work: `ident new`, `ident servo` and `ident watch`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, Robot, app, console, write_json
+from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console, write_json
 from ident.errors import InputError, visible
 from ident.files import deliver
 from ident.ownership import SESSION_KIND, check_outputs
@@ -38,6 +38,25 @@ def new(
         console.print(f"written to {found.file}: look through it, then `ident inspect`", markup=False, soft_wrap=True)
 
     deliver(show, lambda: write_json(json_file, found.to_dict()))
+
+
+@app.command()
+def servo(
+    sessions: Sessions,
+    robot: Robot = None,
+    cutoff: Cutoff = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be told."""
+    from ident.api.servo_arms import servo as find
+
+    check_outputs([*sessions, robot], {"--json": json_file})
+    found = find(list(sessions), robot, cutoff=cutoff)
+    words = visible(found.summary(), lines=True)
+    deliver(
+        lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
+        lambda: write_json(json_file, found.to_dict()),
+    )
 
 
 @app.command()

@@ -145,7 +145,10 @@ def assemble(name: str, table: Table, session_file: SessionFile, source: Path, f
     for channel in ANGLES:
         if channel in channels and session_file.angle_factor != 1.0:
             channels[channel] = session_file.angle_factor * channels[channel]
-    channels["effort"] = _effort(columns, joints, session_file, source)
+    if session_file.with_effort:
+        channels["effort"] = _effort(columns, joints, session_file, source)
+    else:
+        channels["effort"] = np.zeros_like(channels["position"])
     time = _time(columns, len(channels["effort"]), session_file, source)
     return Recording(name=name, joints=joints, time=time, source=source, issues=(*table.issues, *issues), **channels)
 
@@ -223,7 +226,8 @@ def _effort(
             effort = columns[f"{joint}/effort"]
             torque.append(effort if sign == 1.0 else -effort)
         elif f"{joint}/current" not in columns:
-            raise RecordingError(source, f"missing column {joint}/effort", f"add it, or drop the joint {joint}")
+            remedy = f"add it, or drop the joint {joint}; an arm that logs goal and position only is for `ident servo`"
+            raise RecordingError(source, f"missing column {joint}/effort", remedy)
         elif joint not in session_file.drive_gain:
             raise RecordingError(
                 source,

@@ -6,6 +6,7 @@ import itertools
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ident.errors import RecordingError
@@ -40,7 +41,9 @@ def load_sessions(
     return tuple(load_session(path, topic, session_file) for path in paths)
 
 
-def load_session(path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None) -> Session:
+def load_session(
+    path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, with_effort: bool = True
+) -> Session:
     """Reads a session: a folder of runs in file-name order, or a single file.
 
     Args:
@@ -48,22 +51,28 @@ def load_session(path: str | Path, topic: str = TOPIC, session_file: str | Path 
         topic: Topic of the joint states, for bags.
         session_file: The session.toml; by default the one in the folder, or `<stem>.toml` or `session.toml` beside
             a single file.
+        with_effort: Whether a torque is needed.
 
     Raises:
         RecordingError: Nothing there, or something that can't be used; says which file, what and the remedy.
     """
-    (session,) = load_parts(path, topic, session_file, most=sys.maxsize)
+    (session,) = load_parts(path, topic, session_file, sys.maxsize, with_effort)
     return session
 
 
 def load_parts(
-    path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, most: int = PART_SAMPLES
+    path: str | Path,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    most: int = PART_SAMPLES,
+    with_effort: bool = True,
 ) -> Iterator[Session]:
     """The same as one session or, where it is long, as several of consecutive runs, each read when it is asked for.
 
     Args:
         path, topic, session_file: As for `load_session`.
         most: A part ends with the run that fills so many samples.
+        with_effort: As for `load_session`.
 
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
@@ -73,7 +82,7 @@ def load_parts(
         raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
     if not path.is_dir():
         require_regular(path, "give a folder of runs, a table or a bag", RecordingError)
-    settings = _settings_of(path, session_file)
+    settings = replace(_settings_of(path, session_file), with_effort=with_effort)
     found, notes = _read_runs(path, settings, topic)
     before: list[Recording] = []
     for batch in _batches(found, most):

@@ -42,6 +42,7 @@ class SessionFile:
         payload: Known body at the flange.
         robot: Name or URDF path of the robot.
         sample_rate_hz: Sampling rate of tables without a time column [Hz].
+        with_effort: Whether a torque is needed; without, the recording's effort is zero.
         time_factor: What recorded times are multiplied with to be seconds.
         angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
         effort_kind: Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
@@ -59,6 +60,7 @@ class SessionFile:
     effort_kind: str | None = None
     time_factor: float = 1.0
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    with_effort: bool = True
 
     @property
     def where(self) -> str:

@@ -21,6 +21,7 @@ from ident.schemas.models import (
     ViewRecord,
 )
 from ident.schemas.ranges import RangesRecord
+from ident.schemas.servo import ServoRecord
 from ident.schemas.simulators import BlindRecord, PatchRecord, SimulationRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -36,6 +37,7 @@ RECORDS: dict[str, Any] = {
     "new": NewSessionRecord,
     "patch": PatchRecord,
     "ranges": RangesRecord,
+    "servo": ServoRecord,
     "simulation": SimulationRecord,
     "telemetry": TelemetryRecord,
     "view": ViewRecord,
