@@ -32,7 +32,7 @@ def servo(
         InputError: Recordings or robot can't be used, or no goal is logged.
     """
     one = isinstance(sessions, str | Path | Session)
-    given = [sessions] if one else list(sessions)  # type: ignore[list-item, arg-type]
+    given = [sessions] if one else list(sessions)
     loaded = [load_goals(path) for path in given]  # type: ignore[arg-type]
     arm = None if robot is None else load_robot(robot, ())
     if arm is not None:
