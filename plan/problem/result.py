@@ -46,6 +46,8 @@ class Certificate:
         time_law: How the motion is executed from rest to rest, and the limits on that.
         extrapolation: What goes beyond the model's training, the worst first; None where no range is known.
         reserve: Torque that was set aside because the model's is no better known [N m]; None for none.
+        energy_half_width: Half of the 95 % interval of the executed motion's energy, from that of the model's torque
+            [J]; None where the model tells none.
         position_margin: Smallest distance to a position limit [rad].
         clearance: Proven clearance.
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
@@ -66,6 +68,7 @@ class Certificate:
     time_law: TimeLaw = STANDING
     extrapolation: tuple[Extrapolation, ...] | None = None
     reserve: Float[Array, " n"] | None = None
+    energy_half_width: float | None = None
 
     @property
     def shares(self) -> dict[str, Float[Array, " n"] | None]:
@@ -111,6 +114,7 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     energy = {metric: float(value[0]) for metric, value in power_integrals(tau, dq, weights).items()}
     limits = problem.limits
     margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
+    law = find_time_law(problem, splines)
     return Certificate(
         energy=energy,
         torque_share=_torque_share(problem, splines),
@@ -122,10 +126,21 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         shapes=problem.scene.shapes,
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
         jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
-        time_law=find_time_law(problem, splines),
+        time_law=law,
         extrapolation=find_extrapolation(problem, splines),
         reserve=limits.reserve,
+        energy_half_width=_energy_half_width(problem, law),
     )
+
+
+def _energy_half_width(problem: PlanningProblem, law: TimeLaw) -> float | None:
+    """Half of the 95 % interval of the energy [J]: each joint's torque is off by so much along its whole way.
+
+    A joint's figures are off the same way all along a motion, those of different joints independently.
+    """
+    if problem.trained is None:
+        return None
+    return float(np.linalg.norm(problem.trained.torque_half_width[: problem.n] * np.array(law.travel)))
 
 
 def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
@@ -308,4 +323,5 @@ def _trust(certificate: Certificate) -> dict[str, Any]:
         "extrapolation": None if beyond is None else max((one.share for one in beyond), default=0.0),
         "beyond_training": [one.to_dict() for one in beyond or ()],
         "torque_reserve_Nm": None if reserve is None else reserve.tolist(),
+        "energy_half_width_J": certificate.energy_half_width,
     }

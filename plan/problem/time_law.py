@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
+from plan.dynamics.power import Metric, power_integrals
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
@@ -30,12 +31,16 @@ class TimeLaw:
         ramp: Time in which acceleration gets going, and ends [s].
         stretch: Factor by which the plan is slowed down, so that its ramps keep the limits.
         shares: Largest torque, speed and acceleration as shares of their limits; acceleration 0 where there is none.
+        energy: Energy of the execution by every metric, as a plan's own [J]; empty for a plan of zero length.
+        travel: Way of each joint there and back, in sum [rad]; empty likewise.
     """
 
     planned: float
     ramp: float = 0.0
     stretch: float = 1.0
     shares: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    energy: tuple[tuple[Metric, float], ...] = ()
+    travel: tuple[float, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -59,7 +64,8 @@ class TimeLaw:
         """Its part of a result's record."""
         names = ("torque", "speed", "acceleration")
         shares = {f"{name}_share": share for name, share in zip(names, self.shares, strict=True)}
-        return {"ramp_s": self.ramp, "stretch": self.stretch, "duration_s": self.duration, **shares}
+        energy = {f"{metric}_J": value for metric, value in self.energy if metric != "copper"}
+        return {"ramp_s": self.ramp, "stretch": self.stretch, "duration_s": self.duration, **shares, **energy}
 
 
 # Of a plan of zero length.
@@ -88,6 +94,11 @@ def _measured(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeL
     """The same law with its shares of the limits."""
     limits = problem.limits
     q, dq, ddq = law.states(splines, np.linspace(0.0, law.duration, PLACES))
-    torque = float((np.abs(problem.model.torque(q[None], dq[None], ddq[None])[0]) / limits.torque).max())
+    tau = problem.model.torque(q[None], dq[None], ddq[None])
+    torque = float((np.abs(tau[0]) / limits.torque).max())
     acceleration = 0.0 if limits.acceleration is None else float((np.abs(ddq) / limits.acceleration).max())
-    return replace(law, shares=(torque, float((np.abs(dq) / limits.speed).max()), acceleration))
+    weights = np.full((1, PLACES), law.duration / (PLACES - 1))  # at rest at both ends: their halves are nought
+    energy = tuple((metric, float(value[0])) for metric, value in power_integrals(tau, dq[None], weights).items())
+    travel = tuple((weights[0] @ np.abs(dq)).tolist())
+    shares = (torque, float((np.abs(dq) / limits.speed).max()), acceleration)
+    return replace(law, shares=shares, energy=energy, travel=travel)

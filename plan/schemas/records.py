@@ -49,6 +49,7 @@ class ResultRecord(TypedDict):
     extrapolation: NotRequired[float | None]
     beyond_training: NotRequired[list[dict[str, Any]]]
     torque_reserve_Nm: NotRequired[list[float] | None]
+    energy_half_width_J: NotRequired[float | None]
     unchecked_pairs: NotRequired[list[dict[str, Any]]]
     stand_in: NotRequired[dict[str, Any]]
     issues: NotRequired[list[dict[str, Any]]]

@@ -89,7 +89,11 @@ def _print_trust(console: Console, certificate: Certificate) -> None:
     if law.ramp > 0.0:
         slower = f", slowed down by {100 * (law.stretch - 1.0):.2f} %" if law.stretch > 1.0 else ""
         torque = f"{100 * law.shares[0]:.1f} % of the torque limits"
-        console.print(f"executed from rest to rest: {law.duration:.4f} s{slower}, {torque}")
+        energy = "".join(f", {value:.2f} J {name}" for name, value in law.energy if name == "absolute")
+        console.print(f"executed from rest to rest: {law.duration:.4f} s{slower}, {torque}{energy}")
+    if certificate.energy_half_width is not None:
+        half = f"± {certificate.energy_half_width:.2g} J"
+        console.print(f"energy as executed is known to {half} (95 %, from the intervals of the model's torque)")
     if certificate.reserve is not None:
         known = ", ".join(f"{value:.2f}" for value in certificate.reserve)
         console.print(f"torque set aside for the model's doubt [N m]: {known}", soft_wrap=True)
