@@ -12,6 +12,7 @@ from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
+from plan.planners.turning import Turns, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
@@ -22,6 +23,8 @@ NEAR, MOST_NEAR = 0.06, 60
 # Places along a motion at which all pairs are looked at; where a gap dips to within so much of the margin [m], it is
 # looked at more closely, as shares of the distance of two places.
 PLACES, CLOSE, CLOSER = 64, 0.03, np.arange(-8, 9) / 8
+# Steps of Newton's method to the places where joints turn round: a cubic's speed is quadratic.
+NEWTON = 5
 # Unit of the clearance's shortfall [m].
 CLEARANCE_UNIT = 0.1
 # Clearance asked for beyond the margin, for what happens between the watched places [m].
@@ -111,6 +114,9 @@ class LocalModel:
         tau = self._model.torque(q[None], dq[None], ddq[None])[0]
         cost = duration if self.timed else float(self._quadrature * duration @ self._rate(tau, dq)[0])
         shares = [np.abs(tau) / self._torque_limit, np.abs(dq) / self._speed_limit]
+        turns = self._turns(coefficients, dq, ddq, duration)
+        at_turns, first = self._states_at(turns.shares, coefficients, duration)
+        shares.append(np.abs(turns.torque(self._exact, at_turns)) / self._turn_limit(turns, first))
         shares += [np.abs(value) / limit for value, limit in self._rates(coefficients, duration, ddq)]
         limits = self.problem.limits
         outside = max(float((q - limits.upper).max()), float((limits.lower - q).max()))
@@ -132,8 +138,8 @@ class LocalModel:
             parts[1] += by_speed
             parts.append(np.einsum("ti,tij->tj", by_tau, found.by_acceleration))
             slope = self._scatter([w * part for part in parts], duration)
-        torque = self._torque_rows(states, found, duration)
-        return slope, ConstraintRows.join([torque, *self._kinematic_rows(coefficients, states, duration)])
+        torque = [self._torque_rows(states, found, duration), self._turn_rows(coefficients, states, duration)]
+        return slope, ConstraintRows.join([*torque, *self._kinematic_rows(coefficients, states, duration)])
 
     def clearance_rows(self, x: Float[Array, " d"]) -> ConstraintRows:
         """Clearance of the nearest pairs at the watched places, to first order."""
@@ -167,6 +173,11 @@ class LocalModel:
     def _model(self) -> ChainTorque:
         assert isinstance(self.problem.model, ChainTorque)
         return rounded(self.problem.model, self.width)
+
+    @property
+    def _exact(self) -> ChainTorque:
+        assert isinstance(self.problem.model, ChainTorque)
+        return self.problem.model
 
     @cached_property
     def _extra(self) -> float:
@@ -229,6 +240,39 @@ class LocalModel:
         local = [part[nodes, joints] * signs[:, None] for part in parts]
         matrix = self._node_rows(nodes, local, states, duration)
         return ConstraintRows(matrix, 1.0 - np.abs(share[nodes, joints]))
+
+    def _turn_rows(self, coefficients: Array, states: tuple[Array, Array, Array], duration: float) -> ConstraintRows:
+        """Torque where joints turn round, friction fully there on either side."""
+        turns = self._turns(coefficients, *states[1:], duration)
+        at, first = self._states_at(turns.shares, coefficients, duration)
+        jerk = self.grid.jerk(coefficients, duration)[first]
+        tau, parts = turns.gradient(self._exact, at, jerk)
+        share = tau / self._turn_limit(turns, first)
+        near = np.abs(share) > WATCHED_SHARE
+        scale = (np.sign(share) / self._turn_limit(turns, first))[near, None]
+        bases, first = self.grid.at(turns.shares[near])
+        local = [part[near] * scale for part in parts]
+        matrix = self._rows(bases, first, local, [part[near] for part in at], duration)
+        return ConstraintRows(matrix, 1.0 - np.abs(share[near]))
+
+    def _turns(self, coefficients: Array, dq: Array, ddq: Array, duration: float) -> Turns:
+        found = find_turns(self.grid.shares, dq, ddq)
+        for _ in range(NEWTON):
+            _, speed, acceleration = self._states_at(found.shares, coefficients, duration)[0]
+            found = found.nearer(speed, acceleration, duration)
+        return found
+
+    def _turn_limit(self, turns: Turns, first: Int[Array, " m"]) -> Float[Array, " m"]:
+        limit: Array = SHARE * (self.torque_aim * self.problem.limits.torque)[first, turns.joints]
+        return limit
+
+    def _states_at(
+        self, shares: Array, coefficients: Array, duration: float
+    ) -> tuple[tuple[Array, Array, Array], Int[Array, " m"]]:
+        """Position, speed and acceleration at some places, and the section of each."""
+        bases, first = self.grid.at(shares)
+        q, dq, ddq = np.einsum("ptk,tkn->ptn", bases, coefficients[first[:, None] + np.arange(DEGREE + 1)])
+        return (q, dq / duration, ddq / duration**2), first
 
     def _kinematic_rows(
         self, coefficients: Array, states: tuple[Array, Array, Array], duration: float

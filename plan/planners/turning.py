@@ -1,0 +1,103 @@
+"""Where joints turn round: friction changes its sign within a millisecond there, which nodes of a grid walk past.
+
+Just before and just after, a joint needs what it needs without friction, and friction on top on one side or the other.
+So the torque is looked at in the very place where the speed is nought, with as much speed put in as friction takes to
+be fully there, one way and the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int
+from plan.dynamics.power import ChainTorque
+from plan.dynamics.torque_gradient import differentiate_torque
+
+# Speed at which friction is all but fully there, in widths of its transition; and where it has none [rad/s].
+FULLY, NO_WIDTH = 3.0, 1e-3
+# A joint that turns round with less acceleration stays there for a while: its place moves too fast to be followed.
+SLOW = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Places where a joint turns round, gets going, or comes to rest, each with one side of it.
+
+    Attributes:
+        shares: Places as shares of the duration.
+        joints: The joint.
+        sides: Sign of its speed on the side that is meant.
+        inside: Whether it is a turn, not the motion's start or end.
+    """
+
+    shares: Float[Array, " m"]
+    joints: Int[Array, " m"]
+    sides: Float[Array, " m"]
+    inside: Array
+
+    @property
+    def rows(self) -> Int[Array, " m"]:
+        """Numbers of the places."""
+        return np.arange(len(self.shares))
+
+    def nearer(self, dq: Float[Array, "m n"], ddq: Float[Array, "m n"], duration: float) -> Turns:
+        """The same turns where Newton's method says that the speed is nought, from states at the places so far."""
+        speed, slope = dq[self.rows, self.joints], duration * ddq[self.rows, self.joints]
+        sure = self.inside & (np.abs(slope) > duration * SLOW)
+        step = np.where(sure, -speed / np.where(sure, slope, 1.0), 0.0)
+        return replace(self, shares=np.clip(self.shares + step, 0.0, 1.0))
+
+    def on_their_side(self, model: ChainTorque, dq: Float[Array, "m n"]) -> Float[Array, "m n"]:
+        """Speeds at the places, each place's own joint moving as fast as its friction takes to be there [rad/s]."""
+        width = model.losses.transition_speed
+        full = np.where(width > 0.0, FULLY * width, NO_WIDTH)
+        out = dq.copy()
+        out[self.rows, self.joints] = self.sides * full[self.joints]
+        return out
+
+    def torque(self, model: ChainTorque, states: tuple[Array, Array, Array]) -> Float[Array, " m"]:
+        """Torque of each place's own joint [N m]."""
+        q, dq, ddq = states
+        tau = model.torque(q[None], self.on_their_side(model, dq)[None], ddq[None])[0]
+        return np.asarray(tau[self.rows, self.joints])
+
+    def gradient(
+        self, model: ChainTorque, states: tuple[Array, Array, Array], jerk: Float[Array, "m n"]
+    ) -> tuple[Float[Array, " m"], list[Float[Array, "m n"]]]:
+        """Torque of each place's own joint, and its derivatives by the states there; the place goes with the turn.
+
+        Where the joint's speed rises by δ, the turn comes earlier by δ / ddq, and the torque is what it was then.
+        """
+        q, dq, ddq = states
+        found = differentiate_torque(model, q, self.on_their_side(model, dq), ddq)
+        rows, joints = self.rows, self.joints
+        parts = [part[rows, joints].copy() for part in (found.by_position, found.by_speed, found.by_acceleration)]
+        parts[1][rows, joints] = 0.0
+        rising = sum((part * state).sum(axis=1) for part, state in zip(parts, (dq, ddq, jerk), strict=True))
+        own = ddq[rows, joints]
+        follows = self.inside & (np.abs(own) > SLOW)
+        parts[1][rows, joints] = np.where(follows, -rising / np.where(follows, own, 1.0), 0.0)
+        return found.tau[rows, joints], parts
+
+
+def find_turns(shares: Float[Array, " T"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]) -> Turns:
+    """The turns of a motion that is known at some places, from rest to rest.
+
+    Args:
+        shares: Places in order, from 0 to 1.
+        dq, ddq: Speeds and accelerations there.
+    """
+    before, joints = np.nonzero(dq[:-1] * dq[1:] < 0.0)
+    a, b = dq[before, joints], dq[before + 1, joints]
+    places = shares[before] + (shares[before + 1] - shares[before]) * a / (a - b)
+    n = dq.shape[1]
+    push = np.concatenate([ddq[0], -ddq[-1]])
+    ends = np.where(np.abs(push) > SLOW, np.sign(push), 0.0)  # one that gets going softly meets its friction later
+    return Turns(
+        np.concatenate([places, places, np.zeros(n), np.ones(n)]),
+        np.concatenate([joints, joints, np.arange(n), np.arange(n)]),
+        np.concatenate([np.ones(len(places)), -np.ones(len(places)), ends]),
+        np.arange(2 * len(places) + 2 * n) < 2 * len(places),
+    )
