@@ -15,8 +15,11 @@ from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
 
 
+Goals = str | Path | Session
+
+
 def servo(
-    sessions: str | Path | Session | Sequence[str | Path | Session],
+    sessions: Goals | Sequence[Goals],
     robot: Robot | None = None,
     *,
     cutoff: float | None = None,
@@ -31,9 +34,8 @@ def servo(
     Raises:
         InputError: Recordings or robot can't be used, or no goal is logged.
     """
-    one = isinstance(sessions, str | Path | Session)
-    given = [sessions] if one else list(sessions)
-    loaded = [load_goals(path) for path in given]  # type: ignore[arg-type]
+    given: Sequence[Goals] = [sessions] if isinstance(sessions, str | Path | Session) else sessions
+    loaded = [load_goals(path) for path in given]
     arm = None if robot is None else load_robot(robot, ())
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
