@@ -14,7 +14,6 @@ from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
 
-
 Goals = str | Path | Session
 
 
