@@ -40,7 +40,7 @@ def fit_hybrid(
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
-        progress: Called after each epoch of the net.
+        progress: Called after each joint, or epoch, of the net.
         checkpoint: Folder in which the net's training may stop and go on.
 
     Raises:

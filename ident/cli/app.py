@@ -133,6 +133,7 @@ def fit(
 ) -> None:
     """Fits analytic + loss + residual net."""
     from ident.api.fitting import fit_hybrid
+    from ident.model.checkpoint_folder import remove_checkpoint
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
@@ -149,10 +150,7 @@ def fit(
         console.print(f"model written to {out}")
 
     deliver(show, lambda: write_json(json_file, results.to_dict()), lambda: results.model.save(out))
-    if net != "none":  # it loads torch
-        from ident.model.checkpoint import remove_checkpoint
-
-        remove_checkpoint(checkpoint)
+    remove_checkpoint(checkpoint)
 
 
 @app.command()

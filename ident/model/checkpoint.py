@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import EIO
 from pathlib import Path
@@ -14,13 +13,11 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
-from ident.files import atomic_write, clear_temporaries
-from ident.model.networks import Network
-from ident.ownership import MARKER, begin_folder, is_begun
+from ident.files import atomic_write
+from ident.model.checkpoint_folder import KIND, NAME
+from ident.model.networks import DenseNet
+from ident.ownership import begin_folder
 
-NAME = "checkpoint.safetensors"
-# What a checkpoint's folder is marked as.
-KIND = "training"
 # Figures of a training that are no tensors.
 FIGURES = ("epoch", "best_epoch", "train", "validation")
 
@@ -29,7 +26,7 @@ FIGURES = ("epoch", "best_epoch", "train", "validation")
 class Training:
     """State of a training that can be stopped and resumed; all that a checkpoint holds."""
 
-    network: Network
+    network: DenseNet
     optimiser: torch.optim.Optimizer
     least: torch.Tensor  # least held-back error by member and joint
     epoch: int = 0
@@ -105,14 +102,3 @@ def save_tensors(tensors: dict[str, torch.Tensor], path: Path, metadata: dict[st
         save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata)
     except SafetensorError as error:
         raise OSError(EIO, str(error), str(path)) from None
-
-
-def remove_checkpoint(folder: Path) -> None:
-    """A finished training needs its checkpoint no more, nor what killed ones left beside it."""
-    if not is_begun(folder, KIND):
-        return
-    clear_temporaries(folder / NAME)
-    for name in (NAME, MARKER):
-        (folder / name).unlink(missing_ok=True)
-    with suppress(OSError):  # something else lies in it: that stays
-        folder.rmdir()

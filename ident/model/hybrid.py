@@ -315,7 +315,7 @@ def fit_hybrid(
         robot: The arm.
         options: What to fit.
         data: One record a training file (name, sha256), kept with the model.
-        progress: Called after each epoch of the net.
+        progress: Called after each joint, or epoch, of the net.
         checkpoint: Folder in which the net's training may stop and go on.
 
     Source: paper, figure 2.

@@ -58,8 +58,8 @@ def judge_net(
     counts = _by_run(moving.astype(float), run)
     squares = [_by_run(np.where(moving, part**2, 0.0), run) for part in (left, error)]
     energy = [_by_run(np.where(moving, part * travel, 0.0), run) for part in (left, error)]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        gain = np.where(counts > 0, (squares[0] - squares[1]) / counts, 0.0)
+    # Of all moving samples alike: a run in which a joint hardly moves says little of it.
+    gain = squares[0] - squares[1]
     doubt = gain.std(axis=0, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.full(gain.shape[1], np.inf)
     works = [np.sqrt(np.mean(part**2, axis=0)) for part in energy]
     kept = (gain.mean(axis=0) > SURE * doubt) & ~_is_worse(energy[0], energy[1])

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ident.arrays import Array, Float
-from ident.model import networks
+from ident.model.joint_nets import JointNets
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
 
 
@@ -32,9 +32,9 @@ class ResidualTerm(Protocol):
 
 def read_residual(net: ResidualNet) -> ResidualTerm:
     """A trained net as plain layers, its standardisation folded in."""
-    if isinstance(net.network, networks.DenseNet):
-        return CompiledDenseNet.from_residual(net)
-    return CompiledJointNets.from_residual(net)
+    if isinstance(net.network, JointNets):
+        return CompiledJointNets.from_residual(net)
+    return CompiledDenseNet.from_residual(net)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,7 @@ class CompiledDenseNet:
     @classmethod
     def from_residual(cls, net: ResidualNet) -> CompiledDenseNet:
         """Reads a trained net of the `paper` preset."""
+        assert not isinstance(net.network, JointNets)
         linear = [module for module in net.network.modules() if isinstance(module, torch.nn.Linear)]
         weights = [module.weight.detach().numpy().astype(float) for module in linear]
         biases = [module.bias.detach().numpy().astype(float) for module in linear]
@@ -115,10 +116,10 @@ class CompiledJointNets:
     def from_residual(cls, net: ResidualNet) -> CompiledJointNets:
         """Reads a trained net of the `default` preset."""
         network = net.network
-        assert isinstance(network, networks.JointNets)
+        assert isinstance(network, JointNets)
         shape = (network.members, network.joints)
-        weights = [w.detach().numpy().astype(float).reshape(*shape, *w.shape[1:]) for w in network.weights]
-        biases = [b.detach().numpy().astype(float).reshape(*shape, -1) for b in network.biases]
+        weights = [w.astype(float).reshape(*shape, *w.shape[1:]) for w in network.weights]
+        biases = [b.astype(float).reshape(*shape, -1) for b in network.biases]
         biases[0] = biases[0] - np.einsum("ni,mnio->mno", net.input_mean / net.input_std, weights[0])
         weights[0] = weights[0] / net.input_std[:, :, None]
         weights[-1] = weights[-1] * net.output_std[:, None, None]

@@ -14,7 +14,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
 from ident.effects.catalogue import load_catalogue
-from ident.model.checkpoint import NAME as CHECKPOINT
+from ident.model.checkpoint_folder import NAME as CHECKPOINT
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.residual_net import ResidualNet, fit_residual_net

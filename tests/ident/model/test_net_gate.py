@@ -1,12 +1,11 @@
 """Laws of the gate that a net must pass."""
 
 import numpy as np
-import torch
 
 from ident.arrays import Array
+from ident.model.joint_nets import JointNets
 from ident.model.net_gate import describe_gate, judge_net
-from ident.model.networks import JointNets
-from ident.model.residual_net import NetOptions, fit_residual_net
+from ident.model.residual_net import fit_residual_net
 
 RUN = np.repeat(np.arange(8), 100)
 
@@ -48,12 +47,12 @@ def test_the_total_energy_is_no_worse_either() -> None:
 
 def test_a_silent_joint_gives_nothing() -> None:
     """The other joints' nets are as they were."""
-    torch.manual_seed(0)
-    nets = JointNets(2, 3, 6, (4,))
-    x = torch.randn(5, 3, 6)
-    before = nets(x).detach().numpy()
-    nets.silence([1])
-    after = nets(x).detach().numpy()
+    rng = np.random.default_rng(0)
+    layers = [rng.standard_normal(shape) for shape in ((6, 6, 4), (6, 4, 1))]
+    nets = JointNets(2, 3, tuple(layers), (np.ones((6, 1, 4)), np.ones((6, 1, 1))))
+    x = rng.standard_normal((5, 3, 6))
+    before = nets(x)
+    after = nets.silenced([1])(x)
     assert np.all(after[..., 1] == 0.0)
     assert np.array_equal(after[..., [0, 2]], before[..., [0, 2]])
 
@@ -65,8 +64,17 @@ def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
         q, dq, ddq = (rng.uniform(-1, 1, (120, 2)) for _ in range(3))
         states.append((q, dq, ddq, np.zeros((120, 2))))
         residuals.append(np.stack([np.tanh(3 * dq[:, 0]), (-1.0) ** run * np.ones(120)], axis=1))
-    options = NetOptions(members=2, hidden=(8,), epochs=30)
-    net = fit_residual_net(states, residuals, None, options)
+    net = fit_residual_net(states, residuals)
     assert [one.kept for one in net.gate] == [True, False]
     assert np.all(net.predict(*states[0])[:, 1] == 0.0)
     assert describe_gate(net.gate, ("a", "b")).startswith("residual net: kept for a; left out for b")
+
+
+def test_a_run_of_few_samples_has_no_more_say_than_they() -> None:
+    """One sample on which the net is far off doesn't silence what helps on hundreds of others."""
+    rng = np.random.default_rng(7)
+    left = rng.standard_normal((801, 1))
+    predicted, moving, run = 0.8 * left, np.ones((801, 1), dtype=bool), np.r_[np.repeat(np.arange(8), 100), 8]
+    predicted[-1] = left[-1] + 6.0
+    travel = rng.choice([-1e-3, 1e-3], (801, 1))
+    assert judge_net(predicted, left, moving, travel, run)[0].kept

@@ -1,0 +1,103 @@
+"""A small net for each joint, as plain arrays: several members side by side, SiLU inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ident.arrays import Array, Float
+
+# Rows that are reckoned at once: hidden units of more would not stay in the cache.
+ROWS = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class JointNets:
+    """Perceptrons, one for each member and joint.
+
+    A joint sees its own features only. On real arms that carries over to new motions, while one net over the whole
+    state learns the training paths by heart.
+
+    Attributes:
+        members, joints: How many.
+        weights: One array a layer, shape (members · joints, in, out).
+        biases: One array a layer, shape (members · joints, 1, out).
+    """
+
+    members: int
+    joints: int
+    weights: tuple[Float[Array, "k i o"], ...] = field(repr=False)
+    biases: tuple[Float[Array, "k 1 o"], ...] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(map(_single, getattr(self, name))))
+
+    @classmethod
+    def from_tensors(
+        cls, tensors: Mapping[str, Array], members: int, joints: int, inputs: int, hidden: Sequence[int]
+    ) -> JointNets:
+        """Nets from named arrays, as `tensors` gives them.
+
+        Raises:
+            KeyError, ValueError: One is missing, too many, or of another shape.
+        """
+        layers = list(pairwise([inputs, *hidden, 1]))
+        names = {f"{kind}.{i}" for i in range(len(layers)) for kind in ("weights", "biases")}
+        if set(tensors) != names:
+            raise ValueError(f"its weights are {', '.join(sorted(tensors))}")
+        count = members * joints
+        for i, (before, after) in enumerate(layers):
+            for name, shape in ((f"weights.{i}", (count, before, after)), (f"biases.{i}", (count, 1, after))):
+                if tensors[name].shape != shape:
+                    raise ValueError(f"{name} has shape {tensors[name].shape}, not {shape}")
+        weights, biases = ([tensors[f"{kind}.{i}"] for i in range(len(layers))] for kind in ("weights", "biases"))
+        return cls(members, joints, tuple(weights), tuple(biases))
+
+    def tensors(self) -> dict[str, Array]:
+        """All weights by name."""
+        named: dict[str, Array] = {f"weights.{i}": weight for i, weight in enumerate(self.weights)}
+        return named | {f"biases.{i}": bias for i, bias in enumerate(self.biases)}
+
+    @property
+    def size(self) -> int:
+        """Number of weights."""
+        return sum(part.size for part in (*self.weights, *self.biases))
+
+    def __call__(self, x: Float[Array, "T n f"]) -> Float[Array, "m T n"]:
+        """Outputs of all members, in single precision."""
+        out = np.empty((self.members, len(x), self.joints), dtype=np.float32)
+        for start in range(0, len(x), ROWS):
+            part = np.ascontiguousarray(x[start : start + ROWS].transpose(1, 0, 2), dtype=np.float32)
+            y = np.tile(part, (self.members, 1, 1))
+            for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+                y = y @ weight + bias
+                if i < len(self.weights) - 1:
+                    y = silu(y)
+            shaped = y[..., 0].reshape(self.members, self.joints, part.shape[1])
+            out[:, start : start + ROWS] = shaped.transpose(0, 2, 1)
+        return out
+
+    def silenced(self, joints: Iterable[int]) -> JointNets:
+        """The same, the nets of some joints giving nothing."""
+        spoken = np.ones((self.members, self.joints, 1, 1), dtype=np.float32)
+        spoken[:, list(joints)] = 0.0
+        factor = spoken.reshape(-1, 1, 1)
+        return JointNets(
+            self.members, self.joints, tuple(factor * w for w in self.weights), tuple(factor * b for b in self.biases)
+        )
+
+
+def _single(values: Array) -> Array:
+    """A read-only copy in single precision."""
+    copied: Array = np.array(values, dtype=np.float32)
+    copied.setflags(write=False)
+    return copied
+
+
+def silu(z: Array) -> Array:
+    """z / (1 + exp(-z)), without overflow."""
+    return np.asarray(z / (1.0 + np.exp(-np.clip(z, -80.0, 80.0))))
