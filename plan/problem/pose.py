@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 POSE_KEYS = {"frame", "xyz_m", "rpy_rad", "quaternion_xyzw"}
 # A quaternion whose length is farther from one than this is a slip of the pen, not rounding.
 ROUNDED = 0.01
+# No arm reaches farther: millimetres were meant, or nothing at all [m].
+FARTHEST = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,11 @@ def read_pose(reader: Reader, task: Mapping[str, Any]) -> Pose | None:
         raise SceneError(reader.file, "task.goal_pose is not a table", "write [task.goal_pose] and its keys")
     reader.only(table, POSE_KEYS, "task.goal_pose")
     frame = reader.text(table, "frame") if "frame" in table else None
-    return Pose(frame, reader.numbers(table, "task.goal_pose.xyz_m", 3), _rotation(reader, table))
+    place = reader.numbers(table, "task.goal_pose.xyz_m", 3)
+    if np.abs(place).max() > FARTHEST:
+        what = f"task.goal_pose.xyz_m lies {np.abs(place).max():.3g} m away"
+        raise SceneError(reader.file, what, "give metres from the base")
+    return Pose(frame, place, _rotation(reader, table))
 
 
 def _rotation(reader: Reader, table: Mapping[str, Any]) -> Float[Array, "3 3"] | None:

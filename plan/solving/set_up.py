@@ -151,15 +151,31 @@ def find_obstruction(problem: PlanningProblem) -> str:
         if distances.min(initial=1.0) <= 0.0:
             pair = int(np.argmin(distances))
             return f"the {name} is in collision: {problem.scene.pair_name(pair)}"
-    need = float(np.max(np.abs(problem.goal - problem.start) / limits.speed))
+    need, bound = shortest_duration(problem)
     if problem.objective == "energy" and duration < need:
-        return f"{duration:g} s is too short: at the speed limits it takes {need:.3f} s at least"
+        return f"{duration:g} s is too short: at the {bound} limits it takes {need:.3f} s at least"
     still = np.zeros_like(ends)[None]
     share = np.abs(problem.model.torque(ends[None], still, still)[0]) / limits.torque
     if share.max() > 1.0:
         end, joint = np.unravel_index(int(np.argmax(share)), share.shape)
         return f"joint {joint + 1} can't hold the arm at the {('start', 'goal')[end]}: {share.max():.0%} of its torque"
     return ""
+
+
+def shortest_duration(problem: PlanningProblem) -> tuple[float, str]:
+    """No motion from rest to rest is shorter, whatever its path [s], and which limits say so.
+
+    Half of a way d needs √(d / a) at an acceleration a; and a speed that is a parabola of curvature j, as high as it
+    can be over a time T, covers j T³ / 12.
+    """
+    limits, way = problem.limits, np.abs(problem.goal - problem.start)
+    found = {"speed": float(np.max(way / limits.speed))}
+    if limits.acceleration is not None:
+        found["acceleration"] = float(np.max(2.0 * np.sqrt(way / limits.acceleration)))
+    if limits.jerk is not None:
+        found["jerk"] = float(np.max(np.cbrt(12.0 * way / limits.jerk)))
+    name = max(found, key=lambda key: found[key])
+    return found[name], name
 
 
 def with_energy(problem: PlanningProblem) -> PlanningProblem:

@@ -77,6 +77,17 @@ def test_gaps_of_all_shapes_equal_coal(name: str, request: pytest.FixtureRequest
     assert np.array_equal(together < 0.0, least < 0.0)
 
 
+def test_far_pairs_may_be_left_out(scene: Scene) -> None:
+    """Gaps up to 5 cm are what they are without a bound; all others lie beyond, and none above the distance."""
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (100, 3))
+    whole, some = scene.gaps(q), scene.gaps(q, 0.06)
+    near = whole <= 0.05
+    assert 0 < near.sum() < near.size
+    assert np.array_equal(some[near], whole[near])
+    assert np.all(some[~near] > 0.05)
+    assert np.all(some <= np.array([scene.proximity.distances(row) for row in q]) + 1e-6)
+
+
 def test_gradients_of_all_shapes_equal_finite_differences(scene: Scene) -> None:
     """The witness points' gradient is the distance's derivative for every kind of shape."""
     rng, checked, h = np.random.default_rng(3), set(), 1e-5
@@ -162,7 +173,9 @@ def test_points_inside_are_told_from_points_outside(tmp_path: Path) -> None:
         ("cube.step", CUBE, "", "give one of: .stl"),
     ],
 )
-def test_bad_mesh_obstacles(tmp_path: Path, name: str, text: str | None, more: str, words: str) -> None:
+def test_bad_mesh_obstacles(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, text: str | None, more: str, words: str
+) -> None:
     """Missing, open, infinite, huge, empty and foreign meshes end in one line that names the file and the remedy."""
     if text is not None:
         (tmp_path / name).write_text(text)
@@ -172,6 +185,7 @@ def test_bad_mesh_obstacles(tmp_path: Path, name: str, text: str | None, more: s
         load_task(path)
     assert str(tmp_path) in str(error.value)
     assert "\n" not in str(error.value)
+    assert "".join(capfd.readouterr()) == ""  # nor does the reader say anything of its own
 
 
 def test_an_open_mesh_counts_by_its_hull(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
         ("xyz_m = [3, 0, 0]", "can't bring link_6 there; they come within [0-9]{4} mm"),
         ("xyz_m = [0.3, 0, 0.4]\nframe = 'claw'", "no frame 'claw'; use one of: .*link_6"),
         ("xyz_m = [0.3, 0]", "has 2 numbers, not 3"),
+        ("xyz_m = [300, 0, 400]", "lies 400 m away; give metres"),
         ("rpy_rad = [0, 0, 0]", "xyz_m is missing"),
         ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 2]", "has length 2, not 1"),
         ("xyz_m = [0.3, 0, 0.4]\nquaternion_xyzw = [0, 0, 0, 1]\nrpy_rad = [0, 0, 0]", "give one of them"),

@@ -14,8 +14,9 @@ from plan.planners.evolution import Evolution
 from plan.problem.result import certify
 from plan.problem.task_file import Trial
 from plan.solving.compare import compare, cost_at
+from plan.solving.set_up import find_obstruction
 from plan.solving.solve import find_starts, solve
-from tests.plan.worlds import GOAL, MONITOR, joint_nets, ledger, model, problem, three_joints
+from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
 # Two walls from 24 cm beside the base's axis outwards and far up; the wrist's far side is 29 cm from the axis in every
 # position, so there is no way from one side of the walls to the other.
@@ -84,6 +85,16 @@ def test_impossible_tasks_have_a_reason(changes: dict[str, np.ndarray], reason: 
     assert result.status == "infeasible"
     assert reason in result.reason
     assert result.evaluations == 0
+
+
+@pytest.mark.parametrize(("limit", "power", "room"), [("acceleration", 2, 4.0), ("jerk", 3, 12.0)])
+def test_durations_that_the_limits_rule_out(limit: str, power: int, room: float) -> None:
+    """A way d takes √(4 d / a) and ∛(12 d / j) at least: told before anything is searched, and no sooner."""
+    task, way = problem(duration=1.0), float(np.abs(GOAL - START).max())
+    for share, told in ((0.9, True), (1.1, False)):
+        limits = replace(task.limits, **{limit: np.full(3, share * room * way)})  # 1: just what takes the task's 1 s
+        reason = find_obstruction(replace(task, limits=limits))
+        assert (f"at the {limit} limits it takes {share ** (-1 / power):.3f} s" in reason) == told
 
 
 def test_goal_inside_an_obstacle() -> None:
