@@ -104,7 +104,8 @@ class JointProblem:
         first = sums.rank + LOSS_COLUMNS
         self.shared = sums.shared
         local = [*range(sums.rank + self.per_joint), *range(first, first + sums.shared)]
-        self.gram, self.moment, self.square = sums.of(local)
+        gram, self.moment, self.square = sums.of(local)
+        self.gram = np.ascontiguousarray(gram)  # picked columns lie apart in memory, and products of those are slow
         self.rows = sums.rows.astype(float)
         self.n = self.rows.shape[1]
         self.size = self.rank + self.n * self.per_joint + self.shared
@@ -178,7 +179,7 @@ class JointProblem:
         """Sum of squares and Xᵀe of each block that the figures and the run's change leave."""
         own = values[self.index(joint)] + effect.change[self.run] @ effect.columns.T
         gram, moment = self.gram[:, joint], self.moment[:, joint]
-        through = (gram @ own[:, :, None])[:, :, 0]
+        through = np.einsum("bpq,bq->bp", gram, own)
         squares = self.square[:, joint] - np.einsum("bp,bp->b", 2 * moment - through, own)
         return np.maximum(squares, 0.0), moment - through
 
