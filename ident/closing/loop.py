@@ -29,6 +29,9 @@ from ident.telemetry import inspect_sessions
 MOST_ROUNDS = 8
 # A gap that looks closed and is not sure to be is looked at in so many rounds before all of them teach again.
 PATIENCE = 2
+# The loop has stalled where so many models in turn came no nearer than this share of the best before them: what is left
+# then has no name, and more motion of these kinds won't give it one.
+STALLED_MODELS, PROGRESS = 2, 0.97
 Say = Callable[[str], None]
 
 
@@ -107,6 +110,7 @@ def close_gap(
     known: list[Session] = []
     rounds: list[Round] = []
     state: _Taught | None = None
+    reached: list[float] = []
     while True:
         session = recorder.record(exciter.choose(None if state is None else state.record, len(rounds) + 1))
         report = inspect_sessions([session], arm)[0]
@@ -120,12 +124,14 @@ def close_gap(
             last = len(rounds) + 1 >= most
             state.looks += 1
             waits = gap.small and state.looks < PATIENCE  # more motion makes it sure, or shows that it was chance
-            if gap.closed or last or waits:
+            if waits and not (gap.closed or last):
                 rounds.append(Round(minutes, gap, "", ()))
-            if gap.closed or last:
-                return state.end(rounds, gap, as_urdf(arm, session.payload))
-            if waits:
                 continue
+            reached.append(gap.together)
+            stalled = _has_stalled(reached)
+            if gap.closed or last or stalled:
+                rounds.append(Round(minutes, gap, "", ()))
+                return state.end(rounds, gap, as_urdf(arm, session.payload), stalled)
         state = _teach(known, arm, catalogue)
         rounds.append(Round(minutes, gap, state.record["verdict"], state.named))
         say(f"round {len(rounds)}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
@@ -150,13 +156,20 @@ class _Taught:
     def named(self) -> tuple[str, ...]:
         return tuple(f"{one['effect']} {', '.join(one['joints'])}" for one in self.record["findings"])
 
-    def end(self, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel) -> Closed:
+    def end(self, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel, stalled: bool) -> Closed:
         """How the loop ended."""
         before = measure_floors(urdf, self.unseen, self.floors)
         farthest = list(self.record["gap"])[int(np.argmax(gap.joints))]
-        reason = "closed" if gap.closed else f"rounds spent; {farthest} is farthest from its noise"
+        why = "no nearer with more recordings" if stalled else "rounds spent"
+        reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
         rest = self.model, self.record, self.learned, self.floors
         return Closed(gap.closed, reason, tuple(rounds), before, gap, *rest)
+
+
+def _has_stalled(reached: Sequence[float]) -> bool:
+    """Whether the last models came no nearer than the best before them."""
+    before, lately = reached[:-STALLED_MODELS], reached[-STALLED_MODELS:]
+    return bool(before) and min(lately) > PROGRESS * min(before)
 
 
 def _teach(sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]) -> _Taught:

@@ -130,8 +130,11 @@ def _tell(look: SharedLook, seed: int, settings: DiagnosisSettings, sessions: tu
         read = [_as_read(one, fine, look, np.zeros(len(one.coefficients))) for one in raw]
         estimates = [_widened(one, standing) for one, standing in zip(read, standings, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), look.session)
-        for k, standing in enumerate(standings):
-            if standing.p_value > ALARM:
+        needed = least_nats(len(keys_of(look.switched.evidence)))
+        for k, (standing, item) in enumerate(zip(standings, found.named, strict=True)):
+            if item.gates.evidence < needed:
+                refused[k] = "too weak among all the changes that were asked for"
+            elif standing.p_value > ALARM:
                 refused[k] = "runs of one set differ by as much among themselves"
             elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
                 unlawful = True
@@ -140,6 +143,15 @@ def _tell(look: SharedLook, seed: int, settings: DiagnosisSettings, sessions: tu
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
     return _Told(search.only(found, ()), (), (), doubted, unlawful)
+
+
+def least_nats(asked: int) -> float:
+    """Log evidence that a change must have: what makes up for its being one of so many, at the odds of a false alarm.
+
+    Blocks of a noisy joint are fewer than they look, and a test that counts them finds a change in one of them; the
+    evidence, which weighs what is explained against what it cost, does not.
+    """
+    return float(np.log(max(asked, 1) / ALARM))
 
 
 def _superfluous(search: Search, found: SearchResults) -> Key | None:

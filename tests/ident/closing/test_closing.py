@@ -119,11 +119,16 @@ def test_a_model_that_is_wrong_is_taught_again_with_all_recordings(
 
 
 def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
-    taught(monkeypatch, arm, [0.7] * 5)
+    taught(monkeypatch, arm, [0.7] * 8)
     found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=3)
     assert not found.closed
     assert len(found.rounds) == 3
     assert "rounds spent" in found.reason
+    taught(monkeypatch, arm, [0.7] * 8)
+    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=8)
+    assert not found.closed
+    assert len(found.rounds) == 2 + loop.STALLED_MODELS
+    assert "no nearer with more recordings" in found.reason
     with pytest.raises(InputError, match="give 2 or more"):
         loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=1)
 

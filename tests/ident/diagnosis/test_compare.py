@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.compare import ALARM, compare, least_nats
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
@@ -109,3 +109,9 @@ def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -
 def test_healthy_arm_compares_equal(arm: ArmModel) -> None:
     halves = runs_of(arm, nothing, range(6))
     assert compare(halves[::2], halves[1::2], arm, (Side(), Side())).verdict == "no_change"
+
+
+def test_one_of_many_changes_needs_more_evidence_than_one_alone() -> None:
+    """Odds of a false alarm, and a share of them for each change that was asked for."""
+    assert least_nats(1) == pytest.approx(np.log(1.0 / ALARM))
+    assert least_nats(100) - least_nats(10) == pytest.approx(np.log(10.0))
