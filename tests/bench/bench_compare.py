@@ -1,6 +1,6 @@
 """Compares pairs of simulated sessions of one arm each, over worlds, and counts what was named, how large, and alarms.
 
-    python tests/bench/bench_compare.py PAIRS [--seed N] [--out FILE.json] [--runs 6] [--seconds 6]
+    python tests/bench/bench_compare.py PAIRS [--seed N] [--out FILE.json] [--runs 6] [--seconds 6] [--budget S]
 
 Each pair is drawn: a world, an arm, whether the motions are the same before and after, and what happens in between:
 nothing (every third pair), a payload that comes or goes, friction of one joint after a service, a drive's gain, an
@@ -139,11 +139,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=6)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--out", default=None)
+    parser.add_argument("--budget", type=float, default=np.inf, help="Begin no pair after so much processor time [s].")
     options = parser.parse_args()
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     pairs = []
     for k in range(options.pairs):
+        if time.process_time() > options.budget:
+            break
         pair = draw_pair(seed + k, options.runs, options.seconds)
         pairs.append(pair)
         mark = "ok" if pair.named or (pair.kind == "nothing" and not pair.told) else "--"

@@ -92,6 +92,7 @@ def measure_standing(
         wander, steps = _wandering(size, noise / np.where(seen, count, 1.0), sides, seen, sessions)
         if wander > by_runs:
             by_runs, free = wander, steps
+    by_runs = max(by_runs, _between_runs(size, count, sides, seen) - by_blocks)
     variance = by_blocks + by_runs
     blocks = max(len(score) - 1.0, 1.0)
     dof = variance**2 / (by_blocks**2 / blocks + by_runs**2 / (free + PRIOR_DOF) + 1e-300)
@@ -141,6 +142,23 @@ def _component(
         free += len(here) - 1
         share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
     return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
+
+
+def _between_runs(size: Float[Array, " R"], power: Float[Array, " R"], sides: Sides, seen: Array) -> float:
+    """Variance of the difference of both sets' means by how runs differ, noise and all.
+
+    Noise that lasts longer than a block, as a torque reading's slow part does, is alike in a run's blocks: they count
+    it as known, and only whole runs tell how large it is. Where it is short, both agree.
+    """
+    found = 0.0
+    for side in (False, True):
+        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
+        if len(here) < 2:
+            continue
+        share = power[here] / power[here].sum()
+        apart = share * (size[here] - share @ size[here])
+        found += float(np.sum(apart**2)) * len(here) / (len(here) - 1)
+    return found
 
 
 def _wandering(
