@@ -47,7 +47,7 @@ class Certificate:
         extrapolation: What goes beyond the model's training, the worst first; None where no range is known.
         reserve: Torque that was set aside because the model's is no better known [N m]; None for none.
         energy_half_width: Half of the 95 % interval of the executed motion's energy, from that of the model's torque
-            [J]; None where the model tells none.
+            [J]; None where the model tells none, and for a motion beyond its training, of which it says nothing.
         position_margin: Smallest distance to a position limit [rad].
         clearance: Proven clearance.
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
@@ -114,7 +114,7 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     energy = {metric: float(value[0]) for metric, value in power_integrals(tau, dq, weights).items()}
     limits = problem.limits
     margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
-    law = find_time_law(problem, splines)
+    law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)
     return Certificate(
         energy=energy,
         torque_share=_torque_share(problem, splines),
@@ -127,9 +127,9 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
         jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
         time_law=law,
-        extrapolation=find_extrapolation(problem, splines),
+        extrapolation=beyond,
         reserve=limits.reserve,
-        energy_half_width=_energy_half_width(problem, law),
+        energy_half_width=None if beyond else _energy_half_width(problem, law),
     )
 
 
