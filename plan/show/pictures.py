@@ -109,7 +109,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
         low, high = min(everything), float(np.quantile(everything, 0.9))
         axes[0].set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     axes[0].set_ylabel("best allowed plan so far: " + _cost_words(comparison))
-    for axis, name in zip(axes, ("trajectories evaluated", "time of the search [s]"), strict=True):
+    for axis, name in zip(axes, ("trajectories evaluated", "processor time of the search [s]"), strict=True):
         axis.set_xscale("log")
         axis.set_xlabel(name)
         axis.grid(alpha=0.25)
@@ -138,7 +138,7 @@ def _draw_history(axis: Any, run: PlanResult, column: int, colour: Any, middle: 
     if not rows:
         return
     x = [max(row[column], 1e-3) for row in rows]
-    x.append(max(run.evaluations if column == 0 else run.seconds, x[-1]))
+    x.append(max(run.evaluations if column == 0 else run.cpu_seconds, x[-1]))
     y = [row[2] for row in rows]
     axis.step(
         x,
