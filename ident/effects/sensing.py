@@ -11,7 +11,6 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.informative_motions import BRAKES_CLOSED, GAIN_OR_PAYLOAD, KNOWN_MASS
 from ident.effects.knowledge import Expression, Range, Typical, exactly_as, nearly_as, not_at_all
-from ident.effects.plausible import LARGEST_SMALL_ANGLE
 from ident.effects.typical_sizes import (
     coefficient_interval,
     exactly,
@@ -42,7 +41,11 @@ SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
 KNEE_SHARE = 0.05
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
 LEAST_PEAK_SHARE = 0.1  # of the rated torque
-LARGEST_ENCODER_OFFSET = 0.07  # [rad]
+# What zeros are off by on arms that were calibrated once; to where they are looked for [rad].
+LARGEST_ENCODER_OFFSET, LARGEST_SHIFT = 0.07, 0.6
+# An offset whose secant is tried beside the slope at zero [rad], and shares of it on the finer grid.
+LARGE_OFFSET = 0.25
+FINE_OFFSETS = tuple(sign * share for sign in (-1, 1) for share in (2.4, 2.0, 1.6, 1.2, 0.8, 0.4, 0.2)) + (0.0,)
 # Torque that the largest offset must make, as a share of the rated torque of some joint.
 LEAST_ENCODER_SHARE = 5e-4
 
@@ -308,9 +311,11 @@ def _excess(run: RunContext, joint: int, limit: float) -> Float[Array, " T"]:
 
 
 class EncoderOffset(Effect):
-    """A shifted zero of a joint's encoder: true position = logged position + o; τ = ∂τ/∂q_j · o.
+    """A shifted zero of a joint's encoder: true position = logged position + o; τ = τ(q + o e_j) − τ(q).
 
-    A joint whose axis is vertical shows nothing of it: no torque depends on its angle.
+    The columns are the slope of that at zero, and its secants to offsets so large that the slope is no longer enough:
+    what it leaves there, 3 % of gravity's torque at a quarter of a radian, would look like a spring. A joint whose axis
+    is vertical shows nothing of it: no torque depends on its angle.
     """
 
     id = "encoder_offset"
@@ -332,8 +337,22 @@ class EncoderOffset(Effect):
             return f"no torque depends on the angle of {session.joint_names[joint]}"
         return near_one_pose(session)
 
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return tuple(Variant(shape={"about_rad": about}) for about in (0.0, LARGE_OFFSET, -LARGE_OFFSET))
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        return tuple(Variant(shape={"about_rad": share * LARGE_OFFSET}) for share in FINE_OFFSETS)
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [run.derivatives[0][:, :, [joint]] for run in session.runs]
+        about = variant.shape["about_rad"]
+        if not about:
+            return [run.derivatives[0][:, :, [joint]] for run in session.runs]
+        found = []
+        for run in session.runs:
+            motion = run.motion
+            shifted = run.arm.inverse_dynamics(motion.q + about * np.eye(session.n)[joint], motion.dq, motion.ddq)
+            found.append(((shifted - run.rigid) / about)[:, :, None])
+        return found
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -341,7 +360,7 @@ class EncoderOffset(Effect):
         return {"offset_rad": coefficient_interval(0, coefficients, covariance)}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        shift = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "the joint's zero is another one: mend it in the URDF")
+        shift = Range(-LARGEST_SHIFT, LARGEST_SHIFT, "the joint's zero is another one: mend it in the URDF")
         return {"offset_rad": shift}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
