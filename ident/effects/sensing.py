@@ -45,7 +45,7 @@ LEAST_PEAK_SHARE = 0.1  # of the rated torque
 LARGEST_ENCODER_OFFSET, LARGEST_SHIFT = 0.07, 0.6
 # An offset whose secant is tried beside the slope at zero [rad], and shares of it on the finer grid.
 LARGE_OFFSET = 0.25
-FINE_OFFSETS = tuple(sign * share for sign in (-1, 1) for share in (2.4, 2.0, 1.6, 1.2, 0.8, 0.4, 0.2)) + (0.0,)
+FINE_OFFSETS = (-2.4, -2.0, -1.6, -1.2, -0.8, -0.4, -0.2, 0.0, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4)
 # Torque that the largest offset must make, as a share of the rated torque of some joint.
 LEAST_ENCODER_SHARE = 5e-4
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
-from ident.effects.base import RunContext, SessionContext
+from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.effects.sensing import shifted
 from ident.robot.arm import ArmModel
@@ -100,6 +100,28 @@ def test_a_shifted_zero_is_found(session: SessionContext, recover: Recover) -> N
     ]
     found = recover(find_effect("encoder_offset"), session, 1, torque)["offset_rad"]
     np.testing.assert_allclose(found.value, 0.012, rtol=0.02)
+
+
+@pytest.mark.parametrize("shift", [0.3, -0.45])
+def test_a_zero_that_is_far_off_is_found_by_its_secant(session: SessionContext, shift: float) -> None:
+    """Law: the columns about an offset, times the offset, are the torque that it makes; the slope leaves 4 % of it
+
+    or more. Both signs and offsets up to half a radian are among the points of the finer grid, within a fifth.
+    """
+    effect, joint = find_effect("encoder_offset"), 1
+    exact = [
+        run.arm.inverse_dynamics(run.motion.q + shift * np.eye(6)[joint], run.motion.dq, run.motion.ddq) - run.rigid
+        for run in session.runs
+    ]
+    grid = effect.refined(session, joint, effect.variants(session, joint)[0])
+    nearest = min((one.shape["about_rad"] for one in grid), key=lambda about: abs(about - shift))
+    assert abs(nearest - shift) < 0.2 * abs(shift)
+    secant = effect.columns(session, joint, Variant(shape={"about_rad": shift}))
+    slope = effect.columns(session, joint, Variant(shape={"about_rad": 0.0}))
+    for column, straight, torque in zip(secant, slope, exact, strict=True):
+        np.testing.assert_allclose(shift * column[:, :, 0], torque, atol=1e-9)
+        left = torque - shift * straight[:, :, 0]
+        assert np.sqrt(np.mean(left**2)) > 0.04 * np.sqrt(np.mean(torque**2))
 
 
 def test_a_zero_on_a_vertical_axis_can_not_be_seen(session: SessionContext) -> None:
