@@ -62,8 +62,9 @@ from ident.effects.friction import (
 from ident.effects.informative_motions import SHOWINGS
 from ident.effects.memory import PreslidingHysteresis, ThermalFriction
 from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
+from ident.effects.ripple import TorqueRipple
 from ident.effects.sensing import EncoderOffset, TorqueDelay, TorqueGainError, TorqueOffset, TorqueSaturation
-from ident.effects.transmission import JointCoupling, SpringTorque, TorqueRipple
+from ident.effects.transmission import JointCoupling, SpringTorque
 from ident.errors import InputError
 
 CATALOGUE: tuple[Effect, ...] = (

@@ -128,6 +128,12 @@ class StribeckFriction(Effect):
         return {"amplitude_Nm": coefficients[0], **shape} if coefficients else {}
 
 
+def _bend(exponent: float) -> float:
+    """How far u^e lies from the straight line u at most, for u from 0 to 1; e is not 1."""
+    at = exponent ** (1.0 / (1.0 - exponent))
+    return float(abs(at**exponent - at))
+
+
 class NonlinearViscousFriction(Effect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
@@ -175,8 +181,10 @@ class NonlinearViscousFriction(Effect):
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
-        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / fastest ** figures["exponent"].value
-        return {"coefficient": Range(0.0, most, "at the joint's top speed it takes more than the motor can spare")}
+        exponent = figures["exponent"].value
+        # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * _bend(exponent))
+        return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         law = f"{figures['coefficient'].value:.3g} |v|^{figures['exponent'].value:.2g}"

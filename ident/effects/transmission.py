@@ -1,4 +1,4 @@
-"""What gears and hoses add beside friction: pull of another joint, ripple of the teeth, springs."""
+"""What gears and hoses add beside friction: pull of another joint, springs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, exactly_as, not_at_all
+from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval
+from ident.effects.knowledge import Doubt, Expression, Range, Typical, exactly_as, not_at_all
 from ident.effects.plausible import LARGEST_TORQUE_SHARE, joint_range
 from ident.effects.typical_sizes import (
     amplitude_interval,
@@ -28,11 +28,6 @@ from ident.effects.typical_sizes import (
 LARGEST_CORRELATION = 0.98
 # Width of the sign of a sum of two joints' speeds in a patch [rad/s].
 COUPLING_WIDTH = 0.01
-RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
-LEAST_CYCLES = 3.0
-# Of the rated torque; the catalogue has 0.5 to 3 %.
-LARGEST_RIPPLE_SHARE = 0.1
-LARGEST_PHASE_NOISE = 0.7  # [rad]
 STRAIGHT, BENT, PERIODIC = range(3)
 # Figures of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
@@ -150,104 +145,6 @@ class JointCoupling(Effect):
 def _other(variant: Variant) -> int:
     assert variant.other is not None
     return variant.other
-
-
-class TorqueRipple(Effect):
-    """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q − φ).
-
-    The order k counts cycles a turn of the motor, N is the gear ratio: without it there is nothing to look for. Motion
-    so fast that the line lies above the common filter adds nothing; some slow motion is needed.
-    """
-
-    id = "torque_ripple"
-    summary = "torque ripples with the motor's angle; look at slow constant speed"
-    shown_by = "slow"
-    defining = ("amplitude_Nm",)
-    typical = Typical("amplitude_Nm", 0.15)
-    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
-    open_law = True
-    incomparable = frozenset({"order"})  # the simulated arm counts lobes of the joint
-    opposite = frozenset({"phase_rad"})
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all("a joint has no torque that depends on its angle; add the module's torque"),
-        "mjcf": not_at_all(
-            "no torque that depends on an angle but a spring's; add the module's torque to qfrc_applied"
-        ),
-    }
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        name = session.joint_names[joint]
-        if session.gear_ratios is None or not np.isfinite(session.gear_ratios[joint]):
-            return f"gear ratio of {name} is not known; give the URDF a transmission with a mechanicalReduction"
-        if not self.variants(session, joint):
-            return f"{name} is never slow enough: the ripple lies above the filter's corner or the position's noise"
-        return None
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        load = np.concatenate([run.link[:, joint] for run in session.runs])
-        typical = max(float(np.sqrt(np.mean(load**2))), 1e-6)
-        return tuple(
-            Variant({"order": order}, shape={"loaded": loaded, "load_Nm": typical})
-            for order in RIPPLE_ORDERS
-            for loaded in (0.0, 1.0)
-            if _ripple_shows(session, joint, order)
-        )
-
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        assert session.gear_ratios is not None
-        turns = variant.inner["order"] * float(session.gear_ratios[joint])
-        return [
-            _share(run, joint, variant)[:, None]
-            * np.stack([np.cos(turns * run.motion.q[:, joint]), np.sin(turns * run.motion.q[:, joint])], axis=1)
-            for run in session.runs
-        ]
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {
-            "amplitude_Nm": amplitude_interval(coefficients, covariance),
-            "order": exactly(variant.inner["order"]),
-            "phase_rad": phase_interval(coefficients, covariance),
-        }
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
-        return {"amplitude_Nm": Range(0.0, most, "no gear in working order ripples by more of its rated torque")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude = figures["amplitude_Nm"].words("N m")
-        return f"compensate ± {amplitude} of tooth ripple at {where}; have its gear looked at if that has risen"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, 0.06 * rated_torque(session, joint))
-
-    def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
-    ) -> dict[str, float]:
-        """Whether the teeth's torque is a share of the load."""
-        return {"loaded": shape.get("loaded", 0.0), "load_Nm": shape.get("load_Nm", 1.0)}
-
-
-def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
-    """What the ripple is a share of: one, or the load in units of the session's typical load."""
-    if variant.shape["loaded"] == 0.0:
-        return np.ones(len(run.motion.time))
-    return np.asarray(run.link[:, joint] / variant.shape["load_Nm"])
-
-
-def _ripple_shows(session: SessionContext, joint: int, order: float) -> bool:
-    """Whether some cycles pass slowly enough for the common filter, and position tells the phase."""
-    assert session.gear_ratios is not None
-    turns = order * float(session.gear_ratios[joint])
-    cycles = 0.0
-    for run in session.runs:
-        speed = np.abs(run.motion.dq[:, joint])
-        corner = min(run.motion.lowpass.cutoff, 0.4 * run.motion.lowpass.rate)
-        slow = (speed > run.motion.rest_speed[joint]) & (speed * turns / (2 * np.pi) < corner)
-        cycles += float(speed[slow].sum()) * run.interval * turns / (2 * np.pi)
-    noise = max(float(run.motion.std[0, joint]) for run in session.runs)
-    return cycles >= LEAST_CYCLES and turns * noise < LARGEST_PHASE_NOISE
 
 
 class SpringTorque(Effect):

@@ -58,10 +58,13 @@ def coupling(m: Motion, j: int, p: dict[str, float]) -> Array:
 
 def ripple(m: Motion, j: int, p: dict[str, float]) -> Array:
     """A wave a turn of the motor, as it is or as a share of the load."""
-    if m.arm.gears is None:
+    turns = p["turns"]
+    if not turns and m.arm.gears is None:
         raise ValueError("torque ripple needs gear ratios: set gears of ARM")
+    if not turns and m.arm.gears is not None:
+        turns = p["order"] * m.arm.gears[j]
     share = m.rigid[:, j] / p["load_Nm"] if p["loaded"] else 1.0
-    return m.at(j, share * p["amplitude_Nm"] * np.cos(p["order"] * m.arm.gears[j] * m.q[:, j] - p["phase_rad"]))
+    return m.at(j, share * p["amplitude_Nm"] * np.cos(turns * m.q[:, j] - p["phase_rad"]))
 
 
 def spring(m: Motion, j: int, p: dict[str, float]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from smooth_motion import Recover, edit_runs
 
 from ident.effects.base import RunContext, SessionContext
@@ -62,10 +63,37 @@ def test_ripple_of_the_load_is_told_at_typical_load(session: SessionContext, rec
     np.testing.assert_allclose(found["phase_rad"].value, np.pi / 2, atol=0.01)
 
 
-def test_ripple_needs_a_gear_ratio_and_slow_motion(session: SessionContext) -> None:
-    """Without a ratio there is no line to look for; fast motion lifts it above the filter's corner."""
+@pytest.mark.parametrize("turns", [37.3, 161.0])
+def test_ripple_of_an_unknown_gear_is_found_over_the_angle(
+    session: SessionContext, recover: Recover, turns: float
+) -> None:
+    """Law: 0.6 N m of ripple beside 1 N m of noise stands out at its cycles a turn, once refined to a tenth of what the
+
+    joint's travel tells apart; noise alone shows no line.
+    """
+    effect, unknown, rng = find_effect("torque_ripple"), replace(session, gear_ratios=None), np.random.default_rng(0)
+    assert not effect.variants(unknown, 2)
+    noise = [rng.normal(size=(run.motion.filtered_length, 6)) for run in session.runs]
+    ripple = [0.6 * np.cos(turns * run.motion.q[:, 2] - 0.7) for run in session.runs]
+    left = [one.copy() for one in noise]
+    for run, values, torque in zip(session.runs, left, ripple, strict=True):
+        values[:, 2] += run.motion.filtered(torque)
+    assert not any(effect.screened(unknown, noise).lines)
+    lines = [effect.screened(unknown, left).lines[j] for j in range(6)]
+    assert [len(one) for one in lines] == [0, 0, 1, 0, 0, 0]
+    low = min(run.motion.q[:, 2].min() for run in session.runs)
+    high = max(run.motion.q[:, 2].max() for run in session.runs)
+    screened = effect.screened(unknown, left)
+    finer = screened.refined(unknown, 2, screened.variants(unknown, 2)[0])
+    nearest = min(abs(one.inner["order"] - turns) for one in finer)
+    assert nearest < 0.1 * 2 * np.pi / (high - low)
+    found = recover(screened, unknown, 2, ripple)
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 0.6, rtol=0.15)
+
+
+def test_ripple_needs_slow_motion(session: SessionContext) -> None:
+    """Fast motion lifts the line above the filter's corner."""
     effect = find_effect("torque_ripple")
-    assert "mechanicalReduction" in str(effect.untestable(replace(session, gear_ratios=None), 0))
 
     def fast(run: RunContext) -> RunContext:
         return replace(run, motion=replace(run.motion, dq=3.0 + np.abs(run.motion.dq)))

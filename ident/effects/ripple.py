@@ -1,0 +1,256 @@
+"""Ripple of the teeth, and order tracking: at which cycles a turn of a joint its torque ripples, whatever its gear.
+
+A ripple is a line in the angle, not in time: the residual's Fourier sum over the joint's angle,
+
+    S(k) = Σ r exp(−i k q),    P(k) = 2 |S|² / (N σ²),
+
+over the N samples at which k |q'| / 2π lies below the common filter's corner. P is about twice a unit exponential where
+there is only noise. Residuals of slow laws rise towards low k: P is held against its own median around k.
+
+Source: Fyfe and Munck 1997 (order tracking by the shaft's angle); Lomb 1976 for the normalisation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, not_at_all
+from ident.effects.typical_sizes import amplitude_interval, exactly, phase_interval, rated_torque, travel
+
+RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
+# Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
+FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
+# Of the rated torque; the catalogue has 0.5 to 3 %.
+LARGEST_RIPPLE_SHARE = 0.1
+# Cycles a turn that are looked at: below lie laws of position; above no encoder tells the phase.
+FEWEST, MOST = 8.0, 600.0
+# Samples are sorted into octaves of speed: of each line those count that pass it slowly enough.
+OCTAVES = 8
+# A joint that turns less shows no line apart from its neighbours [rad].
+LEAST_TRAVEL = 0.2
+# Zeros that the angle is continued by, so that a line between two points of the sum is not missed.
+PADDING = 4
+# Lines on either side of one that tell what is usual there.
+AROUND = 50
+# Of a line among noise that stands out so far.
+CHANCE = 0.01
+# Of a line, so that its phase shows; noise of the position beyond which it doesn't [rad].
+LEAST_CYCLES, LARGEST_PHASE_NOISE = 3.0, 0.7
+
+
+@dataclass(frozen=True)
+class TorqueRipple(Effect):
+    """Torque at the teeth's pace: τ = A cos(k N q − φ), or as a share of the load, τ_l a cos(k N q − φ).
+
+    The order k counts cycles a turn of the motor, N is the gear ratio; k N also comes from lines that stand out of the
+    residual over the joint's angle (`screened`), and where the ratio is not known, the order told is that of the joint.
+    Motion so fast that a line lies above the common filter adds nothing; some slow motion is needed.
+
+    Attributes:
+        lines: Cycles a turn of each joint that stand out.
+        screens: Number of lines that were looked at to find them.
+    """
+
+    lines: tuple[tuple[float, ...], ...] = ()
+    screens: int = 1
+
+    id = "torque_ripple"
+    summary = "torque ripples with the motor's angle; look at slow constant speed"
+    shown_by = "slow"
+    defining = ("amplitude_Nm",)
+    typical = Typical("amplitude_Nm", 0.15)
+    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
+    open_law = True
+    incomparable = frozenset({"order"})  # the simulated arm counts lobes of the joint
+    opposite = frozenset({"phase_rad"})
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all("a joint has no torque that depends on its angle; add the module's torque"),
+        "mjcf": not_at_all(
+            "no torque that depends on an angle but a spring's; add the module's torque to qfrc_applied"
+        ),
+    }
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
+        found = [find_lines(session, leftover, joint) for joint in range(session.n)]
+        looked = round(float(np.mean([one.looked for one in found])))
+        return replace(self, lines=tuple(one.turns for one in found), screens=max(1, looked))
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        slowest = _gear(session, joint) or FEWEST
+        if not _ripple_shows(session, joint, slowest):
+            name = session.joint_names[joint]
+            return f"{name} is never slow enough: the ripple lies above the filter's corner or the position's noise"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        gear = _gear(session, joint)
+        turns = [order * gear for order in RIPPLE_ORDERS] if gear else []
+        turns = [one for one in turns if _ripple_shows(session, joint, one)]
+        low, high = travel(session, joint)
+        apart = np.pi / max(high - low, 1e-6)
+        lines = self.lines[joint] if self.lines else ()
+        turns += [one for one in lines if all(abs(one - other) > apart for other in turns)]
+        load = np.concatenate([run.link[:, joint] for run in session.runs])
+        typical = max(float(np.sqrt(np.mean(load**2))), 1e-6)
+        return tuple(
+            Variant({"order": one / (gear or 1.0)}, shape={"turns": one, "loaded": loaded, "load_Nm": typical})
+            for one in turns
+            for loaded in (0.0, 1.0)
+        )
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """A line that was found lies between points of a sum; that of a known gear is where it is."""
+        turns, gear = variant.shape["turns"], _gear(session, joint)
+        if gear and any(np.isclose(turns, order * gear) for order in RIPPLE_ORDERS):
+            return (variant,)
+        low, high = travel(session, joint)
+        near = [turns + share * 2.0 * np.pi / max(high - low, 1e-6) for share in FINE_LINES]
+        return tuple(
+            Variant({"order": one / (gear or 1.0)}, shape={**variant.shape, "turns": float(one)}) for one in near
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        turns = variant.shape["turns"]
+        return [
+            _share(run, joint, variant)[:, None]
+            * np.stack([np.cos(turns * run.motion.q[:, joint]), np.sin(turns * run.motion.q[:, joint])], axis=1)
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {
+            "amplitude_Nm": amplitude_interval(coefficients, covariance),
+            "order": exactly(variant.inner["order"]),
+            "phase_rad": phase_interval(coefficients, covariance),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
+        return {"amplitude_Nm": Range(0.0, most, "no gear in working order ripples by more of its rated torque")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        amplitude = figures["amplitude_Nm"].words("N m")
+        return f"compensate ± {amplitude} of tooth ripple at {where}; have its gear looked at if that has risen"
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.full(2, 0.06 * rated_torque(session, joint))
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Whether the teeth's torque is a share of the load, and its cycles a turn of the joint."""
+        return {
+            "loaded": shape.get("loaded", 0.0),
+            "load_Nm": shape.get("load_Nm", 1.0),
+            "turns": shape.get("turns", 0.0),
+        }
+
+
+def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
+    """What the ripple is a share of: one, or the load in units of the session's typical load."""
+    if variant.shape["loaded"] == 0.0:
+        return np.ones(len(run.motion.time))
+    return np.asarray(run.link[:, joint] / variant.shape["load_Nm"])
+
+
+def _gear(session: SessionContext, joint: int) -> float | None:
+    """A joint's gear ratio, if it is known."""
+    ratio = np.nan if session.gear_ratios is None else float(session.gear_ratios[joint])
+    return ratio if np.isfinite(ratio) else None
+
+
+def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
+    """Whether some cycles pass slowly enough for the common filter, and position tells the phase."""
+    cycles = 0.0
+    for run in session.runs:
+        speed = np.abs(run.motion.dq[:, joint])
+        corner = min(run.motion.lowpass.cutoff, 0.4 * run.motion.lowpass.rate)
+        slow = (speed > run.motion.rest_speed[joint]) & (speed * turns / (2 * np.pi) < corner)
+        cycles += float(speed[slow].sum()) * run.interval * turns / (2 * np.pi)
+    noise = max(float(run.motion.std[0, joint]) for run in session.runs)
+    return cycles >= LEAST_CYCLES and turns * noise < LARGEST_PHASE_NOISE
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """What stands out of a joint's residual, the strongest first.
+
+    Attributes:
+        turns: Cycles a turn of the joint.
+        looked: Number of independent lines that were looked at.
+    """
+
+    turns: tuple[float, ...]
+    looked: int
+
+
+def find_lines(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2) -> Lines:
+    """Lines in a joint's angle that the tuned model leaves.
+
+    Args:
+        session: The runs.
+        leftover: For each run what the model leaves of the torque, filtered and decimated; zero where that doesn't
+            count [N m].
+        joint: Index of the joint.
+        most: Largest number of lines.
+    """
+    angles, speeds, left = [], [], []
+    for run, values in zip(session.runs, leftover, strict=True):
+        counts = values[:, joint] != 0.0
+        angles.append(run.motion.q[run.motion.coarse][counts, joint])
+        speeds.append(np.abs(run.motion.dq[run.motion.coarse][counts, joint]))
+        left.append(values[counts, joint])
+    angle, speed, residual = map(np.concatenate, (angles, speeds, left))
+    travel = float(np.ptp(angle)) if len(angle) else 0.0
+    if travel < LEAST_TRAVEL:
+        return Lines((), 1)
+    motion = session.runs[0].motion
+    corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
+    turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
+    spread = max(float(run.motion.std[0, joint]) for run in session.runs)
+    shows = (cycles * step >= LEAST_CYCLES) & (turns * spread < LARGEST_PHASE_NOISE) & (turns >= FEWEST)
+    if not shows.any():
+        return Lines((), 1)
+    usual = median_filter(power, 2 * AROUND * PADDING + 1, mode="nearest") / (2.0 * np.log(2.0))
+    above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
+    looked = max(1, int(shows.sum()) // PADDING)
+    found: list[float] = []
+    while len(found) < most and above.max() > 2.0 * np.log(looked / CHANCE):
+        best = int(np.argmax(above))
+        found.append(float(turns[best]))
+        above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / travel)] = 0.0
+    return Lines(tuple(found), looked)
+
+
+def _spectrum(
+    angle: Float[Array, " t"], speed: Float[Array, " t"], residual: Float[Array, " t"], corner: float
+) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
+    """Lines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
+    width = np.pi / MOST
+    bins = int(angle.max() / width) + 1
+    length = 1 << int(np.ceil(np.log2(PADDING * bins)))
+    turns = 2.0 * np.pi * np.arange(length // 2 + 1) / (length * width)
+    sums, counts, cycles = np.zeros(len(turns), dtype=complex), np.zeros(len(turns)), np.zeros(len(turns))
+    # Of each octave the slowest line that it blurs.
+    edges = 2.0 * np.pi * corner / (MOST / 2.0 ** np.arange(OCTAVES + 1))
+    octave = np.searchsorted(edges, speed)
+    place = (angle / width).astype(int)
+    for k, edge in enumerate(edges):
+        own = octave == k
+        if not own.any():
+            continue
+        passes = turns < 2.0 * np.pi * corner / edge
+        sums[passes] += np.fft.rfft(np.bincount(place[own], residual[own], bins), length)[passes]
+        counts[passes] += own.sum()
+        cycles[passes] += speed[own].sum()
+    power = 2.0 * np.abs(sums) ** 2 / np.maximum(counts * np.mean(residual**2), 1e-300)
+    return turns, power, cycles * turns / (2.0 * np.pi)
