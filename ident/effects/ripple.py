@@ -37,7 +37,7 @@ OCTAVES = 8
 LEAST_TRAVEL = 0.2
 # Zeros that the angle is continued by, so that a line between two points of the sum is not missed.
 PADDING = 4
-# Lines on either side of one that tell what is usual there.
+# RippleLines on either side of one that tell what is usual there.
 AROUND = 50
 # Of a line among noise that stands out so far.
 CHANCE = 0.01
@@ -181,7 +181,7 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class RippleLines:
     """What stands out of a joint's residual, the strongest first.
 
     Attributes:
@@ -193,8 +193,10 @@ class Lines:
     looked: int
 
 
-def find_lines(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2) -> Lines:
-    """Lines in a joint's angle that the tuned model leaves.
+def find_lines(
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2
+) -> RippleLines:
+    """RippleLines in a joint's angle that the tuned model leaves.
 
     Args:
         session: The runs.
@@ -212,14 +214,14 @@ def find_lines(session: SessionContext, leftover: Sequence[Float[Array, "t n"]],
     angle, speed, residual = map(np.concatenate, (angles, speeds, left))
     travel = float(np.ptp(angle)) if len(angle) else 0.0
     if travel < LEAST_TRAVEL:
-        return Lines((), 1)
+        return RippleLines((), 1)
     motion = session.runs[0].motion
     corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
     turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
     shows = (cycles * step >= LEAST_CYCLES) & (turns * spread < LARGEST_PHASE_NOISE) & (turns >= FEWEST)
     if not shows.any():
-        return Lines((), 1)
+        return RippleLines((), 1)
     usual = median_filter(power, 2 * AROUND * PADDING + 1, mode="nearest") / (2.0 * np.log(2.0))
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // PADDING)
@@ -228,13 +230,13 @@ def find_lines(session: SessionContext, leftover: Sequence[Float[Array, "t n"]],
         best = int(np.argmax(above))
         found.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / travel)] = 0.0
-    return Lines(tuple(found), looked)
+    return RippleLines(tuple(found), looked)
 
 
 def _spectrum(
     angle: Float[Array, " t"], speed: Float[Array, " t"], residual: Float[Array, " t"], corner: float
 ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
-    """Lines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
+    """RippleLines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
     width = np.pi / MOST
     bins = int(angle.max() / width) + 1
     length = 1 << int(np.ceil(np.log2(PADDING * bins)))

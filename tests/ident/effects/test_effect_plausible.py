@@ -83,7 +83,7 @@ def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext)
         ("joint_elasticity", {"stiffness_Nm_rad": STIFFEST, "damping_Nms_rad": 1.0}, "as good as rigid"),
         ("gravity_misalignment", {"tilt_x_rad": 1.6, "tilt_y_rad": 0.0}, "turn the arm"),
         ("encoder_offset", {"offset_rad": -1.6}, "another one"),
-        ("nonlinear_viscous_friction", {"coefficient": 800.0, "exponent": 0.5}, "its bend takes more"),
+        ("nonlinear_viscous_friction", {"coefficient": 400.0, "exponent": 0.5}, "its bend takes more"),
         ("torque_gain_error", {"gain": -2.0}, "no torque"),
         (
             "link_inertial_error",
@@ -107,10 +107,11 @@ def test_what_no_arm_has_is_no_finding(
 
 
 def test_of_a_law_that_is_nearly_straight_only_the_bend_counts(session: SessionContext) -> None:
-    """Law: the line beside it takes any part of |v|^0.85, so that a large coefficient is no large torque; of |v|^0.5 the
+    """Law: the line beside it takes any part of |v|^0.85, so that a large coefficient is no large torque; the bend of as
 
-    bend of as large a one would be beyond the motor."""
-    figures = {"coefficient": 800.0, "exponent": 0.85}
+    large a one of |v|^0.5 is beyond the motor.
+    """
+    figures = {"coefficient": 400.0, "exponent": 0.85}
     assert impossible(find_effect("nonlinear_viscous_friction"), session, 1, sharp(**figures)) is None
 
 
