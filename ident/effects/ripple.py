@@ -236,7 +236,7 @@ def find_lines(
 def _spectrum(
     angle: Float[Array, " t"], speed: Float[Array, " t"], residual: Float[Array, " t"], corner: float
 ) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
-    """RippleLines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
+    """Lines, their power against white noise, and speed summed over what passes them slowly, in cycles a second."""
     width = np.pi / MOST
     bins = int(angle.max() / width) + 1
     length = 1 << int(np.ceil(np.log2(PADDING * bins)))

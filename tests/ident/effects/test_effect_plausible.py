@@ -107,9 +107,9 @@ def test_what_no_arm_has_is_no_finding(
 
 
 def test_of_a_law_that_is_nearly_straight_only_the_bend_counts(session: SessionContext) -> None:
-    """Law: the line beside it takes any part of |v|^0.85, so that a large coefficient is no large torque; the bend of as
+    """Law: the line beside it takes any part of |v|^0.85, so that a large coefficient is no large torque; the bend of
 
-    large a one of |v|^0.5 is beyond the motor.
+    as large a one of |v|^0.5 is beyond the motor.
     """
     figures = {"coefficient": 400.0, "exponent": 0.85}
     assert impossible(find_effect("nonlinear_viscous_friction"), session, 1, sharp(**figures)) is None
