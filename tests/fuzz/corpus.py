@@ -30,8 +30,8 @@ from tests.ident.recordings.test_bags import rows_of, write_bag
 
 ROWS = 120
 KEY = bytes(range(16))
-# A checkpoint is written at the tenth epoch.
-OPTIONS = replace(PRESETS["default"], epochs=10, members=1)
+# Of the net that is trained rather than solved for; its checkpoint is written at the tenth epoch.
+OPTIONS = replace(PRESETS["paper"], epochs=10, hidden=(8, 4))
 
 
 def in_a_child(act: Any, *arguments: Any) -> None:
@@ -91,8 +91,8 @@ def _model(folder: Path, arm: ArmModel, net: bool) -> None:
         return
     q, dq, ddq, tau = training_data(arm)
     states, training = [(q, dq, ddq, tau)], folder / "model.training"
-    trained = fit_residual_net(states, [0.1 * tau], options=OPTIONS, checkpoint=training)
-    replace(model, net=trained).save(folder / "model")
+    fit_residual_net(states, [0.1 * tau], options=OPTIONS, checkpoint=training)
+    replace(model, net=fit_residual_net(states, [0.1 * tau])).save(folder / "model")
 
 
 def _settings(folder: Path) -> None:

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -245,7 +245,7 @@ def _session() -> Any:
 def _training_data() -> tuple[Any, Any, NetOptions]:
     rng = np.random.default_rng(0)
     states = tuple(rng.normal(size=(4, 60, 2)))
-    options = NetOptions(**{**vars(PRESETS["default"]), "epochs": 20, "members": 1, "hidden": (4,)})
+    options = replace(PRESETS["paper"], epochs=20, hidden=(4,))
     return [states], [0.1 * states[3]], options
 
 
