@@ -21,6 +21,8 @@ USER, SYSTEM, SIGNALLED = 2, 74, 128
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
 PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}
 
+# What the system's loader says of a library that there is no room for.
+UNMAPPED = ("map segment", "annot allocate memory")
 MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
@@ -60,12 +62,6 @@ def _run(name: str, module: str, signals: _Signals) -> int:
     except MemoryError:
         say(MEMORY_FULL)
         return SYSTEM
-    except ImportError as error:
-        # A library that can't be mapped: what the system's loader says where there is no room for it.
-        if "map segment" in str(error) or "annot allocate memory" in str(error):
-            say(MEMORY_FULL)
-            return SYSTEM
-        raise
     except Exception as error:
         # Interrupted, maybe within a library that made something else of it.
         if signals.came or type(error).__name__ == "Abort":
@@ -73,6 +69,9 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         elif type(error).__module__.startswith(("click", "typer")) and hasattr(error, "format_message"):
             say(f"{error.format_message().rstrip('.')}; see {name} --help")
             return USER
+        elif isinstance(error, ImportError) and any(words in str(error) for words in UNMAPPED):
+            say(MEMORY_FULL)
+            return SYSTEM
         else:
             raise
     if signals.came or status == SIGNALLED + signal.SIGINT:  # typer turns Ctrl-C into this status

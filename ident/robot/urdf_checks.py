@@ -15,6 +15,8 @@ from ident.errors import RobotError
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 # Arms on humanoids with all their sensors have some two hundred; a chain of more is deeper than parsers can follow.
 MOST_JOINTS = 500
+# Humanoids with both hands have some eighty that move; the room that dynamics need grows with the cube of them.
+MOST_MOVING = 150
 SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {"scale": 3}}
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -31,6 +33,9 @@ def check_urdf(root: ET.Element, where: str) -> None:
     count = len(root.findall("joint"))
     if count > MOST_JOINTS:
         raise RobotError(where, f"it has {count} joints, fixed ones counted", "give the URDF of one arm")
+    moving = sum(joint.get("type") != "fixed" for joint in root.findall("joint"))
+    if moving > MOST_MOVING:
+        raise RobotError(where, f"it has {moving} joints that move", "give the URDF of one arm")
     for kind in ("link", "joint"):
         _require_names(root.findall(kind), kind, where)
     for link in root.findall("link"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import coal
@@ -32,7 +33,7 @@ def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid,
     Raises:
         SceneError: The file is missing, no mesh, not finite, too large, or open.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # false of names that no file can have, too
         raise SceneError(path, "no such mesh file", "give the path of an STL, OBJ or DAE file, from the scene file on")
     if path.suffix.lower() not in READABLE:
         raise SceneError(path, "no mesh that can be read", f"give one of: {', '.join(READABLE)}")

@@ -136,3 +136,11 @@ def test_a_signal_that_a_library_turns_into_its_own_error(tmp_path: Path) -> Non
     process.send_signal(signal.SIGINT)
     assert process.stderr.read() == "ident: stopped\n"
     assert process.wait() == 130
+
+
+def test_a_library_that_does_not_fit_in_memory_is_told_in_one_line(tmp_path: Path) -> None:
+    """What the system's loader says where it can't map a library, as a command begins."""
+    app = 'raise ImportError("_core.so: failed to map segment from shared object")'
+    ended = subprocess.run(command(tmp_path, app=app), capture_output=True, text=True)
+    assert ended.returncode == 74
+    assert ended.stderr.splitlines() == ["ident: memory is full; give fewer or shorter sessions, or a larger machine"]

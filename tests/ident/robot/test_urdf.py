@@ -238,3 +238,12 @@ def test_a_chain_as_long_as_a_urdf_may_be_is_walked_without_recursion() -> None:
     hand = [joint("left", "l2000", "tip_a"), joint("right", "l2000", "tip_b")]
     root = ET.fromstring("<robot name='long'><link name='l0'/>" + "".join(chain + hand) + "</robot>")
     assert gripper_joints(root) == ["left", "right"]
+
+
+def test_more_joints_than_any_robot_moves_are_refused_before_the_dynamics() -> None:
+    """Room for the dynamics grows with the cube of the joints: 151 are told, not tried."""
+    chain = "".join(link(f"l{k}") for k in range(152)) + "".join(
+        joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(151)
+    )
+    with pytest.raises(RobotError, match="151 joints that move"):
+        ArmModel.from_urdf(f"<robot name='long'>{chain}</robot>")
