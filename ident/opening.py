@@ -218,6 +218,5 @@ def _open(
                 f"its joints are {', '.join(report.session.joints)}, those of {reports[0].session.name} are not",
                 "give sessions with the same joints together",
             )
-    missing = [name for name in arm.joint_names if name not in joints]
     groups = tuple((report.session.name, prepare(report.session, cutoff)) for report in reports)
-    return Opened(arm.locked(missing) if missing else arm, reports, groups)
+    return Opened(arm.keeping(joints), reports, groups)

@@ -38,8 +38,7 @@ def servo(
     arm = None if robot is None else load_robot(robot, ())
     if arm is not None:
         matched = [match_joints(session, arm.joint_names)[0] for session in loaded]
-        missing = [name for name in arm.joint_names if name not in matched[0].joints]
-        arm = arm.locked(missing) if missing else arm
+        arm = arm.keeping(matched[0].joints)
         loaded = [session.replace(runs=[run.select(arm.joint_names) for run in session.runs]) for session in matched]
     joints = loaded[0].joints
     for session in loaded[1:]:

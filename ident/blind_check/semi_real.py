@@ -83,8 +83,7 @@ class RealArm:
         arm = ArmModel.load(session.robot)
         report = inspect(session, arm)
         report.require_fit()
-        missing = [name for name in arm.joint_names if name not in session.joints]
-        arm = arm.locked(missing) if missing else arm
+        arm = arm.keeping(session.joints)
         motions = prepare(report.session)
         names = [motion.name for motion in motions]
         kept = report.session.replace(runs=[run for run in report.session.runs if run.name in names])

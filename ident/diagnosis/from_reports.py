@@ -59,8 +59,7 @@ def diagnose_reports(
         return Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues)), None, ()
     if not motions:
         raise no_motion(heard.session)
-    missing = [name for name in arm.joint_names if name not in heard.joints]
-    arm = arm.locked(missing) if missing else arm
+    arm = arm.keeping(heard.joints)
     share = INERTIA_SHARE
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, KNOWN_SHARE

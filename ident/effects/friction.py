@@ -12,17 +12,16 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, exactly_as, nearly_as
 from ident.effects.plausible import LARGEST_TORQUE_SHARE
 from ident.effects.typical_sizes import (
-    amplitude_interval,
     coefficient_interval,
     coulomb_level,
-    exactly,
     friction_level,
     grid_interval,
     hardly_moves,
-    phase_interval,
     rated_torque,
     top_speed,
     travel,
+    wave,
+    wave_figures,
 )
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
@@ -310,20 +309,12 @@ class PositionDependentFriction(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         order = variant.inner["order"]
-        return [
-            run.direction[:, joint, None]
-            * np.stack([np.cos(order * run.motion.q[:, joint]), np.sin(order * run.motion.q[:, joint])], axis=1)
-            for run in session.runs
-        ]
+        return [run.direction[:, joint, None] * wave(run.motion.q[:, joint], order) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        return {
-            "amplitude_Nm": amplitude_interval(coefficients, covariance),
-            "order": exactly(variant.inner["order"]),
-            "phase_rad": phase_interval(coefficients, covariance),
-        }
+        return wave_figures(variant.inner["order"], coefficients, covariance)
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """Passive: where it takes friction away, no less than none may be left."""

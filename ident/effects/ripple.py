@@ -22,7 +22,8 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, not_at_all
-from ident.effects.typical_sizes import amplitude_interval, exactly, phase_interval, rated_torque, travel
+from ident.effects.typical_sizes import rated_torque, travel, wave, wave_figures
+from ident.motion.out_of_core import choose_runs
 
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
@@ -37,7 +38,7 @@ OCTAVES = 8
 LEAST_TRAVEL = 0.2
 # Zeros that the angle is continued by, so that a line between two points of the sum is not missed.
 PADDING = 4
-# RippleLines on either side of one that tell what is usual there.
+# Lines on either side of one that tell what is usual there.
 AROUND = 50
 # Of a line among noise that stands out so far.
 CHANCE = 0.01
@@ -78,7 +79,10 @@ class TorqueRipple(Effect):
     }
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
-        found = [find_lines(session, leftover, joint) for joint in range(session.n)]
+        # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
+        chosen = choose_runs(len(session.runs), session.every)
+        some = [leftover[k] for k in chosen]
+        found = [find_lines(session.survey, some, joint) for joint in range(session.n)]
         looked = round(float(np.mean([one.looked for one in found])))
         return replace(self, lines=tuple(one.turns for one in found), screens=max(1, looked))
 
@@ -118,20 +122,12 @@ class TorqueRipple(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         turns = variant.shape["turns"]
-        return [
-            _share(run, joint, variant)[:, None]
-            * np.stack([np.cos(turns * run.motion.q[:, joint]), np.sin(turns * run.motion.q[:, joint])], axis=1)
-            for run in session.runs
-        ]
+        return [_share(run, joint, variant)[:, None] * wave(run.motion.q[:, joint], turns) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        return {
-            "amplitude_Nm": amplitude_interval(coefficients, covariance),
-            "order": exactly(variant.inner["order"]),
-            "phase_rad": phase_interval(coefficients, covariance),
-        }
+        return wave_figures(variant.inner["order"], coefficients, covariance)
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
@@ -196,7 +192,7 @@ class RippleLines:
 def find_lines(
     session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2
 ) -> RippleLines:
-    """RippleLines in a joint's angle that the tuned model leaves.
+    """Lines in a joint's angle that the tuned model leaves.
 
     Args:
         session: The runs.
@@ -212,8 +208,8 @@ def find_lines(
         speeds.append(np.abs(run.motion.dq[run.motion.coarse][counts, joint]))
         left.append(values[counts, joint])
     angle, speed, residual = map(np.concatenate, (angles, speeds, left))
-    travel = float(np.ptp(angle)) if len(angle) else 0.0
-    if travel < LEAST_TRAVEL:
+    covered = float(np.ptp(angle)) if len(angle) else 0.0
+    if covered < LEAST_TRAVEL:
         return RippleLines((), 1)
     motion = session.runs[0].motion
     corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
@@ -229,7 +225,7 @@ def find_lines(
     while len(found) < most and above.max() > 2.0 * np.log(looked / CHANCE):
         best = int(np.argmax(above))
         found.append(float(turns[best]))
-        above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / travel)] = 0.0
+        above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0
     return RippleLines(tuple(found), looked)
 
 

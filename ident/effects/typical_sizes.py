@@ -136,6 +136,22 @@ def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array
     return Interval(size, max(0.0, size - reach), size + reach)
 
 
+def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
+    """Cosine and sine of an angle's multiple: the columns of a wave of any phase."""
+    return np.stack([np.cos(cycles * angle), np.sin(cycles * angle)], axis=1)
+
+
+def wave_figures(
+    order: float, coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]
+) -> dict[str, Interval]:
+    """What is reported of a wave: its amplitude, its order and its phase."""
+    return {
+        "amplitude_Nm": amplitude_interval(coefficients, covariance),
+        "order": exactly(order),
+        "phase_rad": phase_interval(coefficients, covariance),
+    }
+
+
 def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
     """Interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad]."""
     size = float(np.hypot(*coefficients))

@@ -114,8 +114,7 @@ def states_of(signals: Signals, time: Unit, angle: Unit, arm: ArmModel, joints: 
     torque = signals.tables["effort" if "effort" in signals.tables else "current"]
     run = signals.run(time.factor, angle.factor, torque).replace(joints=tuple(joints))
     present = [name for name in arm.joint_names if name in run.joints]
-    missing = [name for name in arm.joint_names if name not in run.joints]
-    return collect_states(Session("guess", (run.select(present),)), arm.locked(missing) if missing else arm)
+    return collect_states(Session("guess", (run.select(present),)), arm.keeping(run.joints))
 
 
 def joint_order(signals: Signals, time: Unit, angle: Unit, arm: ArmModel) -> tuple[tuple[str, ...], Reason | None]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.model.joint_nets import silu
 
 # Units that are drawn for the net, and as many of the first of them as scales are searched with.
 DRAWN, SEARCHED = 256, 64
@@ -32,8 +33,6 @@ STRAIGHT = 30.0
 # Ridges tried, as shares of the mean square of a column, and those tried for all units about the searched one's best.
 RIDGES = np.geomspace(1e-6, 10.0, 8)
 NEAR = np.geomspace(0.1, 100.0, 4)
-# Beyond this a unit is straight or nothing: the exponential needs no more.
-FLAT = 30.0
 # Fewer rows than this tell nothing of a joint.
 LEAST_ROWS = 8
 
@@ -116,8 +115,7 @@ def _search(x: Array, y: Array, fold: Array, drawn: Array, bias: Array) -> tuple
 def _rows(x: Float[Array, "T f"], drawn: Float[Array, "f h"], bias: Float[Array, " h"]) -> Float[Array, "T p"]:
     """Columns of the linear problem: units, inputs, one. Units in single precision, as the net reckons."""
     units = x.astype(np.float32) @ drawn.astype(np.float32) + bias.astype(np.float32)
-    units /= 1.0 + np.exp(-np.clip(units, -FLAT, FLAT))
-    return np.concatenate([units, STRAIGHT * x, np.ones((len(x), 1))], axis=1)
+    return np.concatenate([silu(units), STRAIGHT * x, np.ones((len(x), 1))], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,8 +194,7 @@ class Diagnosed:
         if foreign:
             remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
             raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
-        missing = [name for name in arm.joint_names if name not in self.joints]
-        return arm.locked(missing) if missing else arm
+        return arm.keeping(self.joints)
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.patches.module import describe_arm
 from ident.robot.arm import ArmModel
+from ident.robot.urdf import rotation_about
 
 # Poses at which the axes are compared; a handful fixes a rigid motion many times over.
 POSES = 12
@@ -101,17 +102,10 @@ def _link_poses(arm: ArmModel, q: Float[Array, " n"]) -> tuple[Float[Array, "n 3
         if chain.sliding[j]:
             place = place + turn @ chain.axes[j] * q[j]
         else:
-            turn = turn @ _about(chain.axes[j], float(q[j]))
+            turn = turn @ rotation_about(chain.axes[j], float(q[j]))
         turns.append(turn)
         places.append(place)
     return np.array(turns), np.array(places)
-
-
-def _about(axis: Float[Array, " 3"], angle: float) -> Float[Array, "3 3"]:
-    """Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 
 def _lines(arm: ArmModel, pose: tuple[Array, Array]) -> Float[Array, "n 6"]:

@@ -231,6 +231,10 @@ class ArmModel:
             self.model.gravity.linear
         )
 
+    def keeping(self, joints: Sequence[str]) -> ArmModel:
+        """The arm with all joints but these fixed at neutral; names that it does not have are passed over."""
+        return self.locked([name for name in self.joint_names if name not in joints])
+
     def forward_kinematics(self, q: Float[Array, " n"]) -> dict[str, Float[Array, "4 4"]]:
         """Pose of every link in the base frame, as homogeneous transforms."""
         data = self.model.createData()

@@ -119,13 +119,18 @@ def _rows(motions: Sequence[Motion], rigid: Sequence[Array], j: int) -> tuple[Ar
     tables, torques, pieces, first = [], [], [], 0
     for motion, torque in zip(motions, rigid, strict=True):
         rows = (motion.moving if few else motion.settled)[:, j]
-        filtered = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
-        tables.append(np.column_stack([torque[:, j], filtered, np.ones(len(filtered))])[rows])
+        tables.append(term_columns(motion, torque, j)[rows])
         torques.append(motion.tau_filtered[rows, j])
         number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
         pieces.append(first + number[rows])
         first += int(number[-1]) + 1
     return np.concatenate(tables), np.concatenate(torques), np.concatenate(pieces)
+
+
+def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Array, "t 5"]:
+    """What each of `TERMS` multiplies at a joint, through the common filter."""
+    filtered = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
+    return np.column_stack([rigid[:, j], filtered, np.ones(len(filtered))])
 
 
 def _gap(joint: str, left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> SessionFigure:

@@ -18,7 +18,7 @@ from ident.arrays import Array, Float
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.watching.figures import TERMS, UNITS, SessionFigure, compute_figures
+from ident.watching.figures import TERMS, UNITS, SessionFigure, compute_figures, term_columns
 
 SCHEMA = "ident.ranges/1"
 LEVEL = 0.95
@@ -209,7 +209,7 @@ def _check(
         for j, joint in enumerate(joints):
             known = by_joint.get(joint, {})
             rows = motion.settled[:, j]
-            columns = _columns(motion, rigid, j)
+            columns = dict(zip(TERMS, term_columns(motion, rigid, j).T, strict=True))
             middle, half, usual = _box(columns, known)
             far = np.abs(motion.tau_filtered[:, j] - middle) <= half + reach * noise.get(joint, 0.0)
             inside[j] += np.sum(far & rows)
@@ -218,17 +218,6 @@ def _check(
             habit[j] += np.sum(usual[rows])
     shares = np.where(total > 0, inside / np.maximum(total, 1.0), np.nan)
     return shares, float(np.nanmedian(np.where(own > 0.0, habit / np.maximum(own, 1e-300), np.nan)))
-
-
-def _columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> dict[str, Float[Array, " t"]]:
-    filtered = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
-    return {
-        "gain": rigid[:, j],
-        "rotor": filtered[:, 0],
-        "viscous": filtered[:, 1],
-        "coulomb": filtered[:, 2],
-        "offset": np.ones(len(rigid)),
-    }
 
 
 def _box(

@@ -91,8 +91,7 @@ def _figures(report: TelemetryReport, arm: ArmModel, model: HybridModel | None) 
     if model is not None:
         model.require_robot(arm, "--model")
         reference = model.arm
-    missing = [name for name in reference.joint_names if name not in report.session.joints]
-    found = compute_figures(prepare(report.session), reference.locked(missing) if missing else reference)
+    found = compute_figures(prepare(report.session), reference.keeping(report.session.joints))
     return [{**vars(one), "unit": UNITS[one.figure]} for one in found]
 
 

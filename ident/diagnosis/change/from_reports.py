@@ -52,9 +52,7 @@ def compare_reports(
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = min(cutoff or CUTOFF, LARGEST_CUTOFF_SHARE * slowest)
-    missing = [name for name in arm.joint_names if name not in joints]
-    arm = arm.locked(missing) if missing else arm
-    found = compare(_motions(before, corner), _motions(after, corner), arm, sides, seed)
+    found = compare(_motions(before, corner), _motions(after, corner), arm.keeping(joints), sides, seed)
     return found.with_issues(issues)
 
 
