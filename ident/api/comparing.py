@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
-from ident.diagnosis.from_reports import CUTOFF
 from ident.opening import Robot, Sources, load_robot, load_sources
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
@@ -41,6 +42,7 @@ def compare(
     arm = load_robot(robot, (*earlier, *later))
     reports = inspect_sessions((*earlier, *later), arm)
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, cutoff, seed)
-    settings = {"cutoff_hz": cutoff or CUTOFF, "seed": seed, "robot": arm.name, "sessions_before": len(earlier)}
+    used = None if np.isnan(found.cutoff) else found.cutoff
+    settings = {"cutoff_hz": used, "seed": seed, "robot": arm.name, "sessions_before": len(earlier)}
     stamps = stamp_sessions(report.session for report in reports)
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

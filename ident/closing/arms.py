@@ -14,7 +14,6 @@ from ident.closing.loop import MOST_ROUNDS, Closed, Say, close_gap
 from ident.closing.models import SimulatorModel, as_randomised, as_tuned, as_urdf
 from ident.closing.recorder import Recorder
 from ident.closing.result import ArmClosed
-from ident.diagnosis.from_reports import CUTOFF
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
@@ -91,7 +90,7 @@ def _compare(arm: ArmModel, hidden: Any, loop: Closed, seed: int) -> tuple[dict[
 
     motions = plan_motions(arm, ("spline",), HELD_OUT_RUNS, HELD_OUT_S, np.random.default_rng([seed, 0, 1]))
     session = hidden.record(motions)
-    fresh = prepare(inspect_sessions([session], arm)[0].session, CUTOFF)
+    fresh = prepare(inspect_sessions([session], arm)[0].session, loop.learned[0].lowpass.cutoff)
     models: dict[str, SimulatorModel] = {
         "urdf": as_urdf(arm),
         "tuned": as_tuned(arm, loop.record, CATALOGUE),

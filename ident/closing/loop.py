@@ -18,7 +18,7 @@ from ident.closing.exciting import Exciter
 from ident.closing.gap import GapFloors, measure_floors
 from ident.closing.models import LawModel, as_diagnosed, as_urdf
 from ident.closing.recorder import Recorder
-from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.base import Effect
 from ident.errors import InputError
 from ident.motion.motion import Motion, prepare
@@ -118,7 +118,7 @@ def close_gap(
         known.append(report.session)
         minutes, gap = session.duration / 60.0, None
         if state is not None:
-            state.unseen.extend(prepare(report.session, CUTOFF))
+            state.unseen.extend(prepare(report.session, state.corner))
             gap = measure_floors(state.model, state.unseen, state.floors)
             say(_tell(len(rounds) + 1, minutes, gap))
             last = len(rounds) + 1 >= most
@@ -146,6 +146,11 @@ class _Taught:
     learned: tuple[Motion, ...]
     unseen: list[Motion] = field(default_factory=list)
     looks: int = 0
+
+    @property
+    def corner(self) -> float:
+        """Of the common filter that the diagnosis, and so its noise, was told with [Hz]."""
+        return self.learned[0].lowpass.cutoff
 
     @property
     def floors(self) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from ident.arrays import Float, freeze
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.diagnosis.diagnose import SCHEMA
+from ident.diagnosis.from_reports import CUTOFF
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
@@ -117,6 +118,7 @@ class Diagnosed:
         alone: The baseline tuned without them.
         urdf: Losses tuned without them and with the URDF's own link inertias.
         has_baseline: Whether the file says how the baseline was tuned.
+        cutoff: Corner of the common filter that it was made with [Hz].
     """
 
     path: Path
@@ -127,6 +129,7 @@ class Diagnosed:
     alone: Tuning
     urdf: Tuning
     has_baseline: bool
+    cutoff: float
 
     @classmethod
     def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
@@ -182,7 +185,7 @@ class Diagnosed:
             _tuning(record[key], joints) if key in record else Tuning.none(len(joints)) for key in keys
         )
         urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
-        return cls(path, joints, record["verdict"], changes, tuning, alone, urdf, has_baseline)
+        return cls(path, joints, record["verdict"], changes, tuning, alone, urdf, has_baseline, _cutoff(record))
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
         """The arm with the joints that the diagnosis does not know locked.
@@ -195,6 +198,13 @@ class Diagnosed:
             remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
             raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
         return arm.keeping(self.joints)
+
+
+def _cutoff(record: dict[str, Any]) -> float:
+    cutoff = float(record.get("provenance", {}).get("settings", {}).get("cutoff_hz", CUTOFF))
+    if not 0.0 < cutoff < np.inf:
+        raise ValueError(f"its cutoff_hz is {cutoff:g}")
+    return cutoff
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ident.diagnosis.from_reports import CUTOFF
 from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.motion.motion import Motion
@@ -106,7 +105,7 @@ def open_heldout(
     Raises:
         InputError: They can't be read, or have other joints than the diagnosis.
     """
-    opened = open_sessions(paths, robot, topic, session_file, CUTOFF, learning=False)
+    opened = open_sessions(paths, robot, topic, session_file, diagnosed.cutoff, learning=False)
     if opened.arm.joint_names != diagnosed.joints:
         what = (
             f"its joints are {', '.join(opened.arm.joint_names)}, those of the diagnosis {', '.join(diagnosed.joints)}"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.from_reports import CUTOFF
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
-from ident.motion.motion import LARGEST_CUTOFF_SHARE, Motion, no_motion
+from ident.motion.motion import CRITICAL_OVERSAMPLING, LARGEST_CUTOFF_SHARE, Motion, no_motion, whole_band
 from ident.motion.out_of_core import choose_runs
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
@@ -31,7 +32,8 @@ def compare_reports(
     Args:
         before, after: The telemetry checks of the sessions of each set.
         arm: The robot, as `ArmModel.load` gives it.
-        cutoff: Corner of the common filter [Hz].
+        cutoff: Corner of the common filter [Hz]; as far as the encoders of both sets tell the motion, 25 Hz at most,
+            if None.
         seed: Of the sign flips.
 
     Raises:
@@ -52,8 +54,12 @@ def compare_reports(
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = min(cutoff or CUTOFF, LARGEST_CUTOFF_SHARE * slowest)
-    found = compare(_motions(before, corner), _motions(after, corner), arm.keeping(joints), sides, seed)
-    return found.with_issues(issues)
+    sets = [_motions(side, corner) for side in (before, after)]
+    if cutoff is None:
+        corner = min(corner, whole_band(motion for motions in sets for motion in motions))
+        sets = [[motion.below(corner, CRITICAL_OVERSAMPLING) for motion in motions] for motions in sets]
+    found = compare(sets[0], sets[1], arm.keeping(joints), sides, seed)
+    return replace(found, telemetry=issues, cutoff=corner)
 
 
 def _motions(reports: Sequence[TelemetryReport], cutoff: float) -> list[Motion]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.reservations import Reservation
@@ -91,6 +92,7 @@ class ArmComparison(Result):
         run_spread: By how much each joint's friction differs from run to run within a set, as a share.
         not_testable: What these recordings can't show, and why.
         reservations: Changes that were not believed.
+        cutoff: Corner of the common filter [Hz]; NaN where nothing was filtered.
     """
 
     robot: str
@@ -105,10 +107,7 @@ class ArmComparison(Result):
     run_spread: dict[str, float] = field(default_factory=dict)
     not_testable: tuple[dict[str, Any], ...] = ()
     reservations: tuple[Reservation, ...] = ()
-
-    def with_issues(self, issues: Sequence[TelemetryIssue]) -> ArmComparison:
-        """The same with what the telemetry checks found."""
-        return replace(self, telemetry=tuple(issues))
+    cutoff: float = np.nan
 
     def to_dict(self) -> dict[str, Any]:
         return {

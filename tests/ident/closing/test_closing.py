@@ -90,7 +90,7 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
 
     def diagnose(sessions: Sequence[Session], *_: object) -> tuple[dict[str, Any], tuple[Any, ...]]:
         shown.append(len(sessions))
-        return written_record(arm, shares[len(shown) - 1]), ()
+        return written_record(arm, shares[len(shown) - 1]), tuple(prepare(sessions[0], CUTOFF))
 
     monkeypatch.setattr(loop, "_diagnose", diagnose)
     return shown
