@@ -32,8 +32,7 @@ from ident.recordings.recording import Recording, Session
 from ident.recordings.session_toml import NAME
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect
-from ident.trajectories.reference import TICK_S
-from ident.trajectories.reference import Motion as PlannedMotion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 # Effects that live by changing the motion, or need a place to push at.
 NOT_OFFERED = ("joint_coupling", "joint_elasticity", "backlash", "external_contact")
@@ -110,9 +109,9 @@ class RealArm:
         return Track(float(motion.time[0]), q, dq, ddq, self.arm.inverse_dynamics(q, dq, ddq))
 
     @property
-    def planned(self) -> tuple[PlannedMotion, ...]:
+    def planned(self) -> tuple[ReferenceMotion, ...]:
         """The motions as the plant's causes want to see them."""
-        return tuple(PlannedMotion(m.name, p.q, p.dq, p.ddq) for m, p in zip(self.motions, self.paths, strict=True))
+        return tuple(ReferenceMotion(m.name, p.q, p.dq, p.ddq) for m, p in zip(self.motions, self.paths, strict=True))
 
     def left(self, torques: Sequence[Float[Array, "T n"]], view: View) -> Float[Array, " n"]:
         """RMS that an ordinary model leaves of torques on the motions' grids, where joints move [N m]."""

@@ -15,7 +15,7 @@ from ident.effects.base import Effect
 from ident.effects.informative_motions import family_for
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 
 # Which of the planned kinds stands for a family of motions (see `ident.effects.informative_motions`).
 KIND_OF = {
@@ -40,7 +40,7 @@ ALWAYS = ("spline", "spline", "spline", "spline")
 class Exciter(Protocol):
     """Chooses motions."""
 
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[Motion]:
+    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
         """Motions of a round.
 
         Args:
@@ -63,7 +63,7 @@ class KindsExciter:
     def __init__(self, arm: ArmModel, catalogue: Sequence[Effect], seed: int, duration: float = 8.0) -> None:
         self.arm, self.catalogue, self.seed, self.duration = arm, catalogue, seed, duration
 
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[Motion]:
+    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
         """One run of each kind at first; then a path with its way back, and up to three kinds that are open."""
         rng = np.random.default_rng([self.seed, number])
         if record is None:

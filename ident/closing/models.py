@@ -17,8 +17,7 @@ from ident.patches.module import describe_arm
 from ident.patches.standalone.chain import Arm
 from ident.patches.standalone.laws import acting_torque
 from ident.patches.standalone.log import Effect, read_log
-from ident.patches.standalone.motion import Losses
-from ident.patches.standalone.motion import Motion as States
+from ident.patches.standalone.motion import Losses, MovingArm
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque
@@ -53,7 +52,7 @@ class LawModel:
     effects: tuple[Effect, ...] = ()
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        states = States(self.arm, self.losses, q, dq, ddq, interval)
+        states = MovingArm(self.arm, self.losses, q, dq, ddq, interval)
         plain = states.rigid + self.losses.torque(dq, ddq, states.direction)
         return np.asarray(plain + acting_torque(self.effects, states))
 

@@ -13,7 +13,7 @@ from ident.recordings.load import TOPIC, load_session
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import write_commands
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 
 # What a user's command must hold: the folder with the command files, and the folder for what was recorded.
 COMMANDS, SESSION = "{commands}", "{session}"
@@ -22,7 +22,7 @@ COMMANDS, SESSION = "{commands}", "{session}"
 class Recorder(Protocol):
     """An arm that can be asked to move, simulated or real."""
 
-    def record(self, motions: Sequence[Motion]) -> Session:
+    def record(self, motions: Sequence[ReferenceMotion]) -> Session:
         """Runs the motions in order and gives back one run for each."""
         ...
 
@@ -51,7 +51,7 @@ class CommandRecorder:
             if not any(place in word for word in self.words):
                 raise InputError("--record", f"{command!r} has no {place}", f"say where {place} goes")
 
-    def record(self, motions: Sequence[Motion]) -> Session:
+    def record(self, motions: Sequence[ReferenceMotion]) -> Session:
         """Writes the command files, runs the command, reads what it recorded.
 
         Raises:

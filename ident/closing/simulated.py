@@ -16,7 +16,7 @@ from ident.plant.request import EffectRequest
 from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.simulator import Simulator
 from ident.recordings.recording import Session
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 # The arm rests and cools while the diagnosis thinks [s].
 REST_S = 600.0
@@ -53,7 +53,7 @@ class SimulatedArm:
         self.hardware: Hardware | None = None
         self.effects: tuple[str, ...] = ()
 
-    def record(self, motions: Sequence[Motion]) -> Session:
+    def record(self, motions: Sequence[ReferenceMotion]) -> Session:
         """One run for each motion, on a clock that goes on from round to round."""
         self.rounds += 1
         if self.hardware is None:
@@ -93,7 +93,7 @@ class Tracking:
 
 
 def track(
-    hardware: Hardware, models: Mapping[str, SimulatorModel], motions: Sequence[Motion], seed: int
+    hardware: Hardware, models: Mapping[str, SimulatorModel], motions: Sequence[ReferenceMotion], seed: int
 ) -> dict[str, Tracking]:
     """Runs one controller on the true arm, its feed-forward designed with each model in turn.
 

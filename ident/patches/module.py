@@ -53,7 +53,7 @@ import numpy as np
 CALLS = '''
 def _motion(q, dq, ddq, interval, slip, warmth):
     states = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (q, dq, ddq))
-    return Motion(ARM, LOSSES, *states, interval, None if slip is None else np.atleast_2d(slip), warmth)
+    return MovingArm(ARM, LOSSES, *states, interval, None if slip is None else np.atleast_2d(slip), warmth)
 
 
 def modelled_torque(q, dq, ddq, interval=0.0, slip=None):

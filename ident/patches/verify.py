@@ -22,8 +22,7 @@ from ident.patches.gaps import Gap, Helper, measure_gap
 from ident.patches.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.patches.standalone.laws import acting_torque
 from ident.patches.standalone.log import Effect, read_log
-from ident.patches.standalone.motion import Losses
-from ident.patches.standalone.motion import Motion as States
+from ident.patches.standalone.motion import Losses, MovingArm
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
@@ -111,7 +110,7 @@ def check_structure(after: WrittenPatch, expressed: dict[str, list[Effect]], see
         if any(effect[0] == "joint_elasticity" for effect in memory):
             found[form] = {"loads": after.load(form) is not None, "torque_difference_Nm": None}
             continue
-        states = States(module.ARM, losses, q, dq, ddq)
+        states = MovingArm(module.ARM, losses, q, dq, ddq)
         instant = [effect for effect in effects if effect not in memory]
         model = after.load(form)
         wanted = read_log(instant, _plain(states, losses) + acting_torque(instant, states), 0.0)
@@ -122,7 +121,7 @@ def check_structure(after: WrittenPatch, expressed: dict[str, list[Effect]], see
     return found
 
 
-def _plain(states: States, losses: Losses) -> Float[Array, "T n"]:
+def _plain(states: MovingArm, losses: Losses) -> Float[Array, "T n"]:
     return np.asarray(states.rigid + losses.torque(states.dq, states.ddq, states.direction))
 
 

@@ -14,7 +14,7 @@ from ident.plant.answer import seal, write_answer
 from ident.plant.record import Progress, no_progress
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
 from ident.recordings.save import fill_session
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def simulate_to(
     answer: bool = False,
     sealed: bool = False,
     progress: Progress = no_progress,
-    motions: Sequence[Motion] | None = None,
+    motions: Sequence[ReferenceMotion] | None = None,
 ) -> WrittenSession:
     """Simulates a session and writes it: what `ident simulate` does.
 

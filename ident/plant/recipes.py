@@ -29,7 +29,7 @@ from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import random_path
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import Motion, via_spline
+from ident.trajectories.reference import ReferenceMotion, via_spline
 
 ARM_SEED = 900
 RATE_HZ = 50.0
@@ -93,9 +93,9 @@ def path_within(limits: MotionLimits, duration: float, rng: np.random.Generator)
             return points
 
 
-def training_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[Motion]]:
+def training_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[ReferenceMotion]]:
     """Motions of T1 and T2: five trajectories each, forward and backward, slow, medium and fast."""
-    sets: list[list[Motion]] = [[], []]
+    sets: list[list[ReferenceMotion]] = [[], []]
     for number, counts in enumerate(training_counts(rng)):
         durations = (counts - 1) / RATE_HZ - 2.0 * HOLD_S
         points = path_within(limits, durations.min(), rng)
@@ -107,9 +107,9 @@ def training_motions(limits: MotionLimits, rng: np.random.Generator) -> list[lis
     return sets
 
 
-def evaluation_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[Motion]]:
+def evaluation_motions(limits: MotionLimits, rng: np.random.Generator) -> list[list[ReferenceMotion]]:
     """Motions of E1 and E2: five trajectories each, once, at speeds between those of the training."""
-    sets: list[list[Motion]] = [[], []]
+    sets: list[list[ReferenceMotion]] = [[], []]
     for number in range(10):
         duration = round(rng.uniform(2.0, 4.6) * RATE_HZ) / RATE_HZ
         motion = via_spline(f"trajectory_{number % 5 + 1}", path_within(limits, duration, rng), duration)

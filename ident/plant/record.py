@@ -15,7 +15,7 @@ from ident.plant.sensing import read_encoder, read_temperature, read_torque, sam
 from ident.plant.simulator import Simulator, Trace
 from ident.plant.thermal import AMBIENT_DEGC
 from ident.recordings.recording import Recording
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 Progress = Callable[[], None]
 
@@ -57,7 +57,7 @@ def draw_pauses(runs: int, bounds: tuple[float, float], rng: np.random.Generator
 
 def record_runs(
     hardware: Hardware,
-    motions: Sequence[Motion],
+    motions: Sequence[ReferenceMotion],
     channels: Channels,
     rng: np.random.Generator,
     pauses: Sequence[float],

@@ -22,7 +22,7 @@ from ident.plant.world_arm import channels_of, draw_world_arm, friction_path, no
 from ident.recordings.recording import Payload, Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from ident.trajectories.stepped import stepped
 
 RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
@@ -112,7 +112,7 @@ class Simulation:
     session: Session
     answer: Answer
     hardware: Hardware
-    motions: tuple[Motion, ...]
+    motions: tuple[ReferenceMotion, ...]
     options: SimulationOptions = SimulationOptions()
     meter: VisibilityMeter | None = None
     seeds: tuple[int, ...] = ()
@@ -122,7 +122,7 @@ def simulate(
     options: SimulationOptions,
     name: str = "session",
     progress: Progress = no_progress,
-    motions: Sequence[Motion] | None = None,
+    motions: Sequence[ReferenceMotion] | None = None,
 ) -> Simulation:
     """Simulates a session.
 
@@ -180,13 +180,13 @@ def _check(options: SimulationOptions) -> None:
         raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
 
 
-def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[Motion, ...]:
+def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[ReferenceMotion, ...]:
     motions = plan_motions(arm, options.motions, options.runs, options.duration, rng)
     return tuple(stepped(motion, options.world.reference) for motion in motions) if options.world else motions
 
 
 def _surroundings(
-    healthy: Hardware, options: SimulationOptions, plans: Sequence[Motion], pauses: Sequence[float]
+    healthy: Hardware, options: SimulationOptions, plans: Sequence[ReferenceMotion], pauses: Sequence[float]
 ) -> tuple[Hardware, Channels, Float[Array, " n"], Float[Array, " n"] | None]:
     """The arm with its friction of each run, its log's channels, and each joint's noise floor [N m] and band [Hz]."""
     world = options.world

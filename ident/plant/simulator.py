@@ -16,7 +16,7 @@ from ident.plant.hardware import Hardware
 from ident.plant.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
 from ident.plant.mjcf import build_model
 from ident.plant.thermal import cool_down
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 LARGEST_STEP_S = 5e-4
 # The spring between motor and link must turn by less than this angle of its own oscillation in a step.
@@ -43,7 +43,7 @@ class Trace:
         log: What happened, K ticks.
     """
 
-    motion: Motion
+    motion: ReferenceMotion
     start: float
     log: Log
 
@@ -77,7 +77,7 @@ class Simulator:
 
     def run(
         self,
-        motions: Sequence[Motion],
+        motions: Sequence[ReferenceMotion],
         pauses: Iterable[float],
         progress: Callable[[], None],
         feeds: Sequence[Float[Array, "K n"]] | None = None,
@@ -109,7 +109,7 @@ class Simulator:
         cooled = cool_down(self.hardware.heat, rise, pause)
         self.state["lubricant_rise"], self.state["housing_rise"] = cooled.T
 
-    def _run_one(self, number: int, motion: Motion, clock: float, feed: Float[Array, "K n"]) -> Trace:
+    def _run_one(self, number: int, motion: ReferenceMotion, clock: float, feed: Float[Array, "K n"]) -> Trace:
         laws = self._laws(number)
         approach = self._approach(motion.q[0])
         self._place(approach.q[0])
@@ -149,13 +149,13 @@ class Simulator:
         )
         return records(law)
 
-    def _approach(self, goal: Float[Array, " n"]) -> Motion:
+    def _approach(self, goal: Float[Array, " n"]) -> ReferenceMotion:
         """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""
         aside = ASIDE_RAD * self.rng.uniform(-1.0, 1.0, self.hardware.n)
         s = np.clip(np.arange(round((APPROACH_S + SETTLE_S) / TICK_S)) * TICK_S / APPROACH_S, 0.0, 1.0)
         path = goal + np.outer((1.0 - s) ** 3 * (1.0 + 3.0 * s + 6.0 * s**2), aside)
         dq = np.gradient(path, TICK_S, axis=0)
-        return Motion("approach", path, dq, np.gradient(dq, TICK_S, axis=0))
+        return ReferenceMotion("approach", path, dq, np.gradient(dq, TICK_S, axis=0))
 
     def _place(self, q: Float[Array, " n"]) -> None:
         """Puts the arm at rest into a pose; temperatures stay."""
@@ -178,7 +178,7 @@ class Simulator:
         self._engine = engine(self.model, self.data)
 
 
-def feed_forward(hardware: Hardware, motion: Motion) -> Float[Array, "K n"]:
+def feed_forward(hardware: Hardware, motion: ReferenceMotion) -> Float[Array, "K n"]:
     """What the controller expects a motion to take [N m], of the nominal arm.
 
     Without a model it is gravity alone, which the integrator of such a loop holds.

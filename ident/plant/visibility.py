@@ -23,7 +23,7 @@ from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_torque, sample
 from ident.plant.simulator import Simulator, Trace, choose_step, feed_forward
 from ident.plant.sizing import SAME, SizeSearch, find_size
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 STRIDE_S = 0.02
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
@@ -200,7 +200,7 @@ class VisibilityMeter:
     def __init__(
         self,
         hardware: Hardware,
-        motions: Sequence[Motion],
+        motions: Sequence[ReferenceMotion],
         pauses: Sequence[float],
         seed: int,
         coarse: bool = False,

@@ -16,7 +16,7 @@ from ident.plant.simulator import mass_matrix
 from ident.plant.thermal import heat_law
 from ident.plant.world import World
 from ident.robot.arm import ArmModel
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 
 # Counts of a sliding joint: its encoder turns once in this travel over two pi [m].
 SLIDE_LEVER_M = 0.1
@@ -90,7 +90,7 @@ def channels_of(world: World, commands: bool = True, temperature: bool = False) 
 
 
 def friction_path(
-    world: World, n: int, motions: Sequence[Motion], pauses: Sequence[float], rng: np.random.Generator
+    world: World, n: int, motions: Sequence[ReferenceMotion], pauses: Sequence[float], rng: np.random.Generator
 ) -> Float[Array, "R 2 n"]:
     """Factors on dry and viscous friction of each run: its own change, and a drift that gathers as a random walk."""
     spans = np.array([pause + motion.duration for pause, motion in zip(pauses, motions, strict=True)])
@@ -100,7 +100,7 @@ def friction_path(
     return np.exp(world.friction_spread * own + world.friction_drift * walk)
 
 
-def noise_floor(hardware: Hardware, world: World, motions: Sequence[Motion]) -> Float[Array, " n"]:
+def noise_floor(hardware: Hardware, world: World, motions: Sequence[ReferenceMotion]) -> Float[Array, " n"]:
     """What the best model leaves at each joint in this world [N m].
 
     Three parts: the noise of the torque reading; encoder noise, differentiated twice and multiplied by the joint's

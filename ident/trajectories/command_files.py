@@ -16,7 +16,7 @@ from ident.errors import RecordingError
 from ident.files import atomic_write
 from ident.recordings.load import require_readable_size
 from ident.robot.arm import ArmModel
-from ident.trajectories.reference import TICK_S, Motion, sampled, ticks
+from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled, ticks
 
 SUFFIXES = (".csv", ".parquet")
 # Every so many ticks are written: 250 Hz.
@@ -25,7 +25,7 @@ THINNING = 4
 LARGEST_STEP_S = 0.05
 
 
-def read_commands(path: str | Path, arm: ArmModel) -> tuple[Motion, ...]:
+def read_commands(path: str | Path, arm: ArmModel) -> tuple[ReferenceMotion, ...]:
     """Reads a command file, or a folder of them in the order of their names, one a run.
 
     Args:
@@ -42,7 +42,7 @@ def read_commands(path: str | Path, arm: ArmModel) -> tuple[Motion, ...]:
     return tuple(_read_one(one, arm) for one in files)
 
 
-def write_commands(motions: Sequence[Motion], joints: Sequence[str], folder: str | Path) -> tuple[Path, ...]:
+def write_commands(motions: Sequence[ReferenceMotion], joints: Sequence[str], folder: str | Path) -> tuple[Path, ...]:
     """Writes one file a motion at 250 Hz: positions [rad] and velocities [rad/s] from rest to rest."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def write_commands(motions: Sequence[Motion], joints: Sequence[str], folder: str
     return tuple(written)
 
 
-def _read_one(path: Path, arm: ArmModel) -> Motion:
+def _read_one(path: Path, arm: ArmModel) -> ReferenceMotion:
     table = _table(path)
     try:
         names = set(table.column_names)

@@ -15,7 +15,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import Motion, chirp, fourier, ramps, ticks, together, via_spline
+from ident.trajectories.reference import ReferenceMotion, chirp, fourier, ramps, ticks, together, via_spline
 
 ATTEMPTS = 60
 # Paths that are tried for a spline.
@@ -26,7 +26,7 @@ REST_S = 0.25
 
 def plan_motions(
     arm: ArmModel, kinds: Sequence[str], runs: int, duration: float, rng: np.random.Generator
-) -> tuple[Motion, ...]:
+) -> tuple[ReferenceMotion, ...]:
     """Plans the runs of a session: the kinds in turn; splines in groups of path, way back, and other speeds.
 
     Args:
@@ -41,7 +41,7 @@ def plan_motions(
     """
     check_request(kinds, runs, duration)
     limits = MotionLimits(arm)
-    motions: list[Motion] = []
+    motions: list[ReferenceMotion] = []
     turn = 0
     while len(motions) < runs:
         kind = kinds[turn % len(kinds)]
@@ -85,7 +85,7 @@ def random_path(
     raise RobotError(limits.arm.name, f"no free path found in {ATTEMPTS} tries", "check its joint limits and geometry")
 
 
-def timed_spline(limits: MotionLimits, name: str, points: Float[Array, "m n"], duration: float) -> Motion:
+def timed_spline(limits: MotionLimits, name: str, points: Float[Array, "m n"], duration: float) -> ReferenceMotion:
     """A spline through points, slower than asked where the limits need it."""
     for _ in range(40):
         motion = via_spline(name, points, duration)
@@ -95,7 +95,7 @@ def timed_spline(limits: MotionLimits, name: str, points: Float[Array, "m n"], d
     raise RobotError(limits.arm.name, "a path can't be followed within limits", "check its effort and velocity limits")
 
 
-def _spline(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _spline(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     vias = int(np.clip(round(duration / 2.0), 2, 12))
     for attempt in range(PATHS):
         # Nearer to the centre where a weak arm can't hold itself up on the way, however slowly it goes.
@@ -112,8 +112,8 @@ def _spline(limits: MotionLimits, duration: float, rng: np.random.Generator) -> 
 
 
 def _shrink(
-    limits: MotionLimits, rng: np.random.Generator, make: Callable[[Float[Array, " n"], float], Motion]
-) -> Motion:
+    limits: MotionLimits, rng: np.random.Generator, make: Callable[[Float[Array, " n"], float], ReferenceMotion]
+) -> ReferenceMotion:
     """The largest of ever smaller motions about random poses that stays within limits."""
     for attempt in range(ATTEMPTS):
         share = 0.9**attempt
@@ -124,32 +124,32 @@ def _shrink(
     raise RobotError(limits.arm.name, f"no motion found in {ATTEMPTS} tries", "check its limits and geometry")
 
 
-def _fourier(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _fourier(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     base, orders, n = max(0.1, 1.0 / duration), 5, limits.arm.n
     phases = rng.uniform(0.0, 2.0 * np.pi, (orders, n))
     weight = rng.uniform(0.4, 1.0, (orders, n)) / np.arange(1, orders + 1)[:, None]
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         swing = 0.8 * share * limits.span * weight / weight.sum(axis=0)
         return fourier("fourier", centre, swing * np.sin(phases), swing * np.cos(phases), base, duration)
 
     return [_shrink(limits, rng, make)]
 
 
-def _chirp(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _chirp(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     phase = rng.uniform(0.0, 2.0 * np.pi, limits.arm.n)
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         return chirp("chirp", centre, 0.35 * share * limits.span, (0.2, 10.0), phase, duration)
 
     return [_shrink(limits, rng, make)]
 
 
-def _sweep(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _sweep(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """Each joint goes to and fro between ever nearer turning points, at its own slow speed."""
     shares = np.array([1.0, -1.0, 0.7, -0.6, 0.4, -0.25, 0.15, 0.0])
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         paths = []
         for j in range(limits.arm.n):
             side = share * 0.5 * limits.span[j]
@@ -162,11 +162,11 @@ def _sweep(limits: MotionLimits, duration: float, rng: np.random.Generator) -> l
     return [_shrink(limits, rng, make)]
 
 
-def _ladder(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _ladder(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """Every joint there and back at a ladder of speeds; which joint is fast when, differs."""
     rungs = np.geomspace(0.03, 0.55, 6)
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         paths = []
         for j in range(limits.arm.n):
             speeds = rng.permutation(rungs) * limits.speed[j]
@@ -180,10 +180,10 @@ def _ladder(limits: MotionLimits, duration: float, rng: np.random.Generator) -> 
     return [_shrink(limits, rng, make)]
 
 
-def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """One joint after the other there and back at two speeds, the others at rest."""
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         n = limits.arm.n
         each = duration / n
         paths, clock = [], 0.0
@@ -202,11 +202,11 @@ def _jointwise(limits: MotionLimits, duration: float, rng: np.random.Generator) 
 _THERE_AND_BACK = ((1.0, 1.0), (-1.0, 2.0), (0.0, 1.0))
 
 
-def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[Motion]:
+def _hold(limits: MotionLimits, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """Poses approached from below and from above, with standstill at each arrival."""
     poses = max(int(duration / 4.0), 1)
 
-    def make(centre: Float[Array, " n"], share: float) -> Motion:
+    def make(centre: Float[Array, " n"], share: float) -> ReferenceMotion:
         n = limits.arm.n
         stops = centre + share * 0.6 * limits.span * rng.uniform(-1.0, 1.0, (poses, n))
         aside = np.minimum(0.15, 0.2 * limits.span)
@@ -237,7 +237,7 @@ def _with_dwells(start: float, moves: Sequence[tuple[float, float]], period: flo
     return np.concatenate(pieces)
 
 
-KINDS: dict[str, Callable[[MotionLimits, float, np.random.Generator], list[Motion]]] = {
+KINDS: dict[str, Callable[[MotionLimits, float, np.random.Generator], list[ReferenceMotion]]] = {
     "spline": _spline,
     "fourier": _fourier,
     "sweep": _sweep,

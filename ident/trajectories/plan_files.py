@@ -17,7 +17,7 @@ from ident.errors import RecordingError, RobotError
 from ident.reading import read_json
 from ident.robot.arm import ArmModel
 from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
-from ident.trajectories.reference import TICK_S, Motion, ticks
+from ident.trajectories.reference import TICK_S, ReferenceMotion, ticks
 
 SCHEMA = "plan.result/1"
 # Plans as long as hours are none [s].
@@ -26,7 +26,7 @@ LONGEST_S = 3600.0
 REST_S = 0.3
 
 
-def read_plan(path: str | Path, arm: ArmModel) -> Motion:
+def read_plan(path: str | Path, arm: ArmModel) -> ReferenceMotion:
     """The motion of a plan at the controller's ticks, with standstill before and after.
 
     Args:
@@ -56,7 +56,7 @@ def read_plan(path: str | Path, arm: ArmModel) -> Motion:
     t = ticks(float(np.ceil(ends.duration / TICK_S - 1e-9)) * TICK_S)
     s, ds, dds = ends.at(np.minimum(t, ends.duration))
     dq, ddq = curve(s, 1), curve(s, 2)
-    motion = Motion(file.stem, curve(s), dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None])
+    motion = ReferenceMotion(file.stem, curve(s), dq * ds[:, None], ddq * ds[:, None] ** 2 + dq * dds[:, None])
     return motion.held(REST_S, REST_S)
 
 

@@ -17,7 +17,7 @@ Curve = Callable[[Float[Array, " K"]], Float[Array, "K n"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ReferenceMotion:
     """A reference trajectory at the controller's ticks.
 
     Attributes:
@@ -35,11 +35,11 @@ class Motion:
         """From the first to the last tick [s]."""
         return (len(self.q) - 1) * TICK_S
 
-    def reversed(self, name: str) -> Motion:
+    def reversed(self, name: str) -> ReferenceMotion:
         """The same path backwards."""
-        return Motion(name, self.q[::-1].copy(), -self.dq[::-1], self.ddq[::-1].copy())
+        return ReferenceMotion(name, self.q[::-1].copy(), -self.dq[::-1], self.ddq[::-1].copy())
 
-    def held(self, before: float, after: float) -> Motion:
+    def held(self, before: float, after: float) -> ReferenceMotion:
         """With standstill before and after [s]."""
         pads = (round(before / TICK_S), round(after / TICK_S))
         rest = np.zeros((1, self.q.shape[1]))
@@ -48,7 +48,7 @@ class Motion:
             np.concatenate([np.repeat(rest, pads[0], 0), values, np.repeat(rest, pads[1], 0)])
             for values in (self.dq, self.ddq)
         ]
-        return Motion(self.name, q, *parts)
+        return ReferenceMotion(self.name, q, *parts)
 
 
 def ticks(duration: float) -> Float[Array, " K"]:
@@ -56,13 +56,13 @@ def ticks(duration: float) -> Float[Array, " K"]:
     return np.arange(round(duration / TICK_S) + 1) * TICK_S
 
 
-def via_spline(name: str, points: Float[Array, "m n"], duration: float) -> Motion:
+def via_spline(name: str, points: Float[Array, "m n"], duration: float) -> ReferenceMotion:
     """Quintic spline through points at equal times, with rest (no velocity, no acceleration) at both ends."""
     knots = np.linspace(0.0, duration, len(points))
     rest = [(1, np.zeros(points.shape[1])), (2, np.zeros(points.shape[1]))]
     spline = make_interp_spline(knots, points, k=5, bc_type=(rest, rest))
     t = ticks(duration)
-    return Motion(name, spline(t), spline(t, 1), spline(t, 2))
+    return ReferenceMotion(name, spline(t), spline(t, 1), spline(t, 2))
 
 
 def window(t: Float[Array, " K"], duration: float, ramp: float) -> Float[Array, " K"]:
@@ -71,7 +71,7 @@ def window(t: Float[Array, " K"], duration: float, ramp: float) -> Float[Array, 
     return s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
 
 
-def sampled(name: str, q: Float[Array, "K n"]) -> Motion:
+def sampled(name: str, q: Float[Array, "K n"]) -> ReferenceMotion:
     """A motion from densely sampled positions of a smooth curve; derivatives by central differences.
 
     The differences stand five ticks apart at most, far below any motion's time scale (errors under 1e-4).
@@ -79,7 +79,7 @@ def sampled(name: str, q: Float[Array, "K n"]) -> Motion:
     dq = np.gradient(q, TICK_S, axis=0, edge_order=2)
     ddq = np.gradient(dq, TICK_S, axis=0, edge_order=2)
     dq[[0, -1]] = ddq[[0, -1]] = 0.0
-    return Motion(name, q, dq, ddq)
+    return ReferenceMotion(name, q, dq, ddq)
 
 
 def fourier(
@@ -89,7 +89,7 @@ def fourier(
     cosines: Float[Array, "m n"],
     base_hz: float,
     duration: float,
-) -> Motion:
+) -> ReferenceMotion:
     """Finite Fourier series about a pose, faded in and out over 15 % of the duration."""
     t = ticks(duration)
     order = 2.0 * np.pi * base_hz * np.arange(1, len(sines) + 1)
@@ -104,7 +104,7 @@ def chirp(
     band_hz: tuple[float, float],
     phase: Float[Array, " n"],
     duration: float,
-) -> Motion:
+) -> ReferenceMotion:
     """Logarithmic sweep of frequency about a pose; the swing falls as the frequency rises, so that speed falls slowly.
 
     Args:
@@ -157,7 +157,7 @@ def _ramp(start: float, goal: float, speed: float, acceleration: float) -> Float
     return start + np.sign(goal - start) * path * (distance / path[-1])
 
 
-def together(name: str, joints: Sequence[Float[Array, " K"]]) -> Motion:
+def together(name: str, joints: Sequence[Float[Array, " K"]]) -> ReferenceMotion:
     """One motion of all joints, each waiting at its end for the slowest."""
     longest = max(len(path) for path in joints)
     columns = [np.concatenate([path, np.full(longest - len(path), path[-1])]) for path in joints]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 # Period at which positions are sent [s]: ordinary motions, and those that swing fast.
 PERIOD_S, FAST_PERIOD_S = 0.08, 0.02
@@ -18,7 +18,7 @@ FAST = ("chirp",)
 AVERAGES = {"acceleration": 1, "jerk": 2}
 
 
-def stepped(motion: Motion, shape: str) -> Motion:
+def stepped(motion: ReferenceMotion, shape: str) -> ReferenceMotion:
     """The motion as such a controller would follow it.
 
     Args:
@@ -35,7 +35,7 @@ def stepped(motion: Motion, shape: str) -> Motion:
         q = _averaged(q, period)
     dq = np.gradient(q, TICK_S, axis=0)
     ddq = np.gradient(dq, TICK_S, axis=0)
-    return Motion(motion.name, q, dq, ddq)
+    return ReferenceMotion(motion.name, q, dq, ddq)
 
 
 def _averaged(q: Float[Array, "K n"], period: int) -> Float[Array, "K n"]:

@@ -11,7 +11,7 @@ import numpy as np
 from ident.effects.informative_motions import setup_for
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.distance import View, look
 from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
@@ -136,7 +136,7 @@ def _draws(feasible: Feasibility, question: Question, seed: int) -> list[Program
 
 def _best_at_length(
     programmes: Sequence[Programme], eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
-) -> tuple[Programme, list[Motion], View]:
+) -> tuple[Programme, list[ReferenceMotion], View]:
     """The programme that tells most a minute at its full length: a few trial runs flatter some families."""
     found = []
     for programme in programmes:
@@ -153,7 +153,7 @@ def _best_at_length(
 
 def _of_length(
     programme: Programme, eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
-) -> list[Motion]:
+) -> list[ReferenceMotion]:
     """As many runs as the question takes, each proven to keep its distance."""
     trial = _proven(programme, FEWEST_RUNS, feasible)
     wanted = minutes
@@ -167,9 +167,9 @@ def _of_length(
     return _proven(programme, int(np.clip(count, low, most)), feasible)
 
 
-def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Motion]:
+def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[ReferenceMotion]:
     """Runs of a programme, those left out that don't fit or can't be proven."""
-    found: list[Motion] = []
+    found: list[ReferenceMotion] = []
     for number in range(PROOF_TRIES * count):
         run = programme.run(number, feasible)
         if run is not None and feasible.clearance(run) > 0.0:
@@ -179,7 +179,7 @@ def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Mot
     raise RobotError(feasible.limits.arm.name, "no motion found that fits", "check its limits and collision geometry")
 
 
-def _random_view(eye: Eye, question: Question, runs: Sequence[Motion], rng: np.random.Generator) -> View:
+def _random_view(eye: Eye, question: Question, runs: Sequence[ReferenceMotion], rng: np.random.Generator) -> View:
     """What random motion through via points of the same length would tell."""
     count = len(runs)
     duration = max(duration_of(list(runs)) / count, 1.0)

@@ -20,7 +20,7 @@ from ident.diagnosis.regression.design import Layout, build_layout
 from ident.diagnosis.regression.gram import build_partition
 from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.effects.base import Effect, SessionContext
-from ident.trajectories.reference import Motion as Reference
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.foresight import Eye
 from plan.experiment.sizes import Sized, Told, choose_variant, size_effect
 
@@ -140,7 +140,7 @@ class _Columns:
 
 def look(
     eye: Eye,
-    runs: Sequence[Reference],
+    runs: Sequence[ReferenceMotion],
     effects: Sequence[tuple[Effect, int]] = (),
     told: Mapping[str, Told] | None = None,
 ) -> View:

@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.trajectories.kinds import timed_spline
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import TICK_S, Motion, chirp, fourier, ramps, sampled, ticks, via_spline
+from ident.trajectories.reference import TICK_S, ReferenceMotion, chirp, fourier, ramps, sampled, ticks, via_spline
 
 RUN_S = 10.0
 """Rough duration of a run [s]."""
@@ -294,7 +294,7 @@ def make_run(
     home: Float[Array, " n"],
     size: float,
     rng: np.random.Generator,
-) -> Motion:
+) -> ReferenceMotion:
     """One run of a family: from home to the run's own pose, the family's motion there, and back home.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits, thin
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.errors import SceneError
 from plan.geometry.arm_shapes import StandIn
 from plan.geometry.scene import Carried, Scene
@@ -49,7 +49,7 @@ class Feasibility:
             disabled=None if around.srdf is None else read_disabled(around.srdf, arm),
         )
 
-    def allows(self, motion: Motion) -> bool:
+    def allows(self, motion: ReferenceMotion) -> bool:
         """Whether a motion keeps all limits and, by the quick check, its distance from itself."""
         limits = self.limits
         if (motion.q < limits.lower).any() or (motion.q > limits.upper).any():
@@ -58,7 +58,7 @@ class Feasibility:
             return False
         return bool(self.scene.separation(thin(motion.q, STEP)).min() > MARGIN)
 
-    def clearance(self, motion: Motion) -> float:
+    def clearance(self, motion: ReferenceMotion) -> float:
         """A distance that the links keep at every instant, by Coal [m]; 0 where they can't be proven to keep any.
 
         From a position in which a pair is d apart, it can't be nearer than c before the joints have moved by

@@ -15,8 +15,7 @@ from ident.effects.base import SessionContext
 from ident.motion.motion import CRITICAL_OVERSAMPLING, Lowpass, Motion
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import TICK_S
-from ident.trajectories.reference import Motion as Reference
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.random_motions import random_runs
 
 # Of the ticks of a reference, one in this many is looked at: 125 Hz.
@@ -55,7 +54,7 @@ class Eye:
         sigma = NOISE_SHARE * limits.torque if noise is None else noise
         return cls(arm, fit_baseline(healthy, arm), freeze(np.array(sigma)))
 
-    def session(self, runs: Sequence[Reference]) -> SessionContext:
+    def session(self, runs: Sequence[ReferenceMotion]) -> SessionContext:
         """Runs as the effects will see them, on one clock."""
         motions, clock = [], 0.0
         for run in runs:
@@ -64,7 +63,7 @@ class Eye:
         return build_session(self.baseline, motions, common_clock=True)
 
 
-def as_recorded(run: Reference, arm: ArmModel, start: float) -> Motion:
+def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
     """A reference as if the arm had followed it exactly, without torque."""
     q, dq, ddq = (freeze(values[::THINNING]) for values in (run.q, run.dq, run.ddq))
     rate = 1.0 / (THINNING * TICK_S)

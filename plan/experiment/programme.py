@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RobotError
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.families import FAMILIES, make_run
 from plan.experiment.feasible import Feasibility
 
@@ -55,7 +55,7 @@ class Programme:
         """Number of shares that make a programme."""
         return n + len(FAMILIES[family].figures)
 
-    def run(self, number: int, feasible: Feasibility) -> Motion | None:
+    def run(self, number: int, feasible: Feasibility) -> ReferenceMotion | None:
         """One run, the largest that fits; None if none does."""
         wide = self.family not in WIDE_FAMILIES and number % WIDE_EVERY == WIDE_EVERY - 1
         family = FAMILIES["wide" if wide else self.family]
@@ -70,9 +70,9 @@ class Programme:
                 return motion
         return None
 
-    def runs(self, count: int, feasible: Feasibility) -> list[Motion]:
+    def runs(self, count: int, feasible: Feasibility) -> list[ReferenceMotion]:
         """The first runs; none at all if one of them can't be made to fit."""
-        found: list[Motion] = []
+        found: list[ReferenceMotion] = []
         for number in range(count):
             motion = self.run(number, feasible)
             if motion is None:
@@ -81,6 +81,6 @@ class Programme:
         return found
 
 
-def duration_of(runs: list[Motion]) -> float:
+def duration_of(runs: list[ReferenceMotion]) -> float:
     """Length of all runs together [s]."""
     return float(sum(run.duration for run in runs))

@@ -7,7 +7,7 @@ import numpy as np
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.feasible import Feasibility
 from plan.experiment.programme import Programme
 
@@ -15,7 +15,7 @@ from plan.experiment.programme import Programme
 CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, "pose_spread": 0.0}
 
 
-def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Generator) -> list[Motion]:
+def random_runs(arm: ArmModel, count: int, duration: float, rng: np.random.Generator) -> list[ReferenceMotion]:
     """Runs through random via points, there and back at several speeds; careful ones where these don't fit the arm.
 
     Args:

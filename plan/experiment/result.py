@@ -15,7 +15,7 @@ import pyarrow.csv as pacsv
 from ident.diagnosis.settings import USUAL
 from ident.files import atomic_folder, atomic_write
 from ident.results import Result
-from ident.trajectories.reference import TICK_S, Motion
+from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.programme import Programme, duration_of
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.scene import Unchecked
@@ -80,7 +80,7 @@ class Excitation(Result):
     effects: tuple[str, ...]
     joint: str
     programme: Programme
-    runs: tuple[Motion, ...]
+    runs: tuple[ReferenceMotion, ...]
     distances: Distances
     tellable: tuple[tuple[str, str], ...] | None
     random: Distances
@@ -173,13 +173,13 @@ def _keyed(distances: Distances) -> dict[str, float]:
     return {f"{true} against {rival}": float(value) for (true, rival), value in distances.items()}
 
 
-def file_names(runs: tuple[Motion, ...]) -> list[str]:
+def file_names(runs: tuple[ReferenceMotion, ...]) -> list[str]:
     """One file a run, in order."""
     width = max(len(str(len(runs))), 2)
     return [f"{number:0{width}d}_{run.name}.csv" for number, run in enumerate(runs, start=1)]
 
 
-def command_table(run: Motion, joints: tuple[str, ...]) -> pa.Table:
+def command_table(run: ReferenceMotion, joints: tuple[str, ...]) -> pa.Table:
     """Commands of a run at 250 Hz in native columns: positions [rad] and velocities [rad/s] from rest to rest."""
     q, dq = run.q[::THINNING], run.dq[::THINNING]
     columns = {"time": np.round(np.arange(len(q)) * THINNING * TICK_S, 6)}

@@ -26,7 +26,7 @@ from ident.plant.simulate import SimulationOptions, simulate
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions
 from ident.trajectories.kinds import plan_motions
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.design import excite
 from plan.experiment.question import ask
 from plan.experiment.result import Excitation
@@ -46,12 +46,12 @@ MINUTES = 1.0
 EVALUATIONS = 80
 
 
-def random_motion(arm: ArmModel, proposed: Excitation) -> Sequence[Motion]:
+def random_motion(arm: ArmModel, proposed: Excitation) -> Sequence[ReferenceMotion]:
     count = len(proposed.runs)
     return plan_motions(arm, ("spline",), count, proposed.duration / count, np.random.default_rng(SEED))
 
 
-def diagnosed(arm: ArmModel, truth: str, joint: str, motions: Sequence[Motion]) -> dict[str, Any]:
+def diagnosed(arm: ArmModel, truth: str, joint: str, motions: Sequence[ReferenceMotion]) -> dict[str, Any]:
     """The diagnosis of an arm with one effect, from a recording of some motions."""
     options = SimulationOptions(effects=(f"{truth}:{joint}",), seed=SEED, rate=RATE)
     session = simulate(options, "bench", motions=motions).session

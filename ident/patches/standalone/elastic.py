@@ -10,7 +10,7 @@ from math import ceil, copysign
 import numpy as np
 
 from ident.patches.standalone.chain import Array, rigid_torque
-from ident.patches.standalone.motion import Motion
+from ident.patches.standalone.motion import MovingArm
 
 # The elastic joint is integrated with steps no longer than this [s].
 LONGEST_STEP = 0.002
@@ -18,12 +18,12 @@ LONGEST_STEP = 0.002
 CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
 
 
-def elasticity(m: Motion, j: int, p: dict[str, float]) -> Array:
+def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     twist, rate = _deflect(m, j, p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0)
     return _felt(m, j, twist, rate)
 
 
-def backlash(m: Motion, j: int, p: dict[str, float]) -> Array:
+def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """With and without the play, behind it the gear in contact."""
     stiffness = CONTACT_STIFFNESS * float(m.arm.rated[j])
     damping = 2.0 * CONTACT_DAMPING_RATIO * np.sqrt(stiffness * np.mean(_slopes(m, j)[2][:, j]))
@@ -31,7 +31,7 @@ def backlash(m: Motion, j: int, p: dict[str, float]) -> Array:
     return _felt(m, j, loose[0] - tight[0], loose[1] - tight[1])
 
 
-def _slopes(m: Motion, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
+def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
     """Derivatives of all joints' rigid torque by q, dq and ddq of one joint, each (T, n)."""
     unit = np.eye(m.q.shape[1])[j]
     up, down = (rigid_torque(m.arm, m.q + sign * step * unit, m.dq, m.ddq) for sign in (1.0, -1.0))
@@ -40,14 +40,14 @@ def _slopes(m: Motion, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]
     return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
 
 
-def _felt(m: Motion, j: int, twist: Array, rate: Array) -> Array:
+def _felt(m: MovingArm, j: int, twist: Array, rate: Array) -> Array:
     """What all joints feel of a deflection of one, −(M δ'' + V δ' + P δ)."""
     position, velocity, inertia = _slopes(m, j)
     change = np.gradient(rate, m.interval)
     return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
 
 
-def _deflect(m: Motion, j: int, stiffness: float, damping: float, half: float) -> tuple[Array, Array]:
+def _deflect(m: MovingArm, j: int, stiffness: float, damping: float, half: float) -> tuple[Array, Array]:
     """Deflection δ of an elastic joint with play and its rate, by Newmark's method [rad, rad/s].
 
     M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid; the gear pushes beyond ±half only.

@@ -10,7 +10,7 @@ from ident.patches.standalone.chain import Array
 from ident.patches.standalone.elastic import backlash, elasticity
 from ident.patches.standalone.log import SENSING, Effect
 from ident.patches.standalone.masses import MASSES, changed_arm
-from ident.patches.standalone.motion import Motion
+from ident.patches.standalone.motion import MovingArm
 from ident.patches.standalone.rubbing import (
     asymmetric,
     coupling,
@@ -24,7 +24,7 @@ from ident.patches.standalone.rubbing import (
     thermal,
 )
 
-LAWS: dict[str, Callable[[Motion, int, dict[str, float]], Array]] = {
+LAWS: dict[str, Callable[[MovingArm, int, dict[str, float]], Array]] = {
     "stribeck_friction": stribeck,
     "nonlinear_viscous_friction": nonlinear_viscous,
     "load_dependent_friction": load_dependent,
@@ -43,7 +43,7 @@ LAWS: dict[str, Callable[[Motion, int, dict[str, float]], Array]] = {
 KNOWN = frozenset({*LAWS, *MASSES, *SENSING})
 
 
-def acting_torque(effects: Sequence[Effect], motion: Motion) -> Array:
+def acting_torque(effects: Sequence[Effect], motion: MovingArm) -> Array:
     """Torque of the effects that act on the joints; those of the log alone add nothing [N m]."""
     total = np.zeros_like(motion.q)
     for name, joint, figures in effects:

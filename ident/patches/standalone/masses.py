@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 from ident.patches.standalone.chain import Array, link_change, payload_parameters, rigid_torque, turned_gravity
 from ident.patches.standalone.log import Effect
-from ident.patches.standalone.motion import Motion
+from ident.patches.standalone.motion import MovingArm
 
 MASSES = ("payload", "link_inertial_error", "gravity_misalignment", "encoder_offset")
 
 
-def changed_arm(effects: Sequence[Effect], m: Motion) -> Array:
+def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
     """Rigid torque of the arm as it is, less that of the model [N m]."""
     q, links, gravity = m.q.copy(), m.arm.links.copy(), m.arm.gravity
     for name, joint, figures in effects:

@@ -54,7 +54,7 @@ def stop(q: Array, size: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MovingArm:
     """One run as the laws see it.
 
     Attributes:

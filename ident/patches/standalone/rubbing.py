@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from ident.patches.standalone.chain import Array
-from ident.patches.standalone.motion import Motion, stop
+from ident.patches.standalone.motion import MovingArm, stop
 
 
-def stribeck(m: Motion, j: int, p: dict[str, float]) -> Array:
+def stribeck(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     v = np.abs(m.dq[:, j]) / p["stribeck_velocity_rad_s"]
     return m.at(j, p["amplitude_Nm"] * m.direction[:, j] * np.exp(-(v ** p["exponent"])))
 
 
-def nonlinear_viscous(m: Motion, j: int, p: dict[str, float]) -> Array:
+def nonlinear_viscous(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     return m.at(j, p["coefficient"] * m.direction[:, j] * np.abs(m.dq[:, j]) ** p["exponent"])
 
 
-def load_dependent(m: Motion, j: int, p: dict[str, float]) -> Array:
+def load_dependent(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """More while driving than while backdriving; with curvature over the load, and a share that grows with speed."""
     load, slip = m.rigid[:, j], m.direction[:, j]
     torque = p["level"] * slip * np.abs(load) + p["driving"] * slip**2 * load
@@ -25,13 +25,13 @@ def load_dependent(m: Motion, j: int, p: dict[str, float]) -> Array:
     return m.at(j, torque)
 
 
-def thermal(m: Motion, j: int, p: dict[str, float]) -> Array:
+def thermal(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """The losses are those of the cold joint; both changes are shares of them."""
     viscous = p["viscous_change"] * m.losses.viscous[j] * m.dq[:, j]
     return m.at(j, m.warmth * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]))
 
 
-def hysteresis(m: Motion, j: int, p: dict[str, float]) -> Array:
+def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """Stop operators of several ranges side by side, Σ k_i stop_i[q] / r_i."""
     m.sampled("presliding hysteresis")
     parts = [name.split("_")[1] for name in p if name.startswith("part_")]
@@ -39,16 +39,16 @@ def hysteresis(m: Motion, j: int, p: dict[str, float]) -> Array:
     return m.at(j, np.sum(stops, axis=0))
 
 
-def position_dependent(m: Motion, j: int, p: dict[str, float]) -> Array:
+def position_dependent(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     return m.at(j, p["amplitude_Nm"] * m.direction[:, j] * np.cos(p["order"] * m.q[:, j] - p["phase_rad"]))
 
 
-def asymmetric(m: Motion, j: int, p: dict[str, float]) -> Array:
+def asymmetric(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     constant = p["coulomb_difference_Nm"] * m.direction[:, j] ** 2
     return m.at(j, 0.5 * (constant + p["viscous_difference_Nms_rad"] * np.abs(m.dq[:, j])))
 
 
-def coupling(m: Motion, j: int, p: dict[str, float]) -> Array:
+def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """Friction and inertia of another joint's motion, or friction of the sum or difference (`mix`) of both."""
     other, mix = int(p["other_joint"]) - 1, p["mix"]
     slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"]) if mix else m.direction[:, other]
@@ -56,7 +56,7 @@ def coupling(m: Motion, j: int, p: dict[str, float]) -> Array:
     return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
 
 
-def ripple(m: Motion, j: int, p: dict[str, float]) -> Array:
+def ripple(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A wave a turn of the motor, as it is or as a share of the load."""
     turns = p["turns"]
     if not turns and m.arm.gears is None:
@@ -67,7 +67,7 @@ def ripple(m: Motion, j: int, p: dict[str, float]) -> Array:
     return m.at(j, share * p["amplitude_Nm"] * np.cos(turns * m.q[:, j] - p["phase_rad"]))
 
 
-def spring(m: Motion, j: int, p: dict[str, float]) -> Array:
+def spring(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """A cubic about an angle, or a wave with two rests a turn."""
     q = m.q[:, j]
     x = q - p["centre_rad"]

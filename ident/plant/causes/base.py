@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.plant.hardware import Hardware
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 
 View = Literal["refit", "loss", "raw"]
 Parameters = dict[str, float | str]
@@ -29,7 +29,7 @@ class Circumstances:
 
     hardware: Hardware
     joint: int
-    motions: Sequence[Motion]
+    motions: Sequence[ReferenceMotion]
     rng: np.random.Generator
 
     @property

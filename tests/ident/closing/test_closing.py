@@ -25,7 +25,7 @@ from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import read_commands, write_commands
 from ident.trajectories.kinds import KINDS
-from ident.trajectories.reference import Motion, via_spline
+from ident.trajectories.reference import ReferenceMotion, via_spline
 from tests.ident.made_up import made_session, two_joint_arm
 from tests.ident.patches.diagnoses import COULOMB, ROTOR, VISCOUS, baseline
 from tests.schemas import check_file
@@ -41,7 +41,7 @@ class MadeUpArm:
     def __init__(self, arm: ArmModel) -> None:
         self.arm, self.clock, self.rounds = arm, 0.0, 0
 
-    def record(self, motions: Sequence[Motion]) -> Session:
+    def record(self, motions: Sequence[ReferenceMotion]) -> Session:
         self.rounds += 1
         rng = np.random.default_rng(self.rounds)
 
@@ -58,7 +58,7 @@ class MadeUpArm:
 class Anything:
     """Motions that nobody looks at."""
 
-    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[Motion]:
+    def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
         return ()
 
 

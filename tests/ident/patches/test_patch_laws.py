@@ -14,7 +14,7 @@ from ident.patches.module import describe_arm
 from ident.patches.standalone.chain import rigid_torque
 from ident.patches.standalone.laws import KNOWN, acting_torque
 from ident.patches.standalone.log import Effect, read_log, undo_log
-from ident.patches.standalone.motion import Losses, Motion
+from ident.patches.standalone.motion import Losses, MovingArm
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 from tests.ident.made_up import random_states, sliding_arm
@@ -48,13 +48,13 @@ CASES = [
 ]
 
 
-def states_of(session: SessionContext, k: int, losses: Losses | None = None) -> Motion:
+def states_of(session: SessionContext, k: int, losses: Losses | None = None) -> MovingArm:
     """A run as the module sees it."""
     run = session.runs[k]
     zero = np.zeros(run.n)
     known = losses or Losses(zero, VISCOUS, COULOMB, np.full(run.n, 0.01), zero)
     motion = run.motion
-    return Motion(describe_arm(run.arm), known, motion.q, motion.dq, motion.ddq, run.interval, run.direction)
+    return MovingArm(describe_arm(run.arm), known, motion.q, motion.dq, motion.ddq, run.interval, run.direction)
 
 
 def as_named(session: SessionContext, name: str, joint: int, variant: Variant, beta: Array) -> Effect:
@@ -66,7 +66,7 @@ def as_named(session: SessionContext, name: str, joint: int, variant: Variant, b
     return name, joint, Change(name, joint, (), figures, law, effect).values
 
 
-def predicted(effect: Effect, motion: Motion) -> Array:
+def predicted(effect: Effect, motion: MovingArm) -> Array:
     """Extra torque of one effect, of the log's own effects too."""
     model = motion.rigid + motion.losses.torque(motion.dq, motion.ddq, motion.direction)
     return np.asarray(read_log([effect], model + acting_torque([effect], motion), motion.interval) - model)
@@ -111,7 +111,7 @@ def test_friction_turns_round_as_the_diagnosis_has_it(session: SessionContext) -
     sliding = Sliding(np.array([0.0, 2e-4, 0.0, 5e-5, 4e-4, 0.0]), np.array([0.01, 1.0, 0.03, 1.0, 1.0, 0.005]))
     losses = Losses(np.zeros(6), VISCOUS, COULOMB, np.where(sliding.range > 0.0, 0.01, sliding.speed), sliding.range)
     run = session.runs[1]
-    states = Motion(describe_arm(run.arm), losses, run.motion.q, run.motion.dq, run.motion.ddq, run.interval)
+    states = MovingArm(describe_arm(run.arm), losses, run.motion.q, run.motion.dq, run.motion.ddq, run.interval)
     np.testing.assert_allclose(states.direction, sliding.direction(run.motion), atol=1e-12)
 
 
@@ -135,7 +135,7 @@ def test_warm_friction_is_a_share_of_the_cold(session: SessionContext) -> None:
     cold = Losses(np.zeros(6), VISCOUS + mean * beta[0], COULOMB - mean * beta[1], np.full(6, 0.01), np.zeros(6))
     warmth = columns[:, 1] / np.where(run.direction[:, 1] == 0.0, 1.0, run.direction[:, 1])
     states = states_of(session, 1, cold)
-    warm = Motion(states.arm, cold, states.q, states.dq, states.ddq, states.interval, states.slip, warmth)
+    warm = MovingArm(states.arm, cold, states.q, states.dq, states.ddq, states.interval, states.slip, warmth)
     effect = as_named(session, "thermal_friction", 1, variant, beta)
     np.testing.assert_allclose(acting_torque([effect], warm)[:, 1], columns @ beta, atol=1e-6)
 
@@ -163,7 +163,7 @@ def test_a_log_is_undone(session: SessionContext) -> None:
 def test_laws_with_a_memory_ask_for_a_run(session: SessionContext) -> None:
     """One state does not say what went before."""
     states = states_of(session, 0)
-    one = Motion(states.arm, states.losses, states.q[:1], states.dq[:1], states.ddq[:1])
+    one = MovingArm(states.arm, states.losses, states.q[:1], states.dq[:1], states.ddq[:1])
     effect = ("presliding_hysteresis", 1, {"part_0_Nm": 1.0, "range_0_rad": 0.01})
     with pytest.raises(ValueError, match="give a whole run"):
         acting_torque([effect], one)

@@ -12,7 +12,7 @@ from ident.plant.causes import Circumstances, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.sensing import read_encoder, read_torque
 from ident.plant.simulator import Simulator
-from ident.trajectories.reference import Motion, ramps, together
+from ident.trajectories.reference import ReferenceMotion, ramps, together
 
 RATE_HZ = 250.0
 
@@ -27,7 +27,7 @@ class Run:
     effort: Array
 
 
-def record(hardware: Hardware, motions: Sequence[Motion], pause: float = 1.0) -> list[Run]:
+def record(hardware: Hardware, motions: Sequence[ReferenceMotion], pause: float = 1.0) -> list[Run]:
     """Recordings without noise; the same chance in every call."""
     silent = hardware.replace(sensing=hardware.sensing.silent())
     traces = Simulator(silent, np.random.default_rng(5)).run(motions, [pause] * len(motions), lambda: None)
@@ -42,7 +42,9 @@ def record(hardware: Hardware, motions: Sequence[Motion], pause: float = 1.0) ->
     return runs
 
 
-def with_effect(hardware: Hardware, motions: Sequence[Motion], effect: str, joint: int, size: float) -> Hardware:
+def with_effect(
+    hardware: Hardware, motions: Sequence[ReferenceMotion], effect: str, joint: int, size: float
+) -> Hardware:
     """The arm with one effect; its other parameters are drawn from a fixed seed."""
     cause = find_cause(effect)
     scene = Circumstances(hardware, joint, motions, np.random.default_rng(11))
@@ -50,7 +52,7 @@ def with_effect(hardware: Hardware, motions: Sequence[Motion], effect: str, join
 
 
 def changes(
-    hardware: Hardware, motions: Sequence[Motion], effect: str, joint: int, size: float, pause: float = 1.0
+    hardware: Hardware, motions: Sequence[ReferenceMotion], effect: str, joint: int, size: float, pause: float = 1.0
 ) -> tuple[list[Array], list[Run]]:
     """Effort with the effect less effort without, run by run, and the runs without."""
     before = record(hardware, motions, pause)
@@ -58,7 +60,7 @@ def changes(
     return [b.effort - a.effort for a, b in zip(before, after, strict=True)], before
 
 
-def there_and_back(pose: Array, joint: int, span: float, speeds: Sequence[float], push: float = 4.0) -> Motion:
+def there_and_back(pose: Array, joint: int, span: float, speeds: Sequence[float], push: float = 4.0) -> ReferenceMotion:
     """One joint to and fro about a pose at given speeds, the others still."""
     moves = [(pose[joint] + side * span, speed) for speed in speeds for side in (1.0, -1.0)]
     paths = [np.full(1, value) for value in pose]

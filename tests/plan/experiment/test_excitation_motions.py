@@ -8,7 +8,7 @@ import pytest
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
-from ident.trajectories.reference import TICK_S, Motion, sampled
+from ident.trajectories.reference import TICK_S, ReferenceMotion, sampled
 from plan.experiment.design import LEAST_RUNS, excite
 from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
@@ -83,7 +83,7 @@ def test_a_folded_arm_is_refused() -> None:
     assert whole.clearance(free) <= max(0.0, min(whole.scene.proximity.clearance(q) for q in free.q[::200]))
 
 
-def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> Motion:
+def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> ReferenceMotion:
     """From rest to rest on a straight line in 20 s."""
     s = np.linspace(0.0, 1.0, 20001)[:, None]
     return sampled("move", start + (goal - start) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

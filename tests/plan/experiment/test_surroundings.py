@@ -9,7 +9,7 @@ import pytest
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf, robot_argument
-from ident.trajectories.reference import Motion
+from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.around import surroundings_of
 from plan.experiment.feasible import Feasibility
 from plan.experiment.question import ask
@@ -30,11 +30,11 @@ def whole() -> ArmModel:
     return ArmModel.load("tm5-900")
 
 
-def move(a: np.ndarray, b: np.ndarray) -> Motion:
+def move(a: np.ndarray, b: np.ndarray) -> ReferenceMotion:
     """Ten seconds from one position to another, from rest to rest."""
     x = np.linspace(0.0, 1.0, 10_001)[:, None]
     share, rate, change = x**3 * (10 - 15 * x + 6 * x**2), 3 * x**2 * (1 - x) ** 2, 6 * x * (1 - x) * (1 - 2 * x)
-    return Motion("move", a + share * (b - a), rate * (b - a), change * (b - a) / 10)
+    return ReferenceMotion("move", a + share * (b - a), rate * (b - a), change * (b - a) / 10)
 
 
 def test_nothing_goes_below_the_base_plane_unless_told(whole: ArmModel) -> None:
