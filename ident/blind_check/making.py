@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.blind_check.cases import OTHER_EFFECTS_FROM, Slot, draw_case, draw_world_of
+from ident.blind_check.cases import OTHER_EFFECTS_FROM, Case, Slot, draw_case, draw_world_of
 from ident.blind_check.oracle import bound_of
 from ident.blind_check.semi_real import EFFECTS, RealArm, add_effect
 from ident.errors import InputError
@@ -102,17 +102,22 @@ def make(task: MakeTask) -> str:
     return task.slot.name
 
 
-def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+def case_of(task: MakeTask, attempt: int) -> Case:
+    """A simulated case as drawn, at an attempt."""
     world = draw_world_of(task.number, task.seed, task.worlds)
     base = task.base if world is None else task.base.in_world(world)
     joints = ArmModel.load(base.robot).joint_names
-    case = draw_case(task.slot, task.number, task.seed, base, joints, attempt)
+    return draw_case(task.slot, task.number, task.seed, base, joints, attempt)
+
+
+def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
+    case = case_of(task, attempt)
     simulation = simulate(case.options, task.slot.name)
     bound = None
     if task.oracle and task.slot.kind == "single":
         bound = bound_of(simulation)
     return Made(
-        simulation.session, simulation.answer, base.robot, oracle=bound.accuracy if bound else None
+        simulation.session, simulation.answer, case.options.robot, oracle=bound.accuracy if bound else None
     ), case.excluded
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ident.blind_check.edit_section import EditSection
 from ident.blind_check.sections import (
     BaselineSection,
     BlindVerdictSection,
@@ -35,6 +36,7 @@ def blind_sections(report: BlindReport) -> list[Section]:
         BaselineSection(report),
         CalibrationSection(report),
         CoverageSection(report),
+        EditSection(report),
         WrongSection(report, WRONG_FOLDER),
         SealSection(report),
         FactsSection(report.run),

@@ -11,6 +11,7 @@ from typing import Any
 
 from ident.blind_check.cases import FULL_MIX, Slot, plan_slots
 from ident.blind_check.code_stamp import stamp_of
+from ident.blind_check.editing import EditTask, edit
 from ident.blind_check.examining import ExamineTask, examine
 from ident.blind_check.making import MADE_NAME, MakeTask, case_key, make
 from ident.blind_check.pages import write_blind_pages
@@ -27,8 +28,9 @@ from ident.reading import read_json
 from ident.workers import run_tasks
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"
-# The two kinds of process: cases are made, or diagnosed, again when the code that they import has changed.
+# The kinds of process: cases are made, diagnosed or edited again when the code that they import has changed.
 MAKING, EXAMINING = "ident.blind_check.making", "ident.blind_check.examining"
+EDITING = "ident.blind_check.editing"
 
 Say = Callable[[str], None]
 Progress = Callable[[str, int, int], None]
@@ -50,6 +52,7 @@ class BlindOptions:
         runs, duration: Number of runs of each session, and their rough duration [s]; of a world, its own.
         oracle: Whether the most that anybody can name is worked out, for single effects in worlds.
         worlds: Names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own.
+        edit: Whether simulated single effects are put to the edit test; a check that is done already may go on with it.
     """
 
     cases: int = 40
@@ -64,6 +67,7 @@ class BlindOptions:
     duration: float = 8.0
     worlds: str = ""
     oracle: bool = True
+    edit: bool = False
 
 
 def run_blind(
@@ -86,11 +90,12 @@ def run_blind(
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
     results = _examine_all(tasks, made, options, progress)
+    edits = _edit_all(tasks, made, options, progress) if options.edit else {}
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
-        outcomes=tuple(_open(task, made[task.slot.name], results) for task in tasks),
+        outcomes=tuple(_open(task, made[task.slot.name], results, edits) for task in tasks),
         provenance=Provenance("ident blind", settings={**_settings(options), "seed": seed}),
         run={**_settings(options), "plant": tasks[0].stamp, "diagnosis": stamp_of(EXAMINING)},
     )
@@ -200,6 +205,28 @@ def _examine_all(
     return {task.result.stem: _read(task.result) for task in asked}
 
 
+def _edit_all(
+    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, progress: Progress
+) -> dict[str, dict[str, Any]]:
+    """Outcomes of the edit tests of simulated single effects."""
+    code = f"{stamp_of(EDITING)} {stamp_of(EXAMINING)}"
+    asked = [
+        EditTask(
+            made=task,
+            attempt=int(made[task.slot.name]["attempt"]),
+            result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
+            edited=(options.out / "edits" / f"{task.slot.name}.json").resolve(),
+            stamp=f"{code} {made[task.slot.name]['sha256']}",
+        )
+        for task in tasks
+        if task.slot.kind == "single"
+    ]
+    waiting = [task for task in asked if not _is_done(task.edited, task.stamp)]
+    done = _counter("editing", len(asked) - len(waiting), len(asked), progress)
+    run_tasks(edit, waiting, options.workers, options.scheduler, done)
+    return {task.edited.stem: _read(task.edited) for task in asked}
+
+
 def _untouched(
     tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, stamp: str
 ) -> list[ExamineTask]:
@@ -235,13 +262,18 @@ def _is_done(path: Path, stamp: str) -> bool:
     return record.get("stamp") == stamp and "error" not in record
 
 
-def _open(task: MakeTask, made: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]) -> Outcome:
+def _open(
+    task: MakeTask,
+    made: Mapping[str, Any],
+    results: Mapping[str, Mapping[str, Any]],
+    edits: Mapping[str, Mapping[str, Any]],
+) -> Outcome:
     """Opens a case's envelope and scores it."""
     slot = task.slot
     answer = open_envelope(task.sealed, case_key(task.seed, slot.name))
     there = results.get(f"untouched_{made['source']}", {}).get("diagnosis")
     outcome = score_case(slot, answer, results[slot.name], made["starts"], there)
-    return replace(outcome, oracle=made.get("oracle"))
+    return replace(outcome, oracle=made.get("oracle"), edit=edits.get(slot.name, {}).get("ratio"))
 
 
 def _read(path: Path) -> dict[str, Any]:

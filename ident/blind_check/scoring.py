@@ -72,6 +72,8 @@ class Outcome:
         excused: Whether each name is true of the world, though nothing of the kind was hidden.
         refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
         oracle: Probability that an oracle names the effect; None where it was not asked.
+        edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less
+            the cause; `tuned`, nothing named; `unedited`. None without a test.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Outcome:
     excused: tuple[bool, ...] = ()
     refusal_score: float | None = None
     oracle: float | None = None
+    edit: Mapping[str, float] | None = None
 
     @property
     def false_names(self) -> list[bool]:
@@ -162,7 +165,7 @@ def score_case(
         return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
     record = result["diagnosis"]
     findings = record["findings"]
-    matches = [next((one for one in answer.effects if _is_true(one, f, answer)), None) for f in findings]
+    matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
     excused = [match is None and _is_excused(f, answer) for match, f in zip(matches, findings, strict=True)]
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
     first = counted[0] if counted else None
@@ -228,13 +231,13 @@ def _seen(effect: TrueEffect, answer: Answer) -> float:
 def _nearest(findings: Sequence[Mapping[str, Any]], answer: Answer) -> Mapping[str, Any] | None:
     """The name nearest to the truth: itself, else one that has it in its class, else the first."""
     only = answer.effects[0]
-    near = [f for f in findings if _is_true(only, f, answer)]
+    near = [f for f in findings if is_true(only, f, answer)]
     near += [f for f in findings if only.effect in f["class"] and _is_at(only, f, answer)]
     return next(iter([*near, *findings]), None)
 
 
 def _is_there(untouched: Mapping[str, Any] | None, answer: Answer) -> bool:
-    return untouched is not None and any(_is_true(answer.effects[0], f, answer) for f in untouched["findings"])
+    return untouched is not None and any(is_true(answer.effects[0], f, answer) for f in untouched["findings"])
 
 
 def _joint_of(effect: TrueEffect) -> str:
@@ -262,7 +265,7 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
 
 
-def _is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
     return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
 
 

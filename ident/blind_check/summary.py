@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from statistics import median
 from typing import Any
 
 from ident.blind_check.by_world import Stratum, find_worst, stratify
@@ -26,6 +27,8 @@ REFUSABLE = ("excluded", "outside")
 # Where a name may be right; elsewhere every name is wrong by construction, which says nothing of its probability.
 NAMEABLE = ("single", "healthy", "decoy", "pair", "triple")
 SINGLES = ("single", "semi_real")
+# An edit test is passed where the error is at most this multiple of the oracle's.
+EDIT_WITHIN = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,7 @@ class BlindReport(Result):
             "calibration_error": calibration_error(*_unzip(said)),
             "interval_coverage": share(covered),
             "seconds_per_case": mean(seconds),
+            **({"edit": _edit_share([one for one in visible if one.edit])} if self.edits else {}),
         }
 
     def of(self, *kinds: str, where: Callable[[Outcome], bool] = lambda one: True) -> list[Outcome]:
@@ -120,6 +124,19 @@ class BlindReport(Result):
                 None if end is None or best <= 0.0 else end / best for end in (ours.value, ours.low, ours.high)
             )
             found[f"{size:g}"] = Score(value, low, high, len(cases))
+        return found
+
+    @cached_property
+    def edits(self) -> dict[str, dict[str, Any]]:
+        """Edit tests by effect, whatever the size and the motion: how many, median ratios, and the share passed."""
+        asked = self.of("single", where=lambda one: one.edit is not None)
+        found = {}
+        for effect in sorted({one.truth[0][0] for one in asked}):
+            own = [one for one in asked if one.truth[0][0] == effect]
+            medians = {
+                model: median(one.edit[model] for one in own if one.edit) for model in ("edited", "tuned", "unedited")
+            }
+            found[effect] = {"cases": len(own), "median": medians, "within": vars(_edit_share(own))}
         return found
 
     @cached_property
@@ -201,6 +218,7 @@ class BlindReport(Result):
             "worst_stratum": _worst(self.worst),
             "efficiency": _full(self.efficiency),
             "reliability": _full(self.reliability),
+            **({"edits": self.edits} if self.edits else {}),
             "baselines": {method: _values(scores) for method, scores in self.baselines.items()},
             "confidently_wrong": [one.name for one in self.confidently_wrong],
             "seconds_per_case": self.scores["seconds_per_case"].value,
@@ -219,6 +237,11 @@ def name_scores(cases: Sequence[Outcome]) -> dict[str, Score]:
         "extra_names": mean([float(len(one.named) - 1) for one in cases if one.named]),
         "unnamed": share([not one.named for one in cases]),
     }
+
+
+def _edit_share(cases: Sequence[Outcome]) -> Score:
+    """Share of edit tests that are passed."""
+    return share([one.edit["edited"] <= EDIT_WITHIN for one in cases if one.edit])
 
 
 def _unzip(pairs: Sequence[tuple[float, bool]]) -> tuple[list[float], list[bool]]:

@@ -123,6 +123,9 @@ def blind(
     ] = "",
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
     oracle: Annotated[bool, typer.Option(help="Work out what an oracle would name (in worlds; takes time).")] = True,
+    edit: Annotated[
+        bool, typer.Option(help="Take named causes out of the patched model; judge it on the arm without them.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
@@ -141,6 +144,7 @@ def blind(
         worlds=worlds,
         mix=parse_mix(mix) if mix else FULL_MIX,
         oracle=oracle,
+        edit=edit,
     )
     with progress_bar(console, "blind check", "") as progress:
         report = run_blind(

@@ -76,6 +76,7 @@ class BlindRecord(TypedDict):
     worst_stratum: dict[str, Any] | None
     efficiency: dict[str, dict[str, float | int | None]]
     reliability: dict[str, dict[str, float | int | None]]
+    edits: NotRequired[dict[str, dict[str, Any]]]
     confidently_wrong: list[str]
     seconds_per_case: float | None
     outcomes: list[dict[str, Any]]

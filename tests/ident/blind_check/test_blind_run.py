@@ -100,3 +100,15 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="something else"):
         run_blind(at(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_check_that_is_done_goes_on_with_the_edit_test(folder: Path, record: dict) -> None:  # type: ignore[type-arg]
+    """Only single effects are edited, each once; where nothing true was named there is a reason instead of a ratio."""
+    steps: list[str] = []
+    report = run_blind(at(folder, edit=True), progress=lambda step, *_: steps.append(step))
+    assert steps == ["editing"]
+    (single,) = [one for one in report.outcomes if one.kind == "single"]
+    written = json.loads((folder / "edits" / f"{single.name}.json").read_text())
+    assert ("why" in written) == (single.edit is None) == (not any(single.right))
+    run_blind(at(folder, edit=True), progress=lambda step, *_: steps.append(step))
+    assert steps == ["editing"]

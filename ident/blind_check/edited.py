@@ -1,0 +1,70 @@
+"""A patched model from which names are taken out again, all else left as it was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.motion.motion import Motion
+from ident.patches.bodies import tuned_arm
+from ident.patches.change import Diagnosed
+from ident.patches.command import known_effects
+from ident.patches.module import describe_arm
+from ident.patches.standalone.laws import acting_torque
+from ident.patches.standalone.log import Effect, read_log
+from ident.patches.standalone.motion import Losses, MovingArm
+from ident.robot.arm import ArmModel
+
+
+@dataclass(frozen=True, eq=False)
+class EditedModel:
+    """Tuned links, losses and laws, as a patch's module holds them.
+
+    Attributes:
+        arm: The arm with tuned links, without named effects.
+        losses: Tuned together with the names.
+        effects: The laws that are left in.
+    """
+
+    arm: ArmModel
+    losses: Losses
+    effects: tuple[Effect, ...]
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()) -> EditedModel:
+        """The patch of a diagnosis less some of its names; nothing is fitted again.
+
+        Args:
+            record: `ident.diagnosis/1`.
+            arm: The robot that it was made with, with the joints that were diagnosed.
+            taken_out: Places of the findings that are taken out.
+        """
+        diagnosed = Diagnosed.of_record(dict(record), needed=False)
+        kept = [change for k, change in enumerate(diagnosed.changes) if k not in taken_out]
+        return cls(tuned_arm(arm, diagnosed)[0], diagnosed.tuned.losses, tuple(known_effects(kept)[0]))
+
+    @classmethod
+    def tuned_alone(cls, record: Mapping[str, Any], arm: ArmModel) -> EditedModel:
+        """What the same recordings give where nothing is named: the best tuning of links and losses."""
+        plain = {**record, "findings": [], "baseline": record["baseline_alone"]}
+        return cls.of(plain, arm)
+
+    def log(self, motion: Motion) -> Float[Array, "T n"]:
+        """The torque log that it foretells of a run [N m]."""
+        arm = describe_arm(self.arm.with_payload(motion.payload))
+        states = MovingArm(arm, self.losses, motion.q, motion.dq, motion.ddq, motion.interval)
+        torque = states.rigid + self.losses.torque(states.dq, states.ddq, states.direction)
+        return np.asarray(read_log(self.effects, torque + acting_torque(self.effects, states), motion.interval))
+
+    def rms(self, motions: Sequence[Motion]) -> Float[Array, " n"]:
+        """Error of the filtered torque where joints move steadily, by joint [N m]."""
+        squares, counts = np.zeros(motions[0].n), np.zeros(motions[0].n)
+        for motion in motions:
+            left = motion.tau_filtered - motion.filtered(self.log(motion))
+            squares += np.sum(np.where(motion.settled, left, 0.0) ** 2, axis=0)
+            counts += motion.settled.sum(axis=0)
+        return np.sqrt(squares / np.maximum(counts, 1.0))
