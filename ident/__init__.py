@@ -6,10 +6,9 @@
 Each name is loaded when it is first asked for, so that importing the package costs nothing.
 """
 
-from typing import TYPE_CHECKING
-
 from ident.lazy import lazily
 
+TYPE_CHECKING = False  # `typing` itself would take longer to load than all of this
 if TYPE_CHECKING:
     from ident.api.checking import blind as blind
     from ident.api.closing import close as close

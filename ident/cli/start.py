@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from ident.stopping import leave_when_stopped
 
-from ident.process import run_command
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 
 def main() -> NoReturn:
     """Runs the command; see `run_command` for its statuses."""
+    leave_when_stopped("ident")
+    from ident.process import run_command
+
     run_command("ident", "ident.cli.app")

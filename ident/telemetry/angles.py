@@ -27,6 +27,8 @@ WRAP_REST = 0.5
 # A sample that leaves its neighbours this far and comes back at once is no motion at any rate of sampling [rad].
 SPIKE_RAD = 0.2
 SPIKE_NOISES = 30.0
+# A run whose positions jump farther than any arm moves in a larger share of its samples is no recording of an arm.
+MOST_JUMPS = 0.01
 
 
 def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
@@ -63,11 +65,16 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
 
 
 def _speed(run: Recording) -> Float[Array, " n"]:
-    """A speed that each joint holds for more than single samples: the 99th percentile of its steps."""
-    if len(run) < 3:
+    """A speed that each joint holds for more than single samples: the 99th percentile of its steps.
+
+    A sample that leaves its neighbours and comes back is no motion: the step over three samples is asked as well.
+    """
+    if len(run) < 4:
         return np.zeros(len(run.joints))
-    steps = np.abs(np.diff(run.position, axis=0)) / np.maximum(np.diff(run.time), 1e-9)[:, None]
-    return np.percentile(steps, 99, axis=0)
+    elapsed = np.maximum(np.diff(run.time), 1e-9)[:, None]
+    short = np.abs(np.diff(run.position, axis=0)) / elapsed
+    wide = np.abs(run.position[3:] - run.position[:-3]) / (elapsed[2:] + elapsed[1:-1] + elapsed[:-2])
+    return np.percentile(np.minimum(short[1:-1], wide), 99, axis=0)
 
 
 def _velocity_too(session: Session) -> bool:
@@ -180,23 +187,35 @@ def _within_limits(q: Float[Array, "T n"], arm: ArmModel | None) -> Float[Array,
 
 def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Parts runs where a position jumps farther than any arm moves: samples are missing, whatever the stamps say."""
-    runs, told, joints = [], [], set()
+    runs, told, joints, broken = [], [], set(), []
     for run in session.runs:
         steps = np.abs(np.diff(run.position, axis=0))
         jumps = (steps > FASTEST_RAD_S * np.maximum(np.diff(run.time), 0.0)[:, None]) & (steps > SPIKE_RAD)
         rows = np.flatnonzero(jumps.any(axis=1))
-        if not len(rows) or len(rows) > 0.01 * len(run):
+        if not len(rows):
             runs.append(run)
             continue
         column = int(np.argmax(steps[rows[0]]))
         joints |= set(np.flatnonzero(jumps.any(axis=0)).tolist())
-        told.append(
-            (run.name, f"{run.joints[column]} jumps by {steps[rows[0], column]:.2f} rad at {run.time[rows[0]]:.3f} s")
-        )
+        words = f"{run.joints[column]} jumps by {steps[rows[0], column]:.2f} rad at {run.time[rows[0]]:.3f} s"
+        if len(rows) > max(MOST_JUMPS * len(run), 1):
+            broken.append((run.name, f"{words} and {len(rows) - 1} times more, farther than any arm moves"))
+            runs.append(run)
+            continue
+        told.append((run.name, words))
         runs.extend(piece for piece in cut_before(run, rows + 1) if filter_run(piece) is not None)
+    return (session.replace(runs=runs) if runs else session), _tell_jumps(session, joints, told, broken)
+
+
+def _tell_jumps(
+    session: Session, joints: set[int], told: list[tuple[str, str]], broken: list[tuple[str, str]]
+) -> list[TelemetryIssue]:
+    """A few jumps part a run; many make its positions none."""
+    if broken:
+        remedy = "repair the channel and record again, or leave the run out"
+        return [TelemetryIssue("garbage_cells", joints_at(session, joints), "fatal", in_runs(session, broken), remedy)]
     if not told:
-        return session, []
+        return []
     evidence = in_runs(session, told) + "; parted there"
     remedy = "look for lost samples, or for an encoder that was set anew during the run"
-    issue = TelemetryIssue("time_gap", joints_at(session, joints), "warning", evidence, remedy)
-    return (session.replace(runs=runs) if runs else session), [issue]
+    return [TelemetryIssue("time_gap", joints_at(session, joints), "warning", evidence, remedy)]

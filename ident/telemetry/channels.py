@@ -14,6 +14,9 @@ STUCK_S, STUCK_SAMPLES = 0.3, 10
 STUCK_REPETITIONS = 10.0
 # Motion that a frozen position hides, by the velocity or the command [rad]; well above what velocity noise sums up to.
 HIDDEN_TRAVEL = 0.02
+# A controller that lets a joint stand while its command creeps lags as far as elsewhere; a frozen encoder lags farther
+# than this many times what the joint keeps in nearly all of its other samples.
+LAG_TIMES, LAG_SHARE = 2.0, 0.99
 # Or it comes out of the freeze with a step this many times larger than its largest usual ones, and this large [rad].
 JUMP_STEPS, JUMP_RAD = 5.0, 0.005
 # More lost samples than this and the channel itself is broken.
@@ -95,23 +98,41 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
     for joint in range(len(run.joints)):
         q = run.position[:, joint]
         usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
-        for first, last in _long_holds(q, run.time):
+        long = _long_holds(q, run.time)
+        usual_lag = _usual_lag(run, joint, long)
+        for first, last in long:
             stretch = slice(first, last + 1)
-            travel = _hidden_travel(run, joint, stretch)
+            travel = _hidden_travel(run, joint, stretch, usual_lag)
             jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
             if travel > HIDDEN_TRAVEL or jump > max(JUMP_STEPS * usual_step, JUMP_RAD):
                 frozen[stretch, joint] = True
     return frozen
 
 
-def _hidden_travel(run: Recording, joint: int, stretch: slice) -> float:
-    """How far the joint went by its velocity or command while its position stood still."""
+def _usual_lag(run: Recording, joint: int, held: Int[Array, "h 2"]) -> float:
+    """How far a joint stays behind its command in nearly all samples in which it does not stand."""
+    if run.position_command is None:
+        return 0.0
+    moves = np.ones(len(run), dtype=bool)
+    for first, last in held:
+        moves[first : last + 1] = False
+    lag = np.abs(run.position_command[moves, joint] - run.position[moves, joint])
+    return float(np.quantile(lag, LAG_SHARE)) if len(lag) else 0.0
+
+
+def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float) -> float:
+    """How far the joint went by its velocity or command while its position stood still.
+
+    A command is no measurement: one that the joint merely lags behind, as it does elsewhere, tells of no motion.
+    """
     travel = 0.0
     if run.velocity is not None:
         steps = run.velocity[stretch, joint][1:] * np.diff(run.time[stretch])
         travel = float(np.ptp(np.concatenate([[0.0], np.cumsum(steps)])))
     if run.position_command is not None:
-        travel = max(travel, float(np.ptp(run.position_command[stretch, joint])))
+        command = run.position_command[stretch, joint]
+        if float(np.abs(command - run.position[stretch, joint]).max()) > LAG_TIMES * usual_lag:
+            travel = max(travel, float(np.ptp(command)))
     return travel
 
 

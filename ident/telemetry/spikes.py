@@ -13,6 +13,7 @@ from ident.arrays import Array, Bool, Float
 from ident.compiled import compiled
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.telemetry.angles import SPIKE_RAD, TURN, WRAP_REST
+from ident.telemetry.far_cells import GAP, WIDE_GAP, find_far
 from ident.telemetry.report import in_runs, joints_at
 
 # Encoder ticks of many turns stay below, and any angle, torque, current or temperature, in whatever unit.
@@ -34,6 +35,8 @@ SLOW_S = 0.025
 MOST_ROWS = 0.02
 # Commands may leap: nobody but the checks of `ident.telemetry.channels` reads them.
 WATCHED = ("effort", "position", "velocity", "current", "acceleration", "temperature")
+# Nobody needs these: where they are broken they are left out, and the session is used without them.
+OPTIONAL = ("velocity", "acceleration", "temperature")
 
 
 def mend_absurd(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -58,22 +61,26 @@ def mend_channel_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]
         if not all(channel in run.channels() for run in session.runs):
             continue
         values = [np.asarray(run.channels()[channel]) for run in session.runs]
-        wild = find_wild(values, SPIKE_RAD if channel == "position" else 0.0, slow)
+        gap = WIDE_GAP if slow or channel in ("position", "temperature") else GAP
+        wild = find_wild(values, SPIKE_RAD if channel == "position" else 0.0, slow, gap)
         issue = "effort_spike" if channel in ("effort", "current") else "garbage_cells"
-        session, found = _drop(session, wild, issue, f"{channel} leaves its neighbours for a moment", channel)
+        session, found = _drop(session, wild, issue, f"{channel} leaves the samples around it", channel)
         issues += found
     return session, issues
 
 
-def find_wild(runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = False) -> list[Bool[Array, "T n"]]:
+def find_wild(
+    runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = False, gap: float = GAP
+) -> list[Bool[Array, "T n"]]:
     """Which cells of a channel are spikes, by run.
 
     Args:
         runs: The channel.
         slow: Whether a single sample may be true where it stands out by the channel's range.
-        floor: Of positions: less than this is no spike [rad], and a turn is a wrap.
+        gap: How far beyond an empty stretch a cell must lie, see `find_far`.
+        floor: Of positions: less than this is no spike [rad], and a turn is a wrap; an encoder may have been set anew.
     """
-    masks = [np.zeros(values.shape, dtype=bool) for values in runs]
+    masks = find_far(runs, gap, TURN if floor else 0.0)
     for width, least in WIDTHS:
         usable = [k for k, values in enumerate(runs) if len(values) > 4 * width]
         if not usable:
@@ -148,6 +155,12 @@ def _drop(
     if not told:
         return session, []
     broken = lost > max(MOST_ROWS * session.samples, 1)
+    if broken and channel in OPTIONAL:
+        evidence = in_runs(session, told) + f"; {channel} is not used"
+        issue = TelemetryIssue(
+            issue, joints_at(session, joints), "warning", evidence, f"repair {channel} to have it used"
+        )
+        return session.replace(runs=[run.replace(**{channel: None}) for run in session.runs]), [issue]
     severity: Severity = "fatal" if broken else "note" if lost < 0.001 * session.samples else "warning"
     ending = "" if broken else "; these rows are dropped"
     remedy = "repair the channel and record again, or leave it out" if broken else "none needed; look at the logger"

@@ -124,6 +124,37 @@ def test_a_signal_amid_the_imports_is_one_line(tmp_path: Path, ending: str) -> N
     assert process.wait() == 130
 
 
+AT_AN_IMPORT = """
+import importlib, os, signal, sys
+class Stop:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Stop())
+sys.argv = [{package!r}, "--help"]
+importlib.import_module({package!r} + ".cli.start").main()
+"""
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+@pytest.mark.parametrize("module", ["ident.process", "ident.errors", "typing", "typer", "{package}.cli.app"])
+def test_a_signal_at_any_import_of_a_command_is_one_line(package: str, module: str) -> None:
+    """Law: of both commands, from their first module on; what Python itself does before it has read one is Python's."""
+    script = AT_AN_IMPORT.format(package=package, module=module.format(package=package))
+    ended = subprocess.run(
+        [sys.executable, "-S", "-c", f"import sys; sys.path = {sys.path!r}\n{script}"], capture_output=True, text=True
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", f"{package}: stopped\n")
+
+
+@pytest.mark.parametrize("package", ["ident", "plan"])
+def test_next_to_nothing_is_loaded_before_a_signal_is_heard(package: str) -> None:
+    script = f"import sys; before = set(sys.modules); import {package}.cli.start; print(*set(sys.modules) - before)"
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert len({name for name in ended.stdout.split() if name.split(".")[0] in ("ident", "plan")}) <= 7
+    assert not {"typing", "logging", "numpy", "typer"} & set(ended.stdout.split())
+
+
 def test_a_signal_that_a_library_turns_into_its_own_error(tmp_path: Path) -> None:
     app = APP.replace(
         "time.sleep(wait)",

@@ -77,6 +77,55 @@ def test_short_bursts_and_many_spikes(clean: Session) -> None:
     assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "fatal")]
 
 
+@pytest.mark.parametrize("size", [400.0, 1e4])
+@pytest.mark.parametrize("rows", [6, 40, 600])
+@pytest.mark.parametrize("together", [True, False])
+def test_many_bad_torques_are_cut_out_or_refused(
+    size: float, rows: int, together: bool, clean: Session, arm: ArmModel
+) -> None:
+    """Law: however many, in a row or scattered: told as what they are, and not one is left in the session."""
+    at = np.arange(300, 300 + rows) if together else np.random.default_rng(0).choice(1500, rows, replace=False)
+    report = inspect(spoil_column(clean, "effort", 1, set_value(at, size), 2), arm)
+    severity = "fatal" if rows > 100 else "warning" if rows > 10 else "note"
+    assert found(report) == {"effort_spike": severity} | {
+        key: "note" for key in ("jitter", "time_gap") if key in found(report)
+    }
+    assert max(np.abs(run.effort).max() for run in report.session.runs) < 300.0
+
+
+@pytest.mark.parametrize("size", [15.0, 400.0, 1e4])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_many_bad_positions_are_no_degrees(size: float, velocity: bool, clean: Session, arm: ArmModel) -> None:
+    """Law: damage is refused as damage, whatever unit it would have been."""
+    at = np.random.default_rng(0).choice(1500, 300, replace=False)
+    spoilt = spoil_column(clean, "position", 1, set_value(at, size), 2)
+    if not velocity:
+        spoilt = spoil(spoilt, lambda run: run.replace(velocity=None))
+    report = inspect(spoilt, arm)
+    assert (report.fatal[0].issue, report.fatal[0].joints) == ("garbage_cells", ("joint_2",))
+    assert not report.find("units_degrees")
+
+
+def test_a_broken_velocity_is_left_out(clean: Session, arm: ArmModel) -> None:
+    """Nobody needs it: the session is used without it."""
+    at = np.random.default_rng(0).choice(1500, 300, replace=False)
+    report = inspect(spoil_column(clean, "velocity", 1, set_value(at, 50.0), 2), arm)
+    assert found(report) == {"garbage_cells": "warning"}
+    assert all(run.velocity is None for run in report.session.runs)
+    assert report.session.samples == clean.samples
+
+
+def test_friction_alone_is_not_far(clean: Session) -> None:
+    """A joint that rests, and then has its friction at once, beside joints that carry the arm."""
+
+    def leaps(run: Recording) -> Recording:
+        effort = np.array(run.effort)
+        effort[:, 0] = np.where(np.arange(len(run)) % 500 < 300, 0.0, 25.0)
+        return run.replace(effort=effort)
+
+    assert mend_channel_spikes(spoil(clean, leaps))[1] == []
+
+
 def test_a_clean_session_has_no_spikes(clean: Session) -> None:
     assert mend_channel_spikes(clean) == (clean, [])
     assert mend_absurd(clean)[1] == []

@@ -9,9 +9,10 @@ import pytest
 from faults import freeze_rows, spoil, spoil_column, without_velocity
 
 from ident.errors import RecordingError
-from ident.recordings.recording import Payload, Session
+from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect, inspect_sessions
+from ident.telemetry.channels import stuck_positions
 
 
 def found(report: TelemetryReport) -> dict[str, str]:
@@ -191,6 +192,39 @@ def test_a_frozen_position_is_cut_out(velocity: bool, clean: Session, arm: ArmMo
     assert found(report) == {"stuck_channel": "warning", "time_gap": "note"}
     assert report.find("stuck_channel")[0].joints == ("joint_2",)
     assert report.session.samples == clean.samples - 121
+
+
+def follow(run: Recording, late: float) -> np.ndarray:
+    """The command that a joint follows by so many seconds late."""
+    return np.column_stack([np.interp(run.time + late, run.time, q) for q in run.position.T])
+
+
+def test_a_position_that_leaves_its_command_is_frozen(clean: Session, arm: ArmModel) -> None:
+    """Frozen to the run's end: no jump tells, and the velocity was made of the positions."""
+    commanded = spoil(without_velocity(clean), lambda run: run.replace(position_command=follow(run, 0.02)))
+    assert found(inspect(commanded, arm)) == {}
+    report = inspect(spoil_column(commanded, "position", 1, lambda q: freeze_rows(q, 1200, 1499), run=1), arm)
+    assert found(report) == {"stuck_channel": "warning"}
+    assert report.session.samples == clean.samples - 300
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_joint_that_friction_holds_is_not_frozen(velocity: bool, clean: Session, arm: ArmModel) -> None:
+    """A soft controller lets a joint stand until the command is a dead zone away: true, and told by nothing."""
+    zone = 0.06
+
+    def creeps(run: Recording) -> Recording:
+        held, wanted = np.array(run.position), np.array(run.position)
+        for k in range(1, len(run)):
+            held[k] = np.clip(held[k - 1], wanted[k] - zone, wanted[k] + zone)
+        return run.replace(
+            position=held, velocity=np.gradient(held, run.time, axis=0) if velocity else None, position_command=wanted
+        )
+
+    session = spoil(clean, creeps)
+    assert (np.diff(session.runs[0].position, axis=0) == 0.0).mean() > 0.1
+    assert not stuck_positions(session.runs[0]).any()
+    assert not inspect(session, arm).find("stuck_channel")
 
 
 def test_a_frozen_torque_is_cut_out(clean: Session, arm: ArmModel) -> None:
