@@ -157,10 +157,9 @@ def _drop(
     broken = lost > max(MOST_ROWS * session.samples, 1)
     if broken and channel in OPTIONAL:
         evidence = in_runs(session, told) + f"; {channel} is not used"
-        issue = TelemetryIssue(
-            issue, joints_at(session, joints), "warning", evidence, f"repair {channel} to have it used"
-        )
-        return session.replace(runs=[run.replace(**{channel: None}) for run in session.runs]), [issue]
+        remedy = f"repair {channel} to have it used"
+        told_one = TelemetryIssue(issue, joints_at(session, joints), "warning", evidence, remedy)
+        return session.replace(runs=[run.replace(**{channel: None}) for run in session.runs]), [told_one]
     severity: Severity = "fatal" if broken else "note" if lost < 0.001 * session.samples else "warning"
     ending = "" if broken else "; these rows are dropped"
     remedy = "repair the channel and record again, or leave it out" if broken else "none needed; look at the logger"
