@@ -113,6 +113,12 @@ class DiagnosisSettings:
         "chosen: less can't be seen",
     )
     shortlist: int = _number(8, "1", "candidates that are tried on held-out runs at each step", "chosen: work")
+    steady_points: int = _number(
+        12,
+        "1",
+        "points of a grid that are tried on held-out runs where the best one fails there",
+        "chosen: work",
+    )
     polish_rounds: int = _number(3, "1", "rounds in which names may be swapped", "chosen: work; two are usually enough")
     refine_rounds: int = _number(
         3,

@@ -15,6 +15,7 @@ Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from ident.effects.typical_sizes import (
     root_mean_square,
     sampled_states,
 )
+from ident.motion.out_of_core import choose_runs
 
 # Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
 RESONANCES = (4.5, 6.5, 9.0, 12.5, 18.0, 30.0)
@@ -37,13 +39,18 @@ SOFTEST, STIFFEST = 1e2, 2e5  # [N m/rad]
 # Damping ratios: of the search, and of the finer grid; beyond that, this many times more or less looks the same.
 DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
 DAMPING_DOUBT = 4.0
-GAPS = (0.0005, 0.002)  # full width [rad]
-LARGEST_GAP = 0.01  # [rad]
-# Play of a gear that still works, and wind-up at rated torque: strain-wave gears have some mrad [rad].
-LARGEST_PLAY, LARGEST_WIND_UP = 0.02, 0.1
+# Full widths of play [rad]. The link is through a narrow gap before the filter sees it: what is left is proportional
+# to the width. It falls through a wide one for so long that each width looks different.
+NARROW_GAPS = (0.0005, 0.002)
+WIDE_GAPS = tuple(float(gap) for gap in np.geomspace(0.0025, 0.06, 15))
+# Of the wide ones those go on to the search that look most like what the tuned model leaves.
+WIDE_KEPT = 2
+# Play of a gear that is worn but still turns (new ones have some mrad), and wind-up at rated torque [rad].
+LARGEST_PLAY, LARGEST_WIND_UP = 0.06, 0.1
 # Stiffness of the gear in contact, in rated torques a radian, and its damping ratio: tooth contact hardly rebounds.
 CONTACT_STIFFNESS = 150.0
-CONTACT_DAMPING_RATIO = 0.3
+CONTACT_DAMPING_RATIO, FINE_CONTACT_RATIOS = 0.3, (0.3, 0.6, 1.0)
+WIDE_CONTACT_RATIO = 1.0
 LONGEST_STEP = 0.002  # [s]
 # Torque above this frequency shows elasticity; less of it than this share of the rated torque does not.
 LOW_FREQUENCY = 2.0  # [Hz]
@@ -52,6 +59,7 @@ LEAST_HIGH_SHARE = 0.002
 LEAST_LOAD_SHARE = 0.002
 # Finer grid around the best stiffness or gap.
 FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+FINE_WIDE_FACTORS = (0.82, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.2)
 
 
 class JointElasticity(Effect):
@@ -128,12 +136,20 @@ class JointElasticity(Effect):
         return np.array([1.0 / SOFTEST])
 
 
+@dataclass(frozen=True)
 class Backlash(Effect):
     """Play of width b: no torque passes while the link crosses from one flank to the other.
 
-    The columns are the difference of two integrations, with and without the gap, per width; below the filter's corner
-    it is proportional to the width, and beyond the points of the grid keep it so.
+    The columns are the difference of two integrations, with and without the gap, per width. That of a narrow gap is
+    proportional to its width, which is then its coefficient; a wide one is a point of the grid (`screened`).
+
+    Attributes:
+        widths: Wide gaps of each joint that look most like what the tuned model leaves [rad].
+        screens: Number of wide gaps that were looked at for each that is kept.
     """
+
+    widths: tuple[tuple[float, ...], ...] = ()
+    screens: int = 1
 
     id = "backlash"
     bursts = True
@@ -142,11 +158,20 @@ class Backlash(Effect):
     summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
     shown_by = "reversals"
     defining = ("gap_rad",)
-    typical = Typical("gap_rad", 0.1)
+    typical = Typical("gap_rad", 0.017)
     formats: ClassVar[Mapping[str, Expression]] = {
         "urdf": not_at_all("a joint has no play; add the module's torque"),
         "mjcf": not_at_all("stops of a joint are softened by the step, not stiff as teeth; add the module's torque"),
     }
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
+        chosen = choose_runs(len(session.runs), session.every)
+        some = [leftover[k] for k in chosen]
+        found = tuple(
+            () if self.untestable(session, joint) else _widths(session.survey, some, joint)
+            for joint in range(session.n)
+        )
+        return replace(self, widths=found, screens=len(WIDE_GAPS) // WIDE_KEPT)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         least = LEAST_LOAD_SHARE * rated_torque(session, joint)
@@ -157,24 +182,26 @@ class Backlash(Effect):
         return None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        stiffness = CONTACT_STIFFNESS * rated_torque(session, joint)
-        damping = 2 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * _mean_inertia(session, joint)))
-        contact = {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
-        return tuple(Variant(shape={"gap_rad": gap, **contact}) for gap in GAPS)
+        narrow = _contact(session, joint, CONTACT_DAMPING_RATIO)
+        wide = _contact(session, joint, WIDE_CONTACT_RATIO)
+        widths = self.widths[joint] if self.widths else ()
+        return (
+            *(Variant(shape={"gap_rad": gap, **narrow}) for gap in NARROW_GAPS),
+            *(Variant({"gap_rad": gap}, shape=wide) for gap in widths),
+        )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        gap = variant.shape["gap_rad"]
-        return tuple(Variant(shape={**variant.shape, "gap_rad": factor * gap}) for factor in FINE_FACTORS)
+        contacts = [_contact(session, joint, ratio) for ratio in FINE_CONTACT_RATIOS]
+        if variant.inner:
+            wide = [factor * variant.inner["gap_rad"] for factor in FINE_WIDE_FACTORS]
+            return tuple(Variant({"gap_rad": gap}, shape=contact) for contact in contacts for gap in wide)
+        narrow = [factor * variant.shape["gap_rad"] for factor in FINE_FACTORS]
+        return tuple(Variant(shape={**contact, "gap_rad": gap}) for contact in contacts for gap in narrow)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        gap = variant.inner.get("gap_rad", variant.shape.get("gap_rad", 0.0))
         contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
-        gap = variant.shape["gap_rad"]
-        found = []
-        for run in session.runs:
-            loose, tight = _deflect(run, joint, *contact, gap), _deflect(run, joint, *contact, 0.0)
-            twist, rate = loose[0] - tight[0], loose[1] - tight[1]
-            found.append(_felt(run, joint, twist, rate)[:, :, None] / gap)
-        return found
+        return [_knock(run, joint, contact, (gap,))[0][:, :, None] / gap for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -189,7 +216,43 @@ class Backlash(Effect):
         return f"have the gear of {where} looked at: it has {gap} of play; until then approach targets from one side"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_GAP])
+        return np.array([LARGEST_PLAY])
+
+
+def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, float]:
+    """Stiffness and damping of the teeth."""
+    stiffness = CONTACT_STIFFNESS * rated_torque(session, joint)
+    damping = 2 * ratio * float(np.sqrt(stiffness * _mean_inertia(session, joint)))
+    return {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
+
+
+def _knock(
+    run: RunContext, joint: int, contact: tuple[float, float], gaps: Sequence[float]
+) -> list[Float[Array, "T n"]]:
+    """What all joints feel of play, for each width [N m]."""
+    tight = _deflect(run, joint, *contact, 0.0)
+    found = []
+    for gap in gaps:
+        loose = _deflect(run, joint, *contact, gap)
+        found.append(_felt(run, joint, loose[0] - tight[0], loose[1] - tight[1]))
+    return found
+
+
+def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int) -> tuple[float, ...]:
+    """The wide gaps whose torque looks most like what is left at a joint, by differences from sample to sample."""
+    stiffness = _contact(session, joint, WIDE_CONTACT_RATIO)
+    contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
+    along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
+    for run, left in zip(session.runs, leftover, strict=True):
+        counts = (left[1:, joint] != 0.0) & (left[:-1, joint] != 0.0)
+        steps = np.diff(left[:, joint])[counts]
+        for k, felt in enumerate(_knock(run, joint, contact, WIDE_GAPS)):
+            change = np.diff(run.motion.filtered(felt[:, [joint]])[:, 0])[counts]
+            along[k] += change @ steps
+            power[k] += change @ change
+    score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)
+    best = np.argsort(-score, kind="stable")[:WIDE_KEPT]
+    return tuple(sorted(WIDE_GAPS[k] for k in best if score[k] > 0.0))
 
 
 def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:

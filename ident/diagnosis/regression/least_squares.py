@@ -101,10 +101,15 @@ class Projection:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
         return self._fall(group.columns, group.signed)
 
+    def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
+        """Of which columns the model, and their encoder noise, leave anything to be seen."""
+        power, left = self._power[columns], self._left[columns]
+        return (left > LEAST_VISIBLE * power) & (power > 0) & (left > LEAST_OVER_NOISE * self.noise[columns])
+
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
         power, left = self._power[columns], self._left[columns]
-        seen = (left > LEAST_VISIBLE * power) & (power > 0) & (left > LEAST_OVER_NOISE * self.noise[columns])
+        seen = self.seen(columns)
         beta = np.zeros(len(columns))
         if len(columns) == 1:  # most candidates: no matrix is needed
             if seen[0]:

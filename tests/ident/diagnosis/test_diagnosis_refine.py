@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
+from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.intervals import solve_effects, widened
 from ident.diagnosis.selection.refine import refine
@@ -38,6 +40,35 @@ def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> Non
     assert fine.groups[0].variant.inner["stribeck_velocity_rad_s"] == pytest.approx(0.06, rel=0.2)
     assert fine.groups[0].key == groups[0].key
     assert groups[0].variant.inner["stribeck_velocity_rad_s"] in STRIBECK_VELOCITIES
+
+
+def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(short_arm: ArmModel) -> None:
+    """Law: where the best point of a grid fails on runs left out, the best one that doesn't stands for its effect."""
+    analysis = analyse(short_arm, stribeck_on_1)
+    search = Search(
+        analysis.evidence,
+        (prior := Prior.of(analysis.evidence, analysis.baseline.prior)),
+        HeldOut(analysis.evidence, prior),
+    )
+    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    best = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
+    assert search.steadier(projection, [], best) is best
+    before = search.held_out.score()
+
+    class OneRunKnows(HeldOut):
+        """As held out, but that the best point does ten times worse than nothing on one run."""
+
+        def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+            found = super().score(groups)
+            worse = found.misfit.copy()
+            worse[0] += 10.0 * before.misfit[0] if any(group is best for group in groups) else 0.0
+            return replace(found, misfit=worse)
+
+    other = replace(search, held_out=OneRunKnows(analysis.evidence, prior)).steadier(projection, [], best)
+    assert other is not best
+    assert other.key == best.key
+    gain, error = search.held_out.score([other]).gain_over(before)
+    assert gain > error
 
 
 def test_intervals_hold_what_laws_may_differ() -> None:

@@ -101,9 +101,8 @@ def test_slow_loads_show_no_elasticity(arm: ArmModel) -> None:
     assert "changes too slowly" in str(find_effect("joint_elasticity").untestable(slow, 4))
 
 
-def test_play_is_found_with_its_width(short: SessionContext) -> None:
-    """Two millimetres a metre of play in joint 3, simulated with stops; what the stops' stiffness does is left out."""
-    run, effect, gap = short.runs[0], find_effect("backlash"), 0.002
+def knocking(run: RunContext, gap: float) -> np.ndarray:
+    """What play of joint 3 adds to the torque of all joints, simulated with stops that hardly rebound."""
     stiffness, damping = 2.4e4, 300.0
 
     def through(width: float) -> np.ndarray:
@@ -115,11 +114,34 @@ def test_play_is_found_with_its_width(short: SessionContext) -> None:
         load = float(run.link[0, 2])
         return simulate_link(run, 2, gear, load / stiffness + np.sign(load) * width / 2)
 
-    torque = through(gap) - through(0.0)
+    return through(gap) - through(0.0)
+
+
+def test_play_is_found_with_its_width(short: SessionContext) -> None:
+    """Two millimetres a metre of play in joint 3; what the stops' stiffness does is left out."""
+    run, effect, gap = short.runs[0], find_effect("backlash"), 0.002
+    torque = knocking(run, gap)
     fits = [explained(run, effect.columns(short, 2, v)[0][:, :, 0], torque) for v in effect.variants(short, 2)]
     found, share = max(fits, key=lambda fit: fit[1])
     assert share > 0.6
     np.testing.assert_allclose(found, gap, rtol=0.3)
+
+
+@pytest.mark.parametrize("gap", [0.011, 0.027])
+def test_wide_play_is_looked_for_at_every_width(short: SessionContext, gap: float) -> None:
+    """The longer the fall, the less one width looks like another: between the points of the grid, too, one is near."""
+    run = short.runs[0]
+    torque = knocking(run, gap)
+    effect = find_effect("backlash").screened(short, [run.motion.filtered(torque)])
+    variants = [variant for variant in effect.variants(short, 2) if variant.inner]
+    assert min(abs(np.log(variant.inner["gap_rad"] / gap)) for variant in variants) < np.log(1.15)
+    fine = [finer for variant in variants for finer in effect.refined(short, 2, variant)]
+    fits = [
+        (explained(run, effect.columns(short, 2, one)[0][:, :, 0], torque)[1], one.inner["gap_rad"]) for one in fine
+    ]
+    share, found = max(fits)
+    assert share > 0.6
+    np.testing.assert_allclose(found, gap, rtol=0.1)
 
 
 def test_play_shows_only_where_the_load_changes_sign(session: SessionContext) -> None:
