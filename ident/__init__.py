@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ident.api.starting import new as new
     from ident.api.watching import watch as watch
     from ident.diagnosis.diagnose import Diagnosis as Diagnosis
+    from ident.diagnosis.settings import DiagnosisSettings as DiagnosisSettings
     from ident.effects.base import Effect as Effect
     from ident.errors import InputError as InputError
     from ident.model.hybrid import FitOptions as FitOptions
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "ArmModel": "ident.robot.arm",
     "Diagnosis": "ident.diagnosis.diagnose",
+    "DiagnosisSettings": "ident.diagnosis.settings",
     "Effect": "ident.effects.base",
     "FitOptions": "ident.model.hybrid",
     "HybridModel": "ident.model.hybrid",
@@ -60,6 +62,7 @@ _HOMES = {
 __all__ = [
     "ArmModel",
     "Diagnosis",
+    "DiagnosisSettings",
     "Effect",
     "FitOptions",
     "HybridModel",

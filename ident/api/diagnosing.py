@@ -9,7 +9,7 @@ from pathlib import Path
 from ident.api.fitting import Model, load_model
 from ident.diagnosis.diagnose import Analysis, Diagnosis
 from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
-from ident.diagnosis.settings import USUAL
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
@@ -50,6 +50,7 @@ def diagnose(
     topic: str = TOPIC,
     session_file: str | Path | None = None,
     accept: Sequence[str] = (),
+    settings: DiagnosisSettings = USUAL,
 ) -> Diagnosis:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told.
 
@@ -63,6 +64,7 @@ def diagnose(
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         accept: Names of telemetry issues whose refusal is overruled.
+        settings: The numbers by which it is decided; `DiagnosisSettings.describe()` says what each is.
 
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
@@ -77,6 +79,7 @@ def diagnose(
         topic=topic,
         session_file=session_file,
         accept=accept,
+        settings=settings,
     ).diagnosis
 
 
@@ -91,24 +94,28 @@ def examine(
     topic: str = TOPIC,
     session_file: str | Path | None = None,
     accept: Sequence[str] = (),
+    settings: DiagnosisSettings = USUAL,
 ) -> Examined:
     """The same with all that pages and timelines need."""
     loaded = None if model is None else load_model(model)
     effects = gather_effects(catalogue)
+    if not isinstance(settings, DiagnosisSettings):
+        what = f"a {type(settings).__name__} is no settings"
+        raise InputError("settings", what, "give an ident.DiagnosisSettings")
     ledger = StampLedger()
     arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger, accept)
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded)
-    settings = {
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded, settings)
+    options = {
         "cutoff_hz": motions[0].lowpass.cutoff if motions else cutoff or CUTOFF,
         "seed": seed,
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],
-        "diagnosis": USUAL.to_dict(),
+        "diagnosis": settings.to_dict(),
         "accepted": list(accept),
     }
-    origin = Provenance("ident diagnose", settings=settings, sessions=ledger.stamps)
+    origin = Provenance("ident diagnose", settings=options, sessions=ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 

@@ -29,14 +29,7 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Named, Search, SearchResults
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.settle import settle
-from ident.diagnosis.verdict import (
-    NOISE_MARGIN,
-    decide,
-    find_floors,
-    find_unexplained,
-    nearest_record,
-    stands_out,
-)
+from ident.diagnosis.verdict import decide, find_floors, find_unexplained, nearest_record, stands_out
 from ident.effects.base import Effect, SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
@@ -194,7 +187,8 @@ def diagnose(
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
     evidence = gather(session, baseline, layout)
     prior = Prior.of(evidence, baseline.prior)
-    sure = settle(Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings), session, baseline)
+    first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
+    sure = settle(first, session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
@@ -204,27 +198,29 @@ def diagnose(
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(
-        measure_ceiling(steady, j) if stands_out(evidence, found.ladder[-1], j) else Ceiling.untried(series, j)
+        measure_ceiling(steady, j, settings.gap.trees)
+        if stands_out(evidence, found.ladder[-1], j, settings.verdict)
+        else Ceiling.untried(series, j)
         for j in range(arm.n)
     )
-    left, noise = find_unexplained(found, ceilings, evidence)
-    floors = find_floors(evidence, ceilings, found.ladder[-1])
-    judged = np.where(left, np.minimum(NOISE_MARGIN * noise, floors), floors)
-    reach = measure_reach(search, found, series, baseline, floors)
-    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after), settings)
+    left, noise = find_unexplained(found, ceilings, evidence, settings.verdict)
+    floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
+    judged = np.where(left, np.minimum(settings.verdict.noise_margin * noise, floors), floors)
+    reach = measure_reach(search, found, series, baseline, floors, settings.gap)
+    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after), settings.selection)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
-    maps = map_gap(series, arm.joint_names, evidence.whitening, rng)
+    maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source),
         joints=arm.joint_names,
-        verdict=decide(found, left, judged, tolerance),
+        verdict=decide(found, left, judged, tolerance, settings.verdict),
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
-        where=told(maps["before"], settings.places_told),
+        where=told(maps["before"], settings.gap.map),
         findings=findings,
         heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
         not_testable=tuple(item.to_dict(arm.joint_names) for item in layout.silent),

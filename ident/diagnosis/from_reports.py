@@ -9,6 +9,7 @@ from pathlib import Path
 from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
 from ident.diagnosis.regression.baseline import INERTIA_SHARE, KNOWN_SHARE
 from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
@@ -31,6 +32,7 @@ def diagnose_reports(
     cutoff: float | None = None,
     seed: int = 0,
     model: HybridModel | None = None,
+    settings: DiagnosisSettings = USUAL,
 ) -> tuple[Diagnosis, Analysis | None, Sequence[Motion]]:
     """Diagnoses inspected sessions of one set-up.
 
@@ -42,6 +44,7 @@ def diagnose_reports(
         seed: Of the sign flips.
         model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
             that of the tuned one.
+        settings: The numbers by which it is decided.
 
     Returns:
         The diagnosis; all that was computed on the way, if anything was; the motions.
@@ -56,14 +59,15 @@ def diagnose_reports(
     fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
-        return Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues)), None, ()
+        refused = Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues), settings=settings)
+        return refused, None, ()
     if not motions:
         raise no_motion(heard.session)
     arm = arm.keeping(heard.joints)
     share = INERTIA_SHARE
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, KNOWN_SHARE
-    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share)
+    analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
         analysis = with_own_model(analysis, model)
     return analysis.diagnosis, analysis, motions

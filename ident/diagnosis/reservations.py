@@ -14,7 +14,6 @@ from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.diagnosis.verdict import LOUD
 from ident.effects.base import Interval, SessionContext
 from ident.effects.plausible import impossible, undefined
 
@@ -95,12 +94,16 @@ def doubt_replay(
         joints: Names of the joints.
         rms: What the named effects leave on runs that the fit never saw [N m].
         floors: What nothing can go below [N m].
-        settings: How far is far.
+        settings: How far is far, and how loud is loud.
     """
     squares = sum(np.sum(np.where(item.counts, item.speed, 0.0) ** 2, axis=0) for item in series)
     counts = sum(item.counts.sum(axis=0) for item in series)
     way = forward.window * np.sqrt(squares / np.maximum(counts, 1))
-    far = (forward.windows > 0) & (forward.after > settings.far_share * way) & (rms > LOUD * floors)
+    far = (
+        (forward.windows > 0)
+        & (forward.after > settings.gap.replay.far_share * way)
+        & (rms > settings.verdict.loud * floors)
+    )
     ends_far = [j for j, one in enumerate(far) if one]
     if not ends_far:
         return ()

@@ -1,214 +1,72 @@
-"""The numbers by which effects are selected, with their units, their meaning and where they come from.
-
-A number is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size below which nothing matters in
-practice, or a limit on work), or `calibrated` on development sets of simulated arms.
-"""
+"""All numbers that decide a verdict, stage by stage; a result records each by its name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
-
-def _number(default: float, unit: str, meaning: str, source: str) -> Any:
-    return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
+from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.settings import Settings, number
 
 
 @dataclass(frozen=True)
-class DiagnosisSettings:
-    """Numbers that decide a verdict; each field's metadata hold `unit`, `meaning` and `source`."""
+class VerdictSettings(Settings):
+    """What the evidence amounts to."""
 
-    family_error: float = _number(
-        0.05,
+    partial_from: float = number(
+        0.3,
         "1",
-        "chance of a false alarm over all candidates, sign-flip test",
-        "law: the usual 5 %",
+        "share of the reducible gap that names close, below which nothing of the catalogue fits",
+        "chosen: a third of the story is none",
     )
-    flips: int = _number(999, "1", "draws of signs: the least p-value is one over one more", "law: resolution of 0.001")
-    voices: int = _number(
-        24,
+    named_from: float = number(
+        0.8, "1", "and from which on the names tell the whole story", "chosen: four fifths of it"
+    )
+    least_gap_share: float = number(
+        0.06,
         "1",
-        "no block's score speaks louder than that of this rank",
-        "calibrated: false alarms of effects that show in few stretches",
+        "share of its mean square that can be explained from which on a joint has a gap",
+        "calibrated: early development sets",
     )
-    least_rms_fall: float = _number(
-        0.02,
+    noise_margin: float = number(
+        1.08,
         "1",
-        "least share by which a joint's held-out error must fall",
-        "chosen: less changes no simulation",
+        "error on other runs over what all candidates together leave of runs that they were fitted on",
+        "calibrated: early development sets",
     )
-    least_gap_fall: float = _number(
-        0.1,
+    stands_out: float = number(
+        1.35,
         "1",
-        "least share of the mean square above noise that must be closed",
-        "chosen: less changes no simulation",
+        "error over innovation, in units of the middle joint's, that is unexplained",
+        "calibrated: early development sets",
     )
-    least_share: float = _number(
-        0.003,
-        "1",
-        "least share of what could be closed at all joints at first",
-        "calibrated: remains of causes whose law is not quite the catalogue's",
+    much_left: float = number(
+        2.5, "1", "mean square over the noise's that is unexplained", "calibrated: early development sets"
     )
-    least_own_share: float = _number(
-        0.015,
-        "1",
-        "the same at the effect's own joint",
-        "calibrated: remains of causes whose law is not quite the catalogue's",
+    sure_side: float = number(
+        0.05, "1", "chance that friction varies by more than is taken for the most", "law: the usual 5 %"
     )
-    most_effects: int = _number(5, "1", "most names that a search gives", "chosen: work; no cause of six was tried")
-    absorbed_below: float = _number(
-        0.25,
-        "1",
-        "an effect of which tuned inertias leave a smaller share is absorbed",
-        "calibrated: payloads and gains of the development set",
-    )
-    absorbed_ratio: float = _number(
-        2.0,
-        "1",
-        "and of which the URDF held fast leaves this many times as much",
-        "chosen: else tuning is not what hides it",
-    )
-    absorbed_nats: float = _number(
-        12.0,
-        "nats",
-        "least evidence of an absorbed effect",
-        "calibrated: arms within the URDF's tolerance",
-    )
-    fixed_factor: float = _number(
-        20.0,
-        "1",
-        "how many times tighter than its tolerance the URDF is when it is held fast",
-        "chosen: tight without being singular",
-    )
-    event_nats: float = _number(20.0, "nats", "least evidence of what happens once", "calibrated: healthy sessions")
-    event_gap_fall: float = _number(
-        0.5,
-        "1",
-        "share of its joint's gap that what happens once must be",
-        "chosen: else it is beside the point",
-    )
-    burst_nats: float = _number(
-        20.0,
-        "nats",
-        "least evidence of what comes in bursts, in place of `least_rms_fall`",
-        "calibrated: healthy sessions",
-    )
-    essential_nats: float = _number(
-        10.0,
-        "nats",
-        "what the columns that make an effect what it is must add",
-        "calibrated: springs without slope",
-    )
-    unlikely: float = _number(
-        0.01,
-        "1",
-        "family-wise p-value from which on a candidate without a name is told",
-        "law: the usual 1 %",
-    )
-    unlikely_nats: float = _number(5.0, "nats", "and its least evidence", "law: odds of 150 to 1")
-    least_told_fall: float = _number(
-        0.015,
-        "1",
-        "and the least fall of the error: hours of recording make anything significant",
-        "chosen: less can't be seen",
-    )
-    shortlist: int = _number(8, "1", "candidates that are tried on held-out runs at each step", "chosen: work")
-    steady_points: int = _number(
-        12,
-        "1",
-        "points of a grid that are tried on held-out runs where the best one fails there",
-        "chosen: work",
-    )
-    polish_rounds: int = _number(3, "1", "rounds in which names may be swapped", "chosen: work; two are usually enough")
-    refine_rounds: int = _number(
-        3,
-        "1",
-        "rounds over the finer grids of all names",
-        "chosen: work; two are usually enough",
-    )
-    most_settling: int = _number(
-        3,
-        "1",
-        "searches at the most, each beside a new figure of how much friction varies from run to run",
-        "chosen: work",
-    )
-    settled_share: float = _number(
-        0.8,
-        "1",
-        "fall of that figure, as what is left of it, that is worth another search",
-        "chosen: less changes no name",
-    )
-    interval_fall: float = _number(
-        1.92,
-        "nats",
-        "fall of the log likelihood at the ends of a 95 % interval",
-        "law: half of χ²₁ at 95 %",
-    )
-    class_odds: float = _number(
-        10.0,
-        "1",
-        "names less improbable than this against the holder stand in its class",
-        "chosen: nine in ten",
-    )
-    rival_nats: float = _number(
-        60.0,
-        "nats",
-        "names whose evidence is weaker by more are not asked for",
-        "chosen: far beyond `class_odds`, tempered",
-    )
-    temper: float = _number(
-        0.2,
-        "1",
-        "exponent that turns evidence into probabilities",
-        "calibrated: reliability on the development set",
-    )
-    most_sure: float = _number(
-        0.96,
-        "1",
-        "no name is surer",
-        "calibrated: how often sure names were right on the development set",
-    )
-    least_probability: float = _number(0.05, "1", "a name less probable is not told", "law: the usual 5 %")
-    most_doubted: int = _number(
-        8,
-        "1",
-        "names that can't be believed for each of which the search begins again",
-        "chosen: work",
-    )
-    far_share: float = _number(
-        0.5,
-        "1",
-        "a replay that ends farther off than this share of the joint's way is doubted",
-        "chosen: it foretells no motion",
-    )
-    places_told: int = _number(12, "1", "cells of the map that are told", "chosen: what a person reads")
-    least_told: float = _number(
-        0.02,
-        "1",
-        "directions of the inertias of which the recordings tell less say nothing",
-        "chosen: a seventh of a standard deviation",
-    )
-    most_likely: float = _number(
-        1e-06,
-        "1",
-        "chance below which inertias were tuned beyond their tolerance",
-        "chosen: arms vary more than any normal law",
-    )
-    far_deviations: float = _number(
-        4.0,
-        "1",
-        "standard deviations from which on a direction makes up what was tuned away",
-        "law: a chance of 6e-5",
+    loud: float = number(
+        1.15, "1", "error over noise from which on a gap speaks for itself", "chosen: a third of the mean square"
     )
 
-    def to_dict(self) -> dict[str, float]:
-        """Name and value of every number, as a result records it."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
 
-    @classmethod
-    def describe(cls) -> list[dict[str, Any]]:
-        """Every number's name, usual value, unit, meaning and source."""
-        return [{"name": one.name, "value": one.default, **one.metadata} for one in fields(cls)]
+USUAL_VERDICT = VerdictSettings()
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings(Settings):
+    """Numbers that decide a verdict.
+
+    Attributes:
+        selection: Which effects get a name.
+        gap: Where the gap lies, what could explain it, how the motion nears.
+        verdict: What it all amounts to.
+    """
+
+    selection: SelectionSettings = USUAL_SELECTION
+    gap: GapSettings = USUAL_GAP
+    verdict: VerdictSettings = USUAL_VERDICT
 
 
 USUAL = DiagnosisSettings()

@@ -18,7 +18,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search, SearchResults
-from ident.diagnosis.selection.urdf_share import SCALES, one_link_is_wrong, scale_evidence
+from ident.diagnosis.selection.urdf_share import one_link_is_wrong, scale_evidence
 from ident.effects.base import SessionContext
 
 
@@ -116,23 +116,23 @@ def _wider_belief(search: Search, found: SearchResults, baseline: Baseline) -> f
     Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
     and the tuned inertias lie beyond the tolerance.
     """
-    evidence, prior, gram = search.evidence, search.prior, search.evidence.gram()
+    evidence, prior, gram, settings = search.evidence, search.prior, search.evidence.gram(), search.settings
     groups = [item.group for item in found.named]
     others = [item.group for item in found.named if not item.absorbed]
     model = project(gram, evidence, prior, groups)
     spare = inflation(evidence, model)
-    if len(others) == len(groups) and not measure_tolerance(evidence, prior, model, spare).exceeded:
+    if len(others) == len(groups) and not measure_tolerance(evidence, prior, model, spare, settings).exceeded:
         return 1.0
-    without = scale_evidence(gram, evidence, prior, others, spare)
+    without = scale_evidence(gram, evidence, prior, others, spare, settings)
     if len(others) < len(groups):
-        beside = scale_evidence(gram, evidence, prior, groups, spare)
+        beside = scale_evidence(gram, evidence, prior, groups, spare, settings)
         # Where the URDF is wrong even beside the names, it also holds what looks like more names.
-        needed = search.settings.absorbed_nats * (len(groups) - len(others)) * SCALES[np.argmax(beside)]
+        needed = settings.absorbed_nats * (len(groups) - len(others)) * settings.urdf_scales[int(np.argmax(beside))]
         if beside.max() - without.max() >= needed:
             return 1.0
     elif one_link_is_wrong(search, baseline, others, spare):
         return 1.0  # something sits at that link that has no name: it must be told
-    return float(SCALES[np.argmax(without)])
+    return settings.urdf_scales[int(np.argmax(without))]
 
 
 def _sure(

@@ -14,55 +14,56 @@ from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.selection.prior_check import Tolerance
 from ident.diagnosis.selection.search import SearchResults
-
-# Share of the reducible gap that names must close: below the first nothing of the catalogue fits, from the second on
-# the names tell the whole story.
-PARTIAL_FROM, NAMED_FROM = 0.3, 0.8
-# A joint has a gap where the explainable part of its mean square is at least this share.
-LEAST_GAP_SHARE = 0.06
-# The noise is what all candidates together leave of runs that they were fitted on; no model does as well on others.
-NOISE_MARGIN = 1.08
-# Unexplained, whether trees can learn it or not: error over innovation (what can't be foretold from one sample to the
-# next) this many times that of the middle joint, or this many times the noise's mean square.
-STANDS_OUT, MUCH_LEFT = 1.35, 2.5
-# Chance that a variance is larger than the bound that is taken for its largest.
-SURE_SIDE = 0.05
-# Error over noise from which on a gap speaks for itself.
-LOUD = 1.15
+from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 
 
-def find_floors(evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore) -> Float[Array, " n"]:
+def find_floors(
+    evidence: Evidence, ceilings: Sequence[Ceiling], last: HeldOutScore, settings: VerdictSettings = USUAL_VERDICT
+) -> Float[Array, " n"]:
     """What no model of the state can go below, joint by joint [N m]: the noise, or the ceiling where it is higher."""
     ratio = np.array([c.rms / c.before if c.before > 0 and c.sure else 0.0 for c in ceilings])
-    return np.minimum(np.maximum(NOISE_MARGIN * evidence.floor, ratio * last.rms), last.rms)
+    return np.minimum(np.maximum(settings.noise_margin * evidence.floor, ratio * last.rms), last.rms)
 
 
-def stands_out(evidence: Evidence, last: HeldOutScore, joint: int) -> bool:
+def stands_out(evidence: Evidence, last: HeldOutScore, joint: int, settings: VerdictSettings = USUAL_VERDICT) -> bool:
     """Whether more is left at a joint than its noise: else there is nothing for trees to explain."""
-    return bool(last.rms[joint] ** 2 > (1.0 + LEAST_GAP_SHARE) * evidence.floor[joint] ** 2)
+    return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
 
 
 def find_unexplained(
-    found: SearchResults, ceilings: Sequence[Ceiling], evidence: Evidence
+    found: SearchResults,
+    ceilings: Sequence[Ceiling],
+    evidence: Evidence,
+    settings: VerdictSettings = USUAL_VERDICT,
 ) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
-    """At which joints more than noise is left, and the noise that their innovation speaks for [N m]."""
+    """At which joints more than noise is left, and the noise that their innovation speaks for [N m].
+
+    Unexplained is what trees can learn; and, whether they can or not, an error over innovation (what can't be foretold
+    from one sample to the next) far above that of the middle joint, or far above the noise.
+    """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     typical = np.minimum(found.ladder[-1].rms, found.ladder[-1].typical_rms)
     colour = typical / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
-    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > LEAST_GAP_SHARE for c in ceilings]
-    much = typical**2 > MUCH_LEFT * evidence.floor**2
+    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > settings.least_gap_share for c in ceilings]
+    much = typical**2 > settings.much_left * evidence.floor**2
     # How much friction varies is known from so many stretches only: it may be the upper end of its 95 % interval. And a
     # stretch that was left out lies apart from the mean of the others.
     stretches = max(len(np.unique(evidence.friction.stretch)), 2)
-    most = (stretches - 1) / float(chi2.ppf(SURE_SIDE, stretches - 1)) * stretches / (stretches - 1)
+    most = (stretches - 1) / float(chi2.ppf(settings.sure_side, stretches - 1)) * stretches / (stretches - 1)
     varying = most * evidence.friction_noise**2
     beyond = typical**2 > whitening.level**2 + varying
-    left = moved & (np.array(learnt) | (beyond & ((colour > STANDS_OUT * usual) | much)))
+    left = moved & (np.array(learnt) | (beyond & ((colour > settings.stands_out * usual) | much)))
     return left, np.minimum(evidence.floor, usual * whitening.innovation)
 
 
-def decide(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, " n"], tolerance: Tolerance) -> str:
+def decide(
+    found: SearchResults,
+    left: Bool[Array, " n"],
+    floors: Float[Array, " n"],
+    tolerance: Tolerance,
+    settings: VerdictSettings = USUAL_VERDICT,
+) -> str:
     """How much of the gap at the joints in question the names close, above the noise."""
     if not found.named:
         return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
@@ -74,9 +75,9 @@ def decide(found: SearchResults, left: Bool[Array, " n"], floors: Float[Array, "
     share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
     if any(item.absorbed for item in found.named) and not left.any():
         share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
-    if share >= NAMED_FROM:
+    if share >= settings.named_from:
         return "partial" if tolerance.exceeded else "named"
-    return "partial" if share >= PARTIAL_FROM else "none_of_catalogue"
+    return "partial" if share >= settings.partial_from else "none_of_catalogue"
 
 
 def nearest_record(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
@@ -95,6 +96,6 @@ def nearest_record(found: SearchResults, joints: Sequence[str]) -> dict[str, Any
     }
 
 
-def above_noise(gap: Mapping[str, Any]) -> bool:
+def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:
     """Whether a joint's error, as the record of its gap tells it, lies clearly above its noise."""
-    return bool(gap["rms_Nm"] > LOUD * (gap["noise_floor_Nm"] or np.inf))
+    return bool(gap["rms_Nm"] > settings.loud * (gap["noise_floor_Nm"] or np.inf))

@@ -10,7 +10,6 @@ from rich.console import Console
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
 from ident.diagnosis.gap.axes import Axis, session_axes
-from ident.diagnosis.gap.gap_map import SIGNIFICANT
 from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
 from ident.show.silence import group_silent
@@ -91,9 +90,10 @@ def gap_marks(analysis: Analysis) -> list[Mark]:
 def _mark(analysis: Analysis, axes: Mapping[str, Axis], height: float, k: int, j: int, rows: slice) -> Mark:
     """One stretch in words: how high, and which of the joint's significant cells it lies in."""
     item, name = analysis.series[k], analysis.diagnosis.joints[j]
+    significant = analysis.diagnosis.settings.gap.map.significant
     cells = []
     for place in analysis.diagnosis.where:
-        if place.joint == name and place.axis in axes and place.p_value <= SIGNIFICANT:
+        if place.joint == name and place.axis in axes and place.p_value <= significant:
             middle = float(np.median(axes[place.axis](item, j)[rows]))
             if place.low <= middle <= place.high:
                 cells.append(f"{axis_name(place.axis)} {interval_words(place.axis, place.low, place.high)}")

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
-from ident.diagnosis.settings import USUAL
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder, atomic_write
 from ident.results import Result
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -35,14 +35,14 @@ Distances = Mapping[tuple[str, str], float]
 
 def odds_of(distance: float) -> float:
     """Odds of the right name against the wrong one that a distance lets expect: exp(T D)."""
-    return float(min(np.exp(min(USUAL.temper * distance, 700.0)), LARGEST_ODDS))
+    return float(min(np.exp(min(USUAL_SELECTION.temper * distance, 700.0)), LARGEST_ODDS))
 
 
 def minutes_to_odds(distance: float, seconds: float) -> float | None:
     """Minutes until the odds are 20 : 1, at the rate of a motion of so many seconds; None if they never are."""
     if distance <= 1e-9:
         return None
-    return float(np.log(ODDS) / (USUAL.temper * distance) * seconds / 60.0)
+    return float(np.log(ODDS) / (USUAL_SELECTION.temper * distance) * seconds / 60.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class Excitation(Result):
             "information_nats": {"proposed": self.information[0], "random": self.information[1]},
             "noise_Nm": dict(self.noise),
             "sources": dict(self.sources),
-            "temper": USUAL.temper,
+            "temper": USUAL_SELECTION.temper,
             "evaluations": self.evaluations,
             "seconds": self.seconds,
             "seed": self.seed,

@@ -29,6 +29,7 @@ from ident.diagnosis.reservations import Reservation, find_implausible, joints_o
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval
 from ident.effects.plausible import undefined
@@ -92,17 +93,17 @@ def compare(
         seed: Of the sign flips.
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
     """
-    settings = replace(settings, family_error=ALARM)
+    selection = replace(settings.selection, family_error=ALARM)
     first = look_at(before, after, arm)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
-    told = _tell(first, seed, settings, sessions)
+    told = _tell(first, seed, selection, sessions)
     second = look_again(first, told.estimates, before, after, arm)
     if second is not None:
-        told = _told_again(second, told, settings, sessions)
+        told = _told_again(second, told, selection, sessions)
     return _result(told, first, arm, sides, _hidden(first))
 
 
-def _search(look: SharedLook, seed: int, settings: DiagnosisSettings) -> Search:
+def _search(look: SharedLook, seed: int, settings: SelectionSettings) -> Search:
     """The search over a look; of one run a side, no law of friction can be told."""
     evidence = look.switched.evidence
     alone = look.sides.counts == (1, 1)
@@ -111,7 +112,7 @@ def _search(look: SharedLook, seed: int, settings: DiagnosisSettings) -> Search:
     return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings)
 
 
-def _tell(look: SharedLook, seed: int, settings: DiagnosisSettings, sessions: tuple[int, int]) -> _Told:
+def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Told:
     """Searches, and again without what does not stand, until all that is named stands."""
     joints = look.baseline.nominal.joint_names
     search = _search(look, seed, settings)
@@ -164,7 +165,7 @@ def _superfluous(search: Search, found: SearchResults) -> Key | None:
     return min(failed, key=lambda item: item.gates.evidence).group.key if failed else None
 
 
-def _told_again(second: SecondLook, told: _Told, settings: DiagnosisSettings, sessions: tuple[int, int]) -> _Told:
+def _told_again(second: SecondLook, told: _Told, settings: SelectionSettings, sessions: tuple[int, int]) -> _Told:
     """The same changes with the figures of a second look, which sees what the first left of them."""
     look = second.look
     search = _search(look, 0, settings)

@@ -26,19 +26,8 @@ from scipy.signal import freqz
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.gap.residuals import RunResidual, block_labels
+from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
 from ident.diagnosis.regression.noise import Whitening
-
-BINS = 5
-FLIPS = 999
-MOST_BLOCKS = 256
-SHORTEST_BLOCK = 1.5  # [s]
-FREQUENCY_EDGES = (0.0, 1.0, 3.0, 10.0, 40.0)  # [Hz]
-# A joint is on the map where its mean square is above its noise's by this factor.
-LEAST_EXCESS = 1.2
-LEAST_SAMPLES = 100
-# Blocks must hold this share of the contrast within themselves to be compared from the inside.
-WITHIN_FROM = 0.25
-SIGNIFICANT = 0.05
 
 View = Literal["before", "fixed"]
 VIEWS: tuple[View, ...] = ("before", "fixed")
@@ -85,6 +74,7 @@ def map_gap(
     noise: Whitening,
     rng: np.random.Generator,
     views: Sequence[View] = VIEWS,
+    settings: MapSettings = USUAL_MAP,
 ) -> dict[View, list[Place]]:
     """All cells of every joint that has a gap, joint by joint and axis by axis, in each view.
 
@@ -94,11 +84,12 @@ def map_gap(
         noise: Noise of each joint.
         rng: For the signs.
         views: `before` for what the tuned model leaves, `fixed` for what it leaves with the URDF held fast.
+        settings: How time and the axes are cut, and where a joint is on the map.
     """
     duration = sum(item.time[-1] - item.time[0] for item in series)
-    labels = block_labels(series, max(SHORTEST_BLOCK, duration / MOST_BLOCKS))
+    labels = block_labels(series, max(settings.shortest_block_s, duration / settings.most_blocks))
     axes = session_axes(series)
-    return {view: _map_view(series, joints, noise, rng, view, labels, axes) for view in views}
+    return {view: _map_view(series, joints, noise, rng, view, labels, axes, settings) for view in views}
 
 
 def _map_view(
@@ -109,32 +100,34 @@ def _map_view(
     view: View,
     labels: Sequence[Int[Array, " t"]],
     axes: Mapping[str, Axis],
+    settings: MapSettings,
 ) -> list[Place]:
     places: list[Place] = []
     for j, name in enumerate(joints):
         counts = np.concatenate([item.counts[:, j] for item in series])
         left = np.concatenate([getattr(item, view)[:, j] for item in series])[counts]
-        if len(left) < LEAST_SAMPLES or np.mean(left**2) < LEAST_EXCESS * noise.level[j] ** 2:
+        least = settings.least_excess * noise.level[j] ** 2
+        if len(left) < settings.least_samples or np.mean(left**2) < least:
             continue
         block = np.concatenate(labels)[counts]
         work = left * np.concatenate([item.speed[:, j] * item.step for item in series])[counts]
         cells: list[_Cell] = []
         for axis, pick in axes.items():
             values = np.concatenate([pick(item, j) for item in series])[counts]
-            cells += _cut(name, axis, values, left, work, block, int(labels[-1][-1]) + 1)
-        cells += _bands(name, series, labels, j, view, noise.coefficients[j])
-        places += _with_p_values(cells, rng)
+            cells += _cut(name, axis, values, left, work, block, int(labels[-1][-1]) + 1, settings)
+        cells += _bands(name, series, labels, j, view, noise.coefficients[j], settings)
+        places += _with_p_values(cells, rng, settings.flips)
     return places
 
 
-def told(places: Sequence[Place], most: int) -> tuple[Place, ...]:
+def told(places: Sequence[Place], settings: MapSettings = USUAL_MAP) -> tuple[Place, ...]:
     """The cells worth telling: those that hold more of the gap than of the time, the surest and richest first.
 
     Frequency comes last: most gaps are slow, which says little of their cause.
     """
     rich = [place for place in places if place.share_of_gap > place.share_of_time]
-    rich.sort(key=lambda p: (p.p_value > SIGNIFICANT, p.axis == "frequency", p.share_of_time - p.share_of_gap))
-    return tuple(rich[:most])
+    rich.sort(key=lambda p: (p.p_value > settings.significant, p.axis == "frequency", p.share_of_time - p.share_of_gap))
+    return tuple(rich[: settings.places_told])
 
 
 def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
@@ -157,10 +150,17 @@ def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
 
 
 def _cut(
-    joint: str, axis: str, values: Array, left: Array, work: Array, block: Int[Array, " t"], blocks: int
+    joint: str,
+    axis: str,
+    values: Array,
+    left: Array,
+    work: Array,
+    block: Int[Array, " t"],
+    blocks: int,
+    settings: MapSettings,
 ) -> list[_Cell]:
-    """Cells of an axis: five of equal time, or the two directions."""
-    edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else _quantiles(values)
+    """Cells of an axis: some of equal time, or the two directions."""
+    edges = np.array([-1.0, 0.0, 1.0]) if axis == "direction" else _quantiles(values, settings.bins)
     if len(edges) < 3:
         return []
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
@@ -171,16 +171,18 @@ def _cut(
         if not 0.0 < time < 1.0:
             continue
         here = Place(joint, axis, float(edges[k]), float(edges[k + 1]), share, time, float(work[inside].sum()), 1.0)
-        cells.append(_Cell(here, _contrast(inside, np.abs(left), block, blocks)))
+        cells.append(_Cell(here, _contrast(inside, np.abs(left), block, blocks, settings.within_from)))
     return cells
 
 
-def _quantiles(values: Array) -> Array:
-    return np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
+def _quantiles(values: Array, bins: int) -> Array:
+    return np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
 
 
-def _contrast(inside: Array, size: Array, block: Int[Array, " t"], blocks: int) -> Float[Array, " B"]:
-    """By how much denser the gap is inside, block by block."""
+def _contrast(
+    inside: Array, size: Array, block: Int[Array, " t"], blocks: int, within_from: float
+) -> Float[Array, " B"]:
+    """By how much denser the gap is inside, block by block; compared from the inside where blocks hold both."""
 
     def total(weights: Array) -> Array:
         return np.bincount(block, weights=weights, minlength=blocks)
@@ -188,7 +190,7 @@ def _contrast(inside: Array, size: Array, block: Int[Array, " t"], blocks: int) 
     n_in, n_out = total(inside.astype(float)), total((~inside).astype(float))
     r_in, r_out = total(size * inside), total(size * ~inside)
     weight = n_in * n_out / np.maximum(n_in + n_out, 1.0)
-    if weight.sum() < WITHIN_FROM * n_in.sum() * n_out.sum() / len(size):
+    if weight.sum() < within_from * n_in.sum() * n_out.sum() / len(size):
         return r_in - inside.mean() * (r_in + r_out)
     return weight * (r_in / np.maximum(n_in, 1.0) - r_out / np.maximum(n_out, 1.0))
 
@@ -200,10 +202,11 @@ def _bands(
     j: int,
     view: View,
     coefficients: Float[Array, " p"],
+    settings: MapSettings,
 ) -> list[_Cell]:
     """Cells of frequency, held against the noise's share of each band."""
     top = max(item.run.motion.lowpass.cutoff for item in series)
-    edges = np.unique(np.minimum(FREQUENCY_EDGES, top))
+    edges = np.unique(np.minimum(settings.frequency_edges_hz, top))
     blocks = int(labels[-1][-1]) + 1
     power = np.zeros((blocks, len(edges) - 1))
     for item, label in zip(series, labels, strict=True):
@@ -226,12 +229,12 @@ def _bands(
     ]
 
 
-def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator) -> list[Place]:
+def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int) -> list[Place]:
     """Family-wise p-values over a joint's cells, by sign flips of whole blocks."""
     contrast = np.stack([cell.contrast for cell in cells], axis=1)
     size = np.maximum(np.sqrt(np.sum(contrast**2, axis=0)), 1e-300)
-    signs = rng.choice([-1.0, 1.0], size=(FLIPS, len(contrast)))
+    signs = rng.choice([-1.0, 1.0], size=(flips, len(contrast)))
     highest = (signs @ contrast / size).max(axis=1)
     seen = contrast.sum(axis=0) / size
-    values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + FLIPS)
+    values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + flips)
     return [Place(**{**vars(cell.place), "p_value": float(value)}) for cell, value in zip(cells, values, strict=True)]

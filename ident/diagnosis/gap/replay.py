@@ -25,11 +25,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.gap.settings import USUAL_REPLAY, ReplaySettings
 from ident.diagnosis.regression.baseline import Baseline
-
-WINDOW = 0.25  # [s]
-# Stretches that are replayed, spread evenly over the session: enough for two digits.
-MOST_WINDOWS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +57,18 @@ class Replay:
         }
 
 
-def replay(series: Sequence[RunResidual], baseline: Baseline, window: float = WINDOW) -> Replay:
+def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySettings = USUAL_REPLAY) -> Replay:
     """Replays the session with models that never saw the stretch that they replay.
 
     Args:
         series: Residuals of all runs.
         baseline: The tuned model, for masses and derivatives.
-        window: Length of a stretch [s].
+        settings: How long a stretch is, and how many.
     """
+    window = settings.window_s
     n = len(baseline.nominal.joint_names)
     squares, windows = np.zeros((2, n)), np.zeros(n, dtype=int)
-    every = max(1, -(-sum(len(_starts(item, window)) for item in series) // MOST_WINDOWS))
+    every = max(1, -(-sum(len(_starts(item, window)) for item in series) // settings.most_windows))
     for item in series:
         starts = _starts(item, window)[::every]
         rows = starts[:, None] + np.arange(round(window / item.step) + 1)

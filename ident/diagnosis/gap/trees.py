@@ -18,12 +18,9 @@ from threadpoolctl import threadpool_limits
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.gap.settings import USUAL_TREES, TreeSettings
 
 KINDS = ("state", "memory", "time", "coupling")
-FOLDS = 4
-MOST_SAMPLES = 3000
-# The held-out error must fall in so many folds, and by this share on average, to count as more than luck.
-LEAST_FOLDS, LEAST_FALL = FOLDS - 1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,58 +74,63 @@ def _since_reversal(time: Array, q: Array, dq: Array) -> tuple[Array, Array, Arr
 
 
 def measure_ceiling(
-    series: Sequence[RunResidual], joint: int, nested: bool = True, left: Literal["before", "after"] = "after"
+    series: Sequence[RunResidual],
+    joint: int,
+    settings: TreeSettings = USUAL_TREES,
+    nested: bool = True,
+    left: Literal["before", "after"] = "after",
 ) -> Ceiling:
     """Trees on what is left at a joint, judged on other runs (other stretches where runs are few).
 
     Args:
         series: Residuals of all runs.
         joint: The joint.
+        settings: The trees, and what counts as more than luck.
         nested: Whether to ask for the first set of inputs that helps.
         left: Before or after the named effects.
     """
     x = np.concatenate([features(item, joint)[item.counts[:, joint]] for item in series])
     y = np.concatenate([getattr(item, left)[item.counts[:, joint], joint] for item in series])
     piece = np.concatenate([np.full(int(item.counts[:, joint].sum()), item.index) for item in series])
-    if len(np.unique(piece)) < FOLDS:
-        piece = np.arange(len(y)) * 3 * FOLDS // max(len(y), 1)
-    step = max(1, len(y) // MOST_SAMPLES)
+    if len(np.unique(piece)) < settings.folds:
+        piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
+    step = max(1, len(y) // settings.most_samples)
     x, y, piece = x[::step], y[::step], piece[::step]
-    if len(y) < 200:
+    if len(y) < settings.least_samples:
         rms = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
         return Ceiling(rms, rms, None, False)
-    fold = _deal(piece)
+    fold = _deal(piece, settings.folds)
     widths = {"state": 5, "memory": 8, "time": 9, "coupling": x.shape[1]}
-    full, sure = _held_out(x, y, fold)
+    full, sure = _held_out(x, y, fold, settings)
     before = float(np.mean(y**2))
     kind = None
     if sure and nested:
         for name, width in widths.items():
-            part, _ = _held_out(x[:, :width], y, fold)
+            part, _ = _held_out(x[:, :width], y, fold, settings)
             kind = name
-            if before - part >= 0.8 * (before - full):
+            if before - part >= settings.enough * (before - full):
                 break
     return Ceiling(float(np.sqrt(min(full, before))), float(np.sqrt(before)), kind, sure)
 
 
-def _deal(piece: Array) -> Array:
+def _deal(piece: Array, folds: int) -> Array:
     """Pieces of time dealt out to folds in turn."""
     _, place = np.unique(piece, return_inverse=True)
-    return place % FOLDS
+    return place % folds
 
 
-def _held_out(x: Array, y: Array, fold: Array) -> tuple[float, bool]:
+def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings) -> tuple[float, bool]:
     """Mean square on held-out folds, and whether it falls in nearly all of them."""
     left = np.zeros(len(y))
     falls = []
-    for k in range(FOLDS):
+    for k in range(settings.folds):
         held: Bool[Array, " t"] = fold == k
         trees = HistGradientBoostingRegressor(
-            max_iter=40,
-            max_leaf_nodes=12,
-            learning_rate=0.15,
-            min_samples_leaf=25,
-            l2_regularization=1.0,
+            max_iter=settings.rounds,
+            max_leaf_nodes=settings.leaves,
+            learning_rate=settings.rate,
+            min_samples_leaf=settings.leaf_samples,
+            l2_regularization=settings.penalty,
             random_state=0,
         )
         # So few samples are no work for several threads: they would wait for each other, and for busy cores.
@@ -136,7 +138,7 @@ def _held_out(x: Array, y: Array, fold: Array) -> tuple[float, bool]:
             trees.fit(x[~held], y[~held])
             left[held] = y[held] - trees.predict(x[held])
         falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
-        if sum(fall <= 0 for fall in falls) > FOLDS - LEAST_FOLDS:
+        if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
             return float(np.mean(y**2)), False  # sure it can't be any more
-    sure = float(np.mean(falls)) > LEAST_FALL and sum(fall > 0 for fall in falls) >= LEAST_FOLDS
-    return float(np.mean(left**2)), bool(sure and np.mean(falls) > np.std(falls, ddof=1) / np.sqrt(FOLDS))
+    sure = float(np.mean(falls)) > settings.least_fall and sum(fall > 0 for fall in falls) >= settings.sure_folds
+    return float(np.mean(left**2)), bool(sure and np.mean(falls) > np.std(falls, ddof=1) / np.sqrt(settings.folds))

@@ -22,7 +22,7 @@ from scipy.stats import norm
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection
-from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Tolerance:
     deviation: float
     p_value: float
     torque: Float[Array, " n"]
-    most_likely: float = USUAL.most_likely
+    most_likely: float = USUAL_SELECTION.most_likely
 
     @property
     def exceeded(self) -> bool:
@@ -52,7 +52,7 @@ def measure_tolerance(
     prior: Prior,
     projection: Projection,
     spare: float = 1.0,
-    settings: DiagnosisSettings = USUAL,
+    settings: SelectionSettings = USUAL_SELECTION,
 ) -> Tolerance:
     """How far a solved model's inertias lie from the URDF's, against what its tolerance and the data allow.
 

@@ -28,8 +28,8 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
-from ident.diagnosis.settings import USUAL, DiagnosisSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Gates:
     absorbed: bool
     event: bool = False
     bursts: bool = False
-    settings: DiagnosisSettings = USUAL
+    settings: SelectionSettings = USUAL_SELECTION
 
     @property
     def passed(self) -> bool:
@@ -149,7 +149,7 @@ class Search:
     held_out: HeldOut
     seed: int = 0
     barred: frozenset[Key] = frozenset()
-    settings: DiagnosisSettings = USUAL
+    settings: SelectionSettings = USUAL_SELECTION
 
     def run(self) -> SearchResults:
         """Forward steps until nothing passes."""

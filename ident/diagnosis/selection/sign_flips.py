@@ -24,7 +24,7 @@ from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.run_spread import residual_weights
-from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 
 
 def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B P"]:
@@ -42,7 +42,7 @@ def family_p_values(
     scores: Float[Array, "B P"],
     groups: Sequence[Group],
     rng: np.random.Generator,
-    settings: DiagnosisSettings = USUAL,
+    settings: SelectionSettings = USUAL_SELECTION,
 ) -> Float[Array, " G"]:
     """p-value of each group, corrected for having looked at all of them.
 
@@ -87,7 +87,7 @@ def family_p_values_by_run(
     information: Float[Array, "P P"],
     groups: Sequence[Group],
     rng: np.random.Generator,
-    settings: DiagnosisSettings = USUAL,
+    settings: SelectionSettings = USUAL_SELECTION,
 ) -> dict[Key, float]:
     """p-value of each name over its grid where blocks are few (whole runs): too few to take a variance from.
 

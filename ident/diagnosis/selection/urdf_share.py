@@ -26,17 +26,16 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.selection.search import Search
-
-# Scales that are tried, in units of the belief that one starts from, and how far the usual URDF is from it: one in
-# three is off by more than twice as much, or less than half. Beyond a fifth (five times 4 %), a URDF is of another arm.
-SCALES = np.geomspace(1.0, 5.0, 9)
-USUAL_FACTOR = 2.0
-# A link with another body on it, or another link's masses, is off by about its own size: so many times 4 %.
-FAR_OFF = 20.0
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 
 
 def scale_evidence(
-    gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups: Sequence[Group], spare: float
+    gram: Float[Array, "P P"],
+    evidence: Evidence,
+    prior: Prior,
+    groups: Sequence[Group],
+    spare: float,
+    settings: SelectionSettings = USUAL_SELECTION,
 ) -> Float[Array, " s"]:
     """Log evidence of each scale of the URDF's error, for the baseline and some effects [nats].
 
@@ -46,9 +45,10 @@ def scale_evidence(
         prior: The belief that one starts from.
         groups: The effects.
         spare: How many times the modelled variance the misfit has.
+        settings: Which scales, and how far the usual URDF is off.
     """
-    beliefs = [prior.tightened(1.0 / scale) for scale in SCALES]
-    unusual = 0.5 * (np.log(SCALES) / np.log(USUAL_FACTOR)) ** 2
+    beliefs = [prior.tightened(1.0 / scale) for scale in settings.urdf_scales]
+    unusual = 0.5 * (np.log(settings.urdf_scales) / np.log(settings.usual_urdf_factor)) ** 2
     return np.array([_evidence(gram, evidence, belief, groups, spare) for belief in beliefs]) - unusual
 
 
@@ -61,12 +61,13 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
         groups: The effects beside which it is asked.
         spare: How many times the modelled variance the misfit has.
     """
-    evidence, gram = search.evidence, search.evidence.gram()
-    everywhere = scale_evidence(gram, evidence, search.prior, groups, spare).max()
-    widened = [Prior.of(evidence, baseline.prior_of_a_wrong_link(k, FAR_OFF)) for k in range(evidence.layout.n)]
+    evidence, gram, settings = search.evidence, search.evidence.gram(), search.settings
+    everywhere = scale_evidence(gram, evidence, search.prior, groups, spare, settings).max()
+    priors = [baseline.prior_of_a_wrong_link(k, settings.wrong_link_factor) for k in range(evidence.layout.n)]
+    widened = [Prior.of(evidence, one) for one in priors]
     beliefs = [belief.tightened(search.prior.factor) for belief in widened]
     alone = max(_evidence(gram, evidence, belief, groups, spare) for belief in beliefs)
-    return bool(alone - np.log(len(beliefs)) > everywhere + search.settings.unlikely_nats)
+    return bool(alone - np.log(len(beliefs)) > everywhere + settings.unlikely_nats)
 
 
 def _evidence(

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.show.report.numbers import fixed, percent, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import axis_name, axis_unit, interval_words
 
-SIGNIFICANT = 0.05
 MOST_SENTENCES = 5
 # A cell this many times as dense as the mean has the darkest shade.
 DENSEST = 3.0
@@ -34,7 +34,7 @@ class WhereSection(Section):
         record = self.source.record
         places = record.get("where", [])
         return {
-            "sentences": [describe_place(p) for p in places if p["p_value"] <= SIGNIFICANT][:MOST_SENTENCES],
+            "sentences": [describe_place(p) for p in places if p["p_value"] <= USUAL_MAP.significant][:MOST_SENTENCES],
             "map": map_table(record.get("maps", []), record["joints"]),
             "fixed": map_table(record.get("maps_fixed", []), record["joints"]),
         }
@@ -73,7 +73,7 @@ def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
         cells.append(
             {
                 "colour": shade(_depth(gap, time)),
-                "sure": p_value <= SIGNIFICANT and gap > time,
+                "sure": p_value <= USUAL_MAP.significant and gap > time,
                 "share": percent(gap),
                 "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
             }

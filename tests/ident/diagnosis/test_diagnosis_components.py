@@ -13,7 +13,8 @@ from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
-from ident.diagnosis.selection.urdf_share import SCALES, scale_evidence
+from ident.diagnosis.selection.settings import USUAL_SELECTION
+from ident.diagnosis.selection.urdf_share import scale_evidence
 from ident.effects.catalogue import CATALOGUE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, named, nothing, record
@@ -77,7 +78,7 @@ def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
     """Law: where the inertias are right, no wider belief has more evidence than the one that one starts from."""
     evidence = healthy.evidence
     found = scale_evidence(evidence.gram(), evidence, Prior.of(evidence, healthy.baseline.prior), [], 1.0)
-    assert len(found) == len(SCALES)
+    assert len(found) == len(USUAL_SELECTION.urdf_scales)
     assert np.argmax(found) == 0
 
 

@@ -10,7 +10,8 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.improvement import run_energy
-from ident.diagnosis.gap.replay import WINDOW, integrate, replay
+from ident.diagnosis.gap.replay import integrate, replay
+from ident.diagnosis.gap.settings import USUAL_REPLAY
 from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group
@@ -104,7 +105,7 @@ def test_an_exact_model_departs_by_its_noise_only(healthy: Analysis) -> None:
     assert found.windows.min() >= 10
     assert found.before.max() < 2.5e-3
     np.testing.assert_array_equal(found.before, found.after)
-    assert found.to_dict(("a", "b", "c"))["window_s"] == WINDOW
+    assert found.to_dict(("a", "b", "c"))["window_s"] == USUAL_REPLAY.window_s
 
 
 def test_a_constant_force_on_a_mass() -> None:

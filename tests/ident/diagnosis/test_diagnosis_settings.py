@@ -1,13 +1,21 @@
-"""The numbers that decide: each says what it is, and each gate obeys the ones that it was given."""
+"""The numbers that decide: each says what it is, and each stage obeys the ones that it was given."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 
 import pytest
 
+from ident import InputError
+from ident import diagnose as diagnose_files
+from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.selection.search import Gates
+from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.effects.catalogue import find_effect
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import load_friction_on_2, record
 
 CLEAR = Gates(
     p_value=0.001,
@@ -23,11 +31,13 @@ CLEAR = Gates(
 
 def test_every_number_says_what_it_is_and_where_it_comes_from() -> None:
     """Law: unit, meaning and source stand with each; a result records each by its name."""
-    for one in DiagnosisSettings.describe():
+    told = DiagnosisSettings.describe()
+    for one in told:
         assert one["unit"]
         assert one["meaning"]
         assert one["source"].startswith(("law: ", "chosen: ", "calibrated: "))
-        assert USUAL.to_dict()[one["name"]] == one["value"]
+        assert reduce(lambda group, name: group[name], one["name"].split("."), USUAL.to_dict()) == one["value"]
+    assert len({one["name"] for one in told}) == len(told)
 
 
 @pytest.mark.parametrize(
@@ -36,4 +46,37 @@ def test_every_number_says_what_it_is_and_where_it_comes_from() -> None:
 def test_a_gate_obeys_the_settings_that_it_was_given(stricter: dict[str, float]) -> None:
     """Law: what passes as usual does not pass where one number asks for more."""
     assert CLEAR.passed
-    assert not replace(CLEAR, settings=replace(USUAL, **stricter)).passed  # type: ignore[arg-type]
+    assert not replace(CLEAR, settings=replace(USUAL_SELECTION, **stricter)).passed  # type: ignore[arg-type]
+
+
+def test_every_stage_obeys_the_settings_of_the_diagnosis(short_arm: ArmModel) -> None:
+    """Law: a number that is given for one diagnosis decides in its stage, and stands in its result."""
+    settings = replace(
+        USUAL,
+        selection=replace(USUAL.selection, most_sure=0.5),
+        gap=replace(
+            USUAL.gap,
+            map=replace(USUAL.gap.map, places_told=1, bins=2),
+            replay=replace(USUAL.gap.replay, window_s=0.1),
+            trees=replace(USUAL.gap.trees, least_samples=10**9),
+        ),
+        verdict=replace(USUAL.verdict, named_from=2.0, partial_from=1.5),
+    )
+    effects = [find_effect("load_dependent_friction")]
+    motions = record(short_arm, load_friction_on_2)
+    found = diagnose(motions, short_arm, effects, common_clock=False, settings=settings).diagnosis
+    (finding,) = found.findings
+    assert finding.estimate.probability <= 0.5
+    assert len(found.where) == 1
+    told = found.to_dict()
+    assert all(len(strip["p_value"]) <= 2 for strip in told["maps"] if strip["axis"] != "frequency")
+    assert told["heldout"]["forward"]["window_s"] == 0.1
+    assert all(gap["unexplained"] is None for gap in told["gap"].values())
+    assert found.verdict == "none_of_catalogue"  # a name that closes nearly all, where all would not be enough
+    assert found.settings is settings
+
+
+def test_what_is_no_settings_is_told() -> None:
+    """Law: another object in their place is the caller's mistake, in one line."""
+    with pytest.raises(InputError, match="settings"):
+        diagnose_files("nowhere", "tm5-900", settings={"family_error": 0.1})  # type: ignore[arg-type]

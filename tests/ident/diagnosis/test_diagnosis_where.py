@@ -10,8 +10,9 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
-from ident.diagnosis.gap.gap_map import SIGNIFICANT, Place, map_gap, maps_record, told
+from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record, told
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.robot.arm import ArmModel
 
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -35,16 +36,16 @@ def with_gap(analysis: Analysis, seed: int, axis: str, size: float = 2.0, ratio:
 
 def sure(places: list[Place]) -> set[tuple[str, str]]:
     """Joint and axis of the significant cells; frequency aside: white noise is not the recordings' noise."""
-    return {(p.joint, p.axis) for p in places if p.p_value <= SIGNIFICANT and p.axis != "frequency"}
+    return {(p.joint, p.axis) for p in places if p.p_value <= USUAL_MAP.significant and p.axis != "frequency"}
 
 
 @pytest.mark.parametrize("axis", ["speed", "load", "pose"])
 def test_a_gap_is_found_where_it_is(healthy: Analysis, axis: str) -> None:
     """Law: where the residual is thrice as large at an axis's low end, the lowest cell is significant and dense."""
     places = [p for p in with_gap(healthy, 1, axis) if p.axis == axis and p.joint == "joint_2"]
-    (best,) = told(places, 1)
+    (best,) = told(places, replace(USUAL_MAP, places_told=1))
     assert best == places[0]
-    assert best.p_value <= SIGNIFICANT
+    assert best.p_value <= USUAL_MAP.significant
     assert best.share_of_gap > 1.5 * best.share_of_time
 
 

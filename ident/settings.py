@@ -1,0 +1,37 @@
+"""Numbers that decide: each with its unit, its meaning and where it comes from, in one small group a stage.
+
+A number is a `law` (a convention of statistics or plain arithmetic), `chosen` (a size below which nothing matters in
+practice, or a limit on work), or `calibrated` on development sets of simulated arms or on recordings of real ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+def number(default: float | tuple[float, ...], unit: str, meaning: str, source: str) -> Any:
+    """A field of `Settings` that says what it is."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of a stage's numbers, and of groups of such stages."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Name and value of every number, group by group, as a result records it."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: one.to_dict() if isinstance(one, Settings) else one for name, one in values.items()}
+
+    @classmethod
+    def describe(cls) -> list[dict[str, Any]]:
+        """Every number's name (its groups before it, parted by dots), usual value, unit, meaning and source."""
+        found = []
+        for one in fields(cls):
+            if isinstance(one.default, Settings):
+                inner = type(one.default).describe()
+                found += [{**each, "name": f"{one.name}.{each['name']}"} for each in inner]
+            else:
+                found.append({"name": one.name, "value": one.default, **one.metadata})
+        return found
