@@ -17,7 +17,7 @@ from sklearn.linear_model import lars_path_gram
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import LEAST_VISIBLE, Prior, Projection, project
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
 
 Name = tuple[str, str]
 """Effect and joint; the joint is empty for an effect of the whole arm."""
@@ -112,4 +112,4 @@ def _visible(projection: Projection, groups: Sequence[Group]) -> Array:
     """Candidate columns that the baseline does not absorb."""
     columns = np.concatenate([group.columns for group in groups]) if groups else np.zeros(0, dtype=int)
     there = np.diag(projection.total)[columns] > 0.0
-    return columns[there & (projection.visibility(columns) > LEAST_VISIBLE)]
+    return columns[there & (projection.visibility(columns) > projection.settings.least_visible)]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline
+from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection, solve_signed
@@ -130,5 +130,5 @@ def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -
 
 def _link_changes(baseline: Baseline, change: Array) -> Float[Array, "n 10"]:
     """Change of all inertial numbers from that of the base parameters."""
-    lift = lift_base(baseline.base, INERTIA_SHARE * parameter_scale(baseline.nominal))
+    lift = lift_base(baseline.base, baseline.settings.inertia_share * parameter_scale(baseline.nominal))
     return (lift @ change).reshape(baseline.nominal.n, len(LINK_KEYS))

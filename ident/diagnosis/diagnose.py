@@ -16,7 +16,7 @@ from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.next_experiment import next_experiment
-from ident.diagnosis.regression.baseline import INERTIA_SHARE, Baseline, fit_baseline
+from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
@@ -166,7 +166,7 @@ def diagnose(
     common_clock: bool = True,
     telemetry: Sequence[TelemetryIssue] = (),
     seed: int = 0,
-    inertia_share: float = INERTIA_SHARE,
+    inertia_share: float | None = None,
     settings: DiagnosisSettings = USUAL,
 ) -> Analysis:
     """Diagnoses a session.
@@ -178,10 +178,10 @@ def diagnose(
         common_clock: Whether time goes on from run to run.
         telemetry: What the telemetry check found, passed on.
         seed: Of the sign flips.
-        inertia_share: How well the arm's inertias are known, as the share of each link's scale.
+        inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
         settings: The numbers by which it decides.
     """
-    baseline = fit_baseline(motions, arm, inertia_share)
+    baseline = fit_baseline(motions, arm, inertia_share, settings.regression)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
-from ident.diagnosis.regression.baseline import INERTIA_SHARE, KNOWN_SHARE
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.user_model import with_own_model
@@ -64,9 +63,9 @@ def diagnose_reports(
     if not motions:
         raise no_motion(heard.session)
     arm = arm.keeping(heard.joints)
-    share = INERTIA_SHARE
+    share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
-        arm, share = model.arm, KNOWN_SHARE
+        arm, share = model.arm, settings.regression.known_share
     analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
         analysis = with_own_model(analysis, model)

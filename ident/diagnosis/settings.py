@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.settings import Settings, number
 
@@ -59,11 +60,13 @@ class DiagnosisSettings(Settings):
     """Numbers that decide a verdict.
 
     Attributes:
+        regression: What the sums are made of, and what is known beforehand.
         selection: Which effects get a name.
         gap: Where the gap lies, what could explain it, how the motion nears.
         verdict: What it all amounts to.
     """
 
+    regression: RegressionSettings = USUAL_REGRESSION
     selection: SelectionSettings = USUAL_SELECTION
     gap: GapSettings = USUAL_GAP
     verdict: VerdictSettings = USUAL_VERDICT

@@ -11,7 +11,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
-from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
+from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
@@ -49,7 +49,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     """
     prior, settings = search.prior, search.settings
     doubted: tuple[Reservation, ...] = ()
-    free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, WIDE_SPREAD))
+    free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     for _ in range(settings.most_settling):
         evidence = free.with_run_spread(spread)

@@ -15,7 +15,7 @@ from ident.diagnosis.regression.design import NotTestable, layout_of
 from ident.diagnosis.regression.gram import gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.noise import Whitening
-from ident.diagnosis.regression.run_spread import WIDE_SPREAD, estimate_run_spread
+from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.motion.motion import Motion
@@ -113,7 +113,7 @@ def _spread(switched: Switched, sides: Sides, baseline: Baseline) -> Float[Array
 
     Of a single run a side nobody knows: then it is taken to vary much.
     """
-    wide = np.full(switched.evidence.layout.n, WIDE_SPREAD)
+    wide = np.full(switched.evidence.layout.n, switched.evidence.settings.wide_spread)
     runs = len(sides.later)
     if runs <= 2:
         return wide

@@ -15,8 +15,9 @@ import numpy as np
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
-from ident.diagnosis.regression.gram import SHORTEST_BLOCK, STRETCH, Evidence
+from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.rows import Partition
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 
 # Folds of each set; a set of fewer runs is cut into pieces.
@@ -61,7 +62,7 @@ class Sides:
         return int((~self.later).sum()), int(self.later.sum())
 
 
-def cut(session: SessionContext, later: Bool[Array, " R"]) -> Sides:
+def cut(session: SessionContext, later: Bool[Array, " R"], settings: RegressionSettings = USUAL_REGRESSION) -> Sides:
     """Cuts the runs of both sets, which follow each other, into blocks and folds.
 
     Each set has blocks of its own length: a short one must speak as often as a long one, or no test could hear it.
@@ -70,11 +71,11 @@ def cut(session: SessionContext, later: Bool[Array, " R"]) -> Sides:
     lengths = np.array([motion.filtered_length for motion in motions])
     seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
     totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
-    counts = np.maximum(1, np.round(seconds / np.maximum(SHORTEST_BLOCK, totals / SIDE_BLOCKS)).astype(int))
+    counts = np.maximum(1, np.round(seconds / np.maximum(settings.shortest_block_s, totals / SIDE_BLOCKS)).astype(int))
     starts = tuple(
         np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
     )
-    parts = np.maximum(1, np.round(seconds / STRETCH)).astype(int)
+    parts = np.maximum(1, np.round(seconds / settings.stretch_s)).astype(int)
     stretches = np.concatenate(
         [
             first + np.arange(count) * part // count

@@ -97,7 +97,7 @@ def compute_residuals(
     whole = [_spread(layout, np.append(m.inside, layout.size), np.append(-m.estimate, 1.0)) for m in models]
     parts = [held_out.weights(), held_out.weights(groups)]
     by_fold = [np.array([_spread(layout, part.columns, row) for row in part.values]) for part in parts]
-    partition = build_partition(session)
+    partition = build_partition(session, evidence.settings)
     series: list[RunResidual] = []
     some = choose_runs(len(session.runs), session.every)
     for i, _, tables in compute_tables(session, baseline, layout, groups, some):

@@ -10,18 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ident.arrays import Array, Float
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.model.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
 from ident.model.loss import LossModel, LossParameters
 from ident.model.presliding import Sliding, fit_sliding
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel
-
-# Standard deviation of a URDF's inertial numbers, as a share of the link's mass, mass × length, mass × length²:
-# arms come out of the factory within some per cent of their drawing, URDFs of the arm.
-INERTIA_SHARE = 0.04
-# The same of inertias that were identified on this very arm.
-KNOWN_SHARE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +31,7 @@ class Baseline:
         loss: Tuned loss figures.
         sliding: How each joint's dry friction turns round.
         number_std: Standard deviation of each link's inertial numbers, as believed.
+        settings: What the regression counts with.
     """
 
     nominal: ArmModel
@@ -45,6 +41,7 @@ class Baseline:
     loss: LossParameters
     sliding: Sliding
     number_std: Float[Array, " 10n"]
+    settings: RegressionSettings = USUAL_REGRESSION
 
     def prior_of_a_wrong_link(self, link: int, factor: float) -> Float[Array, "r r"]:
         """Information on the base parameters' change if one link's numbers are believed less, by a factor."""
@@ -53,14 +50,21 @@ class Baseline:
         return base_prior(self.base, scale)
 
 
-def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTIA_SHARE) -> Baseline:
+def fit_baseline(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    share: float | None = None,
+    settings: RegressionSettings = USUAL_REGRESSION,
+) -> Baseline:
     """Tunes the arm on all runs.
 
     Args:
         motions: All runs; of a spooled session an even choice is enough to linearise about.
         arm: The arm as its user has it.
-        share: Standard deviation of its inertial numbers, as `INERTIA_SHARE`.
+        share: Standard deviation of its inertial numbers, as a share of each link's own; that of a URDF if None.
+        settings: What the regression counts with.
     """
+    share = settings.inertia_share if share is None else share
     motions = few(motions)
     model = LossModel()
     results = fit_inertia(motions, arm, "base", model, share)
@@ -68,7 +72,8 @@ def fit_baseline(motions: Sequence[Motion], arm: ArmModel, share: float = INERTI
     loss = model.fit(motions, rigid)
     number_std = share * parameter_scale(arm)
     prior = base_prior(results.base, number_std)
-    return Baseline(arm, results.arm, results.base, prior, loss.params, fit_sliding(motions, rigid), number_std)
+    sliding = fit_sliding(motions, rigid)
+    return Baseline(arm, results.arm, results.base, prior, loss.params, sliding, number_std, settings)
 
 
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:

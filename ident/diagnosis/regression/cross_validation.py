@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import NOISE_RIDGE, Prior
+from ident.diagnosis.regression.least_squares import Prior
 from ident.diagnosis.regression.positive import positive
 
 
@@ -125,7 +125,7 @@ class HeldOut:
         rank = self.evidence.layout.rank
         information[:rank, :rank] += self.prior.base
         power = np.diag(information).copy()
-        noise = NOISE_RIDGE * self.evidence.noise_power[used[:-1]]
+        noise = self.evidence.settings.noise_ridge * self.evidence.noise_power[used[:-1]]
         information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9
         estimate: Array = np.linalg.solve(positive(information), gram[:-1, -1])
         return np.concatenate([-estimate, [1.0]])

@@ -37,17 +37,8 @@ from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
 from ident.diagnosis.regression.rows import Partition, Rows, compute_rows
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
-
-# Samples (after decimation) that the noise is estimated from, in whole runs.
-NOISE_SAMPLES = 15_000
-# Blocks that the tests flip: enough for a p-value of 0.001, few enough to hold.
-MOST_BLOCKS = 128
-# Runs that have blocks of their own; of more than this, several share one.
-MOST_LONE_RUNS = 256
-STRETCH = 12.0  # [s], about the length of a run, over which friction keeps its level
-FEWEST_RUNS = 5  # of fewer, each without one would be judged by a model of another motion
-SHORTEST_BLOCK = 0.6  # [s], some correlation times of what an arm's model leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +57,7 @@ class Evidence:
         noise_power: Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
         friction: What each run's own friction level goes with.
         spread: Relative standard deviation from run to run of each joint's friction, counted in `white`.
+        settings: What the regression counts with.
     """
 
     layout: Layout
@@ -79,6 +71,7 @@ class Evidence:
     noise_power: Float[Array, " P"]
     friction: FrictionSums
     spread: Float[Array, " n"]
+    settings: RegressionSettings = USUAL_REGRESSION
 
     def with_run_spread(self, spread: Float[Array, " n"]) -> Evidence:
         """The same sums where each joint's friction varies from run to run by another share.
@@ -128,7 +121,7 @@ class Evidence:
         return total
 
 
-def build_partition(session: SessionContext, folds: int = 10) -> Partition:
+def build_partition(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> Partition:
     """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
 
     Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a joint moves in one run
@@ -146,50 +139,54 @@ def build_partition(session: SessionContext, folds: int = 10) -> Partition:
     ]
     lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
     recorded = np.cumsum(~continues) - 1
-    few = _few(travel, recorded)
-    if len(lengths) > MOST_LONE_RUNS:
-        block, run_of_block = _share_blocks(recorded)
+    few, folds = _few(travel, recorded, settings.fewest_runs), settings.folds
+    if len(lengths) > settings.most_lone_runs:
+        block, run_of_block = _share_blocks(recorded, settings)
         alone = np.arange(len(run_of_block))
         return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds, few), alone)
-    target = max(SHORTEST_BLOCK, float((lengths * steps).sum()) / MOST_BLOCKS)
+    target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
     counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
     starts = tuple(
         np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
     )
     # Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
-    parts = np.maximum(1, np.round(lengths * steps / STRETCH)).astype(int)
+    parts = np.maximum(1, np.round(lengths * steps / settings.stretch_s)).astype(int)
     stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
     stretches += np.repeat(np.cumsum(parts) - parts, counts)
     fold = _deal_folds(np.repeat(recorded, counts), folds, few)
     return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
 
 
-def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"]) -> bool:
+def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"], fewest: int) -> bool:
     """Whether runs are too few to be left out whole, for some joint.
 
     Args:
         travel: How far each joint goes in each run, or piece of one [rad or m].
         recorded: Number of the recorded run that each run is, or is a piece of.
+        fewest: Runs that are enough where all show every joint.
     """
     of_run = np.zeros((int(recorded[-1]) + 1, travel.shape[1]))
     np.add.at(of_run, recorded, travel)
     alone = of_run.max(axis=0) > of_run.sum(axis=0) - of_run.max(axis=0)
-    return bool(len(of_run) < FEWEST_RUNS or alone.any())
+    return bool(len(of_run) < fewest or alone.any())
 
 
-def _share_blocks(recorded: Int[Array, " R"]) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
+def _share_blocks(
+    recorded: Int[Array, " R"], settings: RegressionSettings
+) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
     """One block for several runs; no block holds pieces of two recorded runs unless it holds whole ones.
 
     Args:
         recorded: Number of the recorded run that each run is, or is a piece of.
+        settings: How many blocks, and how many runs have their own.
 
     Returns:
         Block of each run; the recorded run of each block, blocks of several recorded runs counted as one.
     """
-    pieces = np.bincount(recorded)
-    if len(pieces) > MOST_LONE_RUNS:
-        return recorded * MOST_BLOCKS // len(pieces), np.arange(MOST_BLOCKS)
-    counts = np.maximum(1, np.round(pieces * MOST_BLOCKS / len(recorded)).astype(int))
+    pieces, most = np.bincount(recorded), settings.most_blocks
+    if len(pieces) > settings.most_lone_runs:
+        return recorded * most // len(pieces), np.arange(most)
+    counts = np.maximum(1, np.round(pieces * most / len(recorded)).astype(int))
     within = np.arange(len(recorded)) - (np.cumsum(pieces) - pieces)[recorded]
     block = (np.cumsum(counts) - counts)[recorded] + within * counts[recorded] // pieces[recorded]
     return block, np.repeat(np.arange(len(pieces)), counts)
@@ -226,7 +223,8 @@ def gather(
         partition: How time is cut; as `build_partition` does it if None.
         alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
     """
-    partition = partition or build_partition(session)
+    settings = baseline.settings
+    partition = partition or build_partition(session, settings)
     scale: Array | None = None
     sums: _Sums | None = None
     held: list[Rows] = []
@@ -235,12 +233,12 @@ def gather(
         if sums is None:
             held.append(rows)
             seen += len(rows.counts)
-            if seen < NOISE_SAMPLES and rows.run < len(session.runs) - 1:
+            if seen < settings.noise_samples and rows.run < len(session.runs) - 1:
                 continue
             scale = _column_scale(layout, held)
             for kept in held:
                 _rescale(layout, kept, scale)
-            sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike]))
+            sums = _Sums(layout, partition, known or estimate_noise(layout, held[:alike], settings), settings)
             batch, held = held, []
         else:
             assert scale is not None
@@ -258,9 +256,11 @@ def gather(
 class _Sums:
     """Sums as they grow, run by run."""
 
-    def __init__(self, layout: Layout, partition: Partition, whitening: Whitening) -> None:
+    def __init__(
+        self, layout: Layout, partition: Partition, whitening: Whitening, settings: RegressionSettings
+    ) -> None:
         blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
-        self.layout, self.partition, self.whitening = layout, partition, whitening
+        self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
         self.white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
         self.plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
@@ -273,7 +273,7 @@ class _Sums:
         blocks = np.unique(rows.blocks)
         stretches = self.partition.stretches[blocks]
         # A block that several runs share is no stretch of time: there the run is one.
-        shared = len(self.partition.starts) > MOST_LONE_RUNS
+        shared = len(self.partition.starts) > self.settings.most_lone_runs
         self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
         for j in range(self.layout.n):
             self._add_tables(rows, j, rows.tables[j], 1.0)
@@ -328,6 +328,7 @@ class _Sums:
             noise_power=self.noise_power,
             friction=friction,
             spread=np.zeros(self.layout.n),
+            settings=self.settings,
         )
 
 

@@ -18,15 +18,10 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.regression.settings import RegressionSettings
 
-# A column of which less than this share of power is left by the model is not visible in it.
-LEAST_VISIBLE = 1e-4
-# A column of which less than this multiple of its encoder noise is left is not visible through it.
-LEAST_OVER_NOISE = 0.3
 # Ridge of every unknown without a prior, as a share of its column's power: only keeps solves well-posed.
 RIDGE = 1e-9
-# The same as a share of the encoder noise that was taken off a column: what is left of it is an estimate.
-NOISE_RIDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +59,7 @@ class Projection:
         total: The whole Gram matrix.
         slopes: Coefficients of every column on the model's, shape (z, P + 1).
         noise: Power of every column that was encoder noise; it is not in `total` any more.
+        settings: What counts as seen.
     """
 
     inside: Int[Array, " z"]
@@ -73,6 +69,7 @@ class Projection:
     total: Float[Array, "P P"]
     slopes: Float[Array, "z P"]
     noise: Float[Array, " P"]
+    settings: RegressionSettings
 
     @property
     def misfit(self) -> float:
@@ -104,7 +101,9 @@ class Projection:
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
         power, left = self._power[columns], self._left[columns]
-        return (left > LEAST_VISIBLE * power) & (power > 0) & (left > LEAST_OVER_NOISE * self.noise[columns])
+        held = self.settings
+        through = left > held.least_over_noise * self.noise[columns]
+        return (left > held.least_visible * power) & (power > 0) & through
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""
@@ -158,7 +157,8 @@ def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups:
     information = gram[np.ix_(inside, inside)].copy()
     information[: layout.rank, : layout.rank] += prior.base
     power = np.diag(information)
-    information[np.diag_indices(len(inside))] += RIDGE * power + NOISE_RIDGE * evidence.noise_power[inside] + 1e-9
+    ridge = RIDGE * power + evidence.settings.noise_ridge * evidence.noise_power[inside] + 1e-9
+    information[np.diag_indices(len(inside))] += ridge
     factor = cho_factor(positive(information))
     slopes = cho_solve(factor, gram[inside])
     rest = gram - gram[:, inside] @ slopes
@@ -170,4 +170,5 @@ def project(gram: Float[Array, "P P"], evidence: Evidence, prior: Prior, groups:
         total=gram,
         slopes=slopes,
         noise=evidence.noise_power,
+        settings=evidence.settings,
     )

@@ -15,12 +15,10 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 
-AR_ORDER = 4
-# Ridge of the noise regression, as a share of each column's power.
+# Ridge of the noise regression, as a share of each column's power: it only keeps the solve well-posed.
 NOISE_RIDGE = 1e-4
-# However much encoder noise a residual holds, this share of its mean square is the torque's own noise.
-LEAST_OWN_NOISE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +44,21 @@ def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Floa
     return left
 
 
-def estimate_noise(layout: Layout, held: Sequence[Rows]) -> Whitening:
+def estimate_noise(layout: Layout, held: Sequence[Rows], settings: RegressionSettings = USUAL_REGRESSION) -> Whitening:
     """AR noise of each joint from what all its candidates together leave.
 
     Never from what the baseline leaves: that would take the effect for noise and whiten it away.
     """
-    fits = [_noise_of_joint(j, held) for j in range(layout.n)]
+    fits = [_noise_of_joint(j, held, settings) for j in range(layout.n)]
     return Whitening(*(np.array([fit[k] for fit in fits]) for k in range(3)))
 
 
-def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
+def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) -> tuple[Array, float, float]:
     x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
-    fallback = np.zeros(AR_ORDER + 1)
+    order = settings.noise_order
+    fallback = np.zeros(order + 1)
     fallback[0] = 1.0
-    if len(x) < 20 * AR_ORDER:
+    if len(x) < 20 * order:
         return fallback, 1.0, 1.0
     # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not positive. What it
     # does to the coefficients is little, and what it adds to the residual is known.
@@ -71,13 +70,14 @@ def _noise_of_joint(j: int, held: Sequence[Rows]) -> tuple[Array, float, float]:
     freedom = float(np.trace(inverse @ gram[:-1, :-1]))
     inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
     weights = np.concatenate([-estimate, [1.0]])
-    covariance = inflate * _autocovariance([(_left_of_run(rows, j, weights), rows.counts[:, j]) for rows in held])
+    left = [(_left_of_run(rows, j, weights), rows.counts[:, j]) for rows in held]
+    covariance = inflate * _autocovariance(left, order)
     encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
-    own = covariance[0] - (_autocovariance(encoder)[0] if encoder else 0.0)
+    own = covariance[0] - (_autocovariance(encoder, order)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
     a = solve_toeplitz(covariance[:-1], covariance[1:])
     innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
-    level = max(own, LEAST_OWN_NOISE * covariance[0])
+    level = max(own, settings.least_own_noise * covariance[0])
     return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
 
 
@@ -91,13 +91,13 @@ def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array
     return np.asarray(left - friction @ np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0])
 
 
-def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]]) -> Float[Array, " k"]:
-    """Autocovariance up to `AR_ORDER` lags of series, where they count."""
-    products, counts = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
+def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]], order: int) -> Float[Array, " k"]:
+    """Autocovariance up to some lags of series, where they count."""
+    products, counts = np.zeros(order + 1), np.zeros(order + 1)
     for values, where in series:
         mask = where.astype(float)
         left = values * mask
-        for lag in range(AR_ORDER + 1):
+        for lag in range(order + 1):
             products[lag] += left[lag:] @ left[: len(left) - lag]
             counts[lag] += mask[lag:] @ mask[: len(left) - lag]
     return np.asarray(products / np.maximum(counts, 1.0))

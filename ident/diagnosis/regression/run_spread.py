@@ -5,7 +5,7 @@ v_r known from the run's length and motion. Of R runs, Σ (s_r − s̄)² / v_r 
 
     τ² = max(0, Σ w (s − s̄)² − (R − 1)) / (Σ w − Σ w² / Σ w),  w = 1 / v.
 
-Few runs say little of it: what is usual counts as `PRIOR_RUNS` more.
+Few runs say little of it: what is usual counts as some more (`usual_runs`).
 
 Source: DerSimonian and Laird 1986 (moment estimator of a variance component).
 """
@@ -17,11 +17,6 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
-
-# Friction of a warm arm varies by about one per cent from run to run (measured on a UR10e); few runs are taken for so.
-USUAL_SPREAD, PRIOR_RUNS = 0.01, 2.0
-# Before anything is known, friction may vary by so much: an effect must first show beside that.
-WIDE_SPREAD = 0.05
 
 
 def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array, " P"]:
@@ -59,9 +54,10 @@ def excess_over_noise(values: Float[Array, " R"], variance: Float[Array, " R"]) 
 def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]) -> float:
     own = weights[evidence.layout.local[joint]]
     level, variance = evidence.friction.relative_levels(joint, own)
-    runs, usual = len(level), USUAL_SPREAD**2
+    held, runs = evidence.settings, len(level)
     if runs < 2:
-        return USUAL_SPREAD
+        return held.usual_spread
     excess, scale = excess_over_noise(level, variance * evidence.misfit(joint, weights))
     found = max(0.0, excess) / max(scale, 1e-300)
-    return float(np.sqrt((runs * found + PRIOR_RUNS * usual) / (runs + PRIOR_RUNS)))
+    usual = held.usual_runs * held.usual_spread**2
+    return float(np.sqrt((runs * found + usual) / (runs + held.usual_runs)))

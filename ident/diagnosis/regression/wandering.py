@@ -24,12 +24,7 @@ from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.run_spread import residual_weights
-
-# Standard deviations that are tried, as shares of the friction: of each stretch, and of a step of the walk.
-OWN = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
-STEPS = (0.0, 0.003, 0.006, 0.0125, 0.025, 0.05, 0.1)
-DRAWS = 499
-FEWEST = 3  # stretches: of fewer, a mean and a slow curve leave nothing
+from ident.diagnosis.regression.settings import USUAL_WANDERING, WanderingSettings
 
 
 def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Group], rng: np.random.Generator) -> float:
@@ -46,7 +41,7 @@ def chance_of_law(evidence: Evidence, model: Projection, variants: Sequence[Grou
     seen, spread = evidence.friction.levels(joint, evidence.misfit(joint, weights))
     levels = seen @ weights[evidence.layout.local[joint]]
     laws = [seen @ _after(model, evidence, joint, group) for group in variants]
-    return chance_of_curve(levels, spread, laws, rng)
+    return chance_of_curve(levels, spread, laws, rng, evidence.settings.wandering)
 
 
 def chance_of_curve(
@@ -54,6 +49,7 @@ def chance_of_curve(
     spread: Float[Array, "s s"],
     laws: Sequence[Float[Array, "s k"]],
     rng: np.random.Generator,
+    settings: WanderingSettings = USUAL_WANDERING,
 ) -> float:
     """p-value of laws against friction that wanders, all of them together.
 
@@ -62,13 +58,14 @@ def chance_of_curve(
         spread: Their covariance by noise.
         laws: What each variant of the law adds to the levels, a column a coefficient.
         rng: Draws levels of friction that wanders.
+        settings: How friction may wander, and how often it is drawn.
     """
-    if len(levels) < 2 * FEWEST:
+    if len(levels) < 2 * settings.fewest:
         return 1.0
-    covariances = list(_covariances(spread))
+    covariances = list(_covariances(spread, settings))
     _, best = _greatest(levels[:, None], covariances, [])
     root = np.linalg.cholesky(covariances[int(best[0])])
-    drawn = np.concatenate([levels[:, None], root @ rng.standard_normal((len(levels), DRAWS))], axis=1)
+    drawn = np.concatenate([levels[:, None], root @ rng.standard_normal((len(levels), settings.draws))], axis=1)
     gain = _greatest(drawn, covariances, laws)[0] - _greatest(drawn, covariances, [])[0]
     return float(np.mean(gain >= gain[0] - 1e-9))
 
@@ -81,15 +78,15 @@ def _after(model: Projection, evidence: Evidence, joint: int, group: Group) -> F
     return found[evidence.layout.local[joint]]
 
 
-def _covariances(spread: Float[Array, "s s"]) -> Iterator[Float[Array, "s s"]]:
+def _covariances(spread: Float[Array, "s s"], settings: WanderingSettings) -> Iterator[Float[Array, "s s"]]:
     """Of the levels (viscous and Coulomb of each stretch in turn), for all that is tried."""
     size = len(spread)
     order = np.arange(size // 2)
     walk = 1.0 + np.minimum(order[:, None], order[None, :])
     walks = [np.kron(walk, kind) for kind in (np.eye(2), np.ones((2, 2)))]
-    for own in OWN:
+    for own in settings.own:
         yield spread + own**2 * np.eye(size)
-        for step in STEPS[1:]:
+        for step in settings.steps[1:]:
             for kind in walks:
                 yield spread + own**2 * np.eye(size) + step**2 * kind
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.diagnosis.diagnose import diagnose
-from ident.diagnosis.regression.baseline import KNOWN_SHARE
+from ident.diagnosis.regression.settings import USUAL_REGRESSION
 from ident.effects.catalogue import find_effect
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -22,7 +22,7 @@ def test_a_payload_is_weighed_on_a_known_arm(short_arm: ArmModel) -> None:
 
     motions = made_motions(short_arm, law, range(6), 8.0, 50.0, noise=0.3)
     catalogue = [find_effect(name) for name in ("payload", "torque_offset", "load_dependent_friction")]
-    analysis = diagnose(motions, short_arm, catalogue, inertia_share=KNOWN_SHARE)
+    analysis = diagnose(motions, short_arm, catalogue, inertia_share=USUAL_REGRESSION.known_share)
     (finding,) = analysis.diagnosis.findings
     assert finding.estimate.group.effect.id == "payload"
     mass = finding.estimate.parameters["mass_kg"]

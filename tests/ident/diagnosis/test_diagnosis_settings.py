@@ -53,6 +53,7 @@ def test_every_stage_obeys_the_settings_of_the_diagnosis(short_arm: ArmModel) ->
     """Law: a number that is given for one diagnosis decides in its stage, and stands in its result."""
     settings = replace(
         USUAL,
+        regression=replace(USUAL.regression, folds=3),
         selection=replace(USUAL.selection, most_sure=0.5),
         gap=replace(
             USUAL.gap,
@@ -64,7 +65,9 @@ def test_every_stage_obeys_the_settings_of_the_diagnosis(short_arm: ArmModel) ->
     )
     effects = [find_effect("load_dependent_friction")]
     motions = record(short_arm, load_friction_on_2)
-    found = diagnose(motions, short_arm, effects, common_clock=False, settings=settings).diagnosis
+    analysis = diagnose(motions, short_arm, effects, common_clock=False, settings=settings)
+    found = analysis.diagnosis
+    assert len(analysis.evidence.weights) == 3
     (finding,) = found.findings
     assert finding.estimate.probability <= 0.5
     assert len(found.where) == 1

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.diagnose import Analysis, diagnose
-from ident.diagnosis.regression import gram as evidence_module
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.baseline import fit_baseline
 from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import build_partition, gather
 from ident.diagnosis.regression.runs import build_session, leftover_torque
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
@@ -78,9 +78,8 @@ def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch
 
     monkeypatch.setattr(SpooledMotions, "_make", counted)
     monkeypatch.setattr(rows_module, "CHUNK_SAMPLES", 1)
-    monkeypatch.setattr(evidence_module, "NOISE_SAMPLES", 1)
     spooled = SpooledMotions([*motions, *motions], most=2 * len(motions[0].time))
-    baseline = fit_baseline(spooled, short_arm)
+    baseline = fit_baseline(spooled, short_arm, settings=replace(USUAL_REGRESSION, noise_samples=1))
     session = build_session(baseline, spooled, common_clock=False)
     leftover = leftover_torque(session)
     layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in CATALOGUE])
@@ -99,23 +98,23 @@ def in_pieces(session: SessionContext, pieces: list[int]) -> SessionContext:
     return replace(session, runs=tuple(runs))
 
 
-def folds_of_pieces(session: SessionContext) -> list[set[int]]:
+def folds_of_pieces(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> list[set[int]]:
     """The folds that each run's, or piece's, blocks lie in."""
-    partition = build_partition(session)
+    partition = build_partition(session, settings)
     lengths = [run.motion.filtered_length for run in session.runs]
     return [{int(f) for f in partition.folds[partition.blocks_of(k, length)]} for k, length in enumerate(lengths)]
 
 
 @pytest.mark.parametrize("lone", [256, 10, 5])
-def test_pieces_of_a_run_share_its_fold(held: Analysis, monkeypatch: pytest.MonkeyPatch, lone: int) -> None:
+def test_pieces_of_a_run_share_its_fold(held: Analysis, lone: int) -> None:
     """Law: what one recorded run was cut into is held out together, whether pieces have blocks of their own or share
     them, and whether recorded runs do; otherwise what the next piece shows would be known from its neighbour.
     """
-    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", lone)
+    settings = replace(USUAL_REGRESSION, most_lone_runs=lone)
     if lone < 256:
-        monkeypatch.setattr(evidence_module, "MOST_BLOCKS", lone - 2)
+        settings = replace(settings, most_blocks=lone - 2)
     pieces = [4, 1, 3, 5, 2, 1]
-    folds = folds_of_pieces(in_pieces(held.session, pieces))
+    folds = folds_of_pieces(in_pieces(held.session, pieces), settings)
     of_run = [set.union(*folds[end - count : end]) for count, end in zip(pieces, np.cumsum(pieces), strict=True)]
     assert all(len(each) == 1 for each in of_run)
     assert len(set.union(*of_run)) >= 3
@@ -128,12 +127,11 @@ def test_a_long_run_alone_is_held_out_in_stretches(held: Analysis) -> None:
     assert [min(each) for each in folds] == sorted(min(each) for each in folds)
 
 
-def test_a_long_run_alone_has_folds_where_pieces_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_run_alone_has_folds_where_pieces_share_blocks(held: Analysis) -> None:
     """Law: hours recorded as one run are held out in stretches too; in one fold nothing would be left to learn from."""
-    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", 5)
-    monkeypatch.setattr(evidence_module, "MOST_BLOCKS", 4)
+    settings = replace(USUAL_REGRESSION, most_lone_runs=5, most_blocks=4)
     for pieces in ([6], [6, 6]):
-        assert set.union(*folds_of_pieces(in_pieces(held.session, pieces))) == set(range(4))
+        assert set.union(*folds_of_pieces(in_pieces(held.session, pieces), settings)) == set(range(4))
 
 
 def test_a_run_that_alone_shows_a_joint_is_not_left_out_whole(held: Analysis) -> None:
@@ -147,11 +145,9 @@ def test_a_run_that_alone_shows_a_joint_is_not_left_out_whole(held: Analysis) ->
     assert all(len(each) > 1 for each in folds_of_pieces(replace(held.session, runs=tuple(runs))))
 
 
-def test_very_many_runs_share_blocks(held: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_very_many_runs_share_blocks(held: Analysis) -> None:
     """Law: beyond a number of runs neighbours share a block; each block lies in one fold, and none is empty."""
-    monkeypatch.setattr(evidence_module, "MOST_LONE_RUNS", 5)
-    monkeypatch.setattr(evidence_module, "MOST_BLOCKS", 3)
-    partition = build_partition(held.session)
+    partition = build_partition(held.session, replace(USUAL_REGRESSION, most_lone_runs=5, most_blocks=3))
     assert [int(partition.blocks_of(run, 40)[k]) for run in range(6) for k in (0, -1)] == [0, 0, 0, 0, 1, 1, 1, 1] + [
         2
     ] * 4
