@@ -24,14 +24,13 @@ class Settings:
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         return {name: one.to_dict() if isinstance(one, Settings) else one for name, one in values.items()}
 
-    @classmethod
-    def describe(cls) -> list[dict[str, Any]]:
-        """Every number's name (its groups before it, parted by dots), usual value, unit, meaning and source."""
-        found = []
-        for one in fields(cls):
-            if isinstance(one.default, Settings):
-                inner = type(one.default).describe()
-                found += [{**each, "name": f"{one.name}.{each['name']}"} for each in inner]
+    def describe(self) -> list[dict[str, Any]]:
+        """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""
+        found: list[dict[str, Any]] = []
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Settings):
+                found += [{**each, "name": f"{one.name}.{each['name']}"} for each in value.describe()]
             else:
-                found.append({"name": one.name, "value": one.default, **one.metadata})
+                found.append({"name": one.name, "value": value, **one.metadata})
         return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ident.api.fitting import Model, load_model
 from ident.diagnosis.diagnose import Analysis, Diagnosis
-from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
@@ -64,7 +64,7 @@ def diagnose(
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         accept: Names of telemetry issues whose refusal is overruled.
-        settings: The numbers by which it is decided; `DiagnosisSettings.describe()` says what each is.
+        settings: The numbers by which it is decided; its `describe()` says what each is.
 
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
@@ -108,7 +108,7 @@ def examine(
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
     diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded, settings)
     options = {
-        "cutoff_hz": motions[0].lowpass.cutoff if motions else cutoff or CUTOFF,
+        "cutoff_hz": motions[0].lowpass.cutoff if motions else cutoff or settings.motion.cutoff_hz,
         "seed": seed,
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],

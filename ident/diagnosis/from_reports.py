@@ -13,15 +13,13 @@ from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect
 from ident.errors import RecordingError
 from ident.model.hybrid import HybridModel
-from ident.motion.motion import CRITICAL_OVERSAMPLING, Motion, no_motion
+from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import hold, within_band
+from ident.motion.settings import MotionSettings
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
 from ident.telemetry.report import TOO_LITTLE
-
-# Effects live up to here; beyond it drives and structure answer [Hz].
-CUTOFF = 25.0
 
 
 def diagnose_reports(
@@ -39,7 +37,8 @@ def diagnose_reports(
         reports: The telemetry check of each session, or of each part of a long one; one without runs only tells more.
         arm: The robot, as `ArmModel.load` gives it.
         catalogue: The effects to be asked for.
-        cutoff: Corner of the common filter [Hz]; as far as the encoders tell the motion, 25 Hz at most, if None.
+        cutoff: Corner of the common filter [Hz]; as far as the encoders tell the motion, that of the
+            settings (25 Hz) at most, if None.
         seed: Of the sign flips.
         model: The user's own model of this arm: its identified inertias are taken as known, and its gap is told beside
             that of the tuned one.
@@ -52,16 +51,16 @@ def diagnose_reports(
         RecordingError: The sessions have different joints, or no run is long enough.
     """
     heard = _Heard()
-    motions = hold(_prepare_in_turn(reports, heard, cutoff or CUTOFF))
+    motions = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
     if cutoff is None:
-        motions = within_band(motions, CRITICAL_OVERSAMPLING)
+        motions = within_band(motions)
     fatal = {issue.issue for issue in heard.issues if issue.severity == "fatal"}
     if fatal:
         verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
         refused = Diagnosis(arm.name, arm.joint_names, verdict, heard.facts, tuple(heard.issues), settings=settings)
         return refused, None, ()
     if not motions:
-        raise no_motion(heard.session)
+        raise no_motion(heard.session, settings.motion)
     arm = arm.keeping(heard.joints)
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
@@ -114,10 +113,12 @@ class _Heard:
         self.facts["duration_s"] += session.duration
 
 
-def _prepare_in_turn(reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float) -> Iterator[Motion]:
+def _prepare_in_turn(
+    reports: Iterable[TelemetryReport], heard: _Heard, cutoff: float | None, settings: MotionSettings
+) -> Iterator[Motion]:
     """Motions of sessions that are all fit for use; from the first that is not, the rest is only heard."""
     for report in reports:
         heard.take(report)
         if not any(issue.severity == "fatal" for issue in heard.issues):
-            yield from prepare_slower(report.session, cutoff)
+            yield from prepare_slower(report.session, cutoff, settings)
         del report  # a part is let go before the next is read

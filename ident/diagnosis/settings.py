@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
 from ident.settings import Settings, number
 
 
@@ -60,12 +61,14 @@ class DiagnosisSettings(Settings):
     """Numbers that decide a verdict.
 
     Attributes:
+        motion: How recordings become motions: the encoders' band, the common filter, what is settled.
         regression: What the sums are made of, and what is known beforehand.
         selection: Which effects get a name.
         gap: Where the gap lies, what could explain it, how the motion nears.
         verdict: What it all amounts to.
     """
 
+    motion: MotionSettings = FOR_DIAGNOSIS
     regression: RegressionSettings = USUAL_REGRESSION
     selection: SelectionSettings = USUAL_SELECTION
     gap: GapSettings = USUAL_GAP

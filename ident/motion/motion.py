@@ -18,25 +18,13 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import RecordingError
 from ident.motion.butterworth import design_lowpass
 from ident.motion.encoder import draw_errors, find_resolution
-from ident.motion.signal_band import WHOLE_SHARE, find_signal_band, keep_band
+from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.motion.signal_band import find_signal_band, keep_band
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.motion.zero_phase import filter_both_ways
 from ident.recordings.recording import Payload, Recording, Session
 
-# Torque above this frequency is noise, ripple and structure that a rigid model has no word for [Hz].
-DEFAULT_CUTOFF = 10.0
-# The filter needs some samples a period of its corner to be one.
-LARGEST_CUTOFF_SHARE = 0.2
 FILTER_ORDER = 4
-# Samples kept a period of the corner. Whitened statistics want fewer: where the filter's stop band is sampled too, a
-# whitening filter blows up the little that is left in it.
-OVERSAMPLING, CRITICAL_OVERSAMPLING = 4.0, 2.5
-# Time around a reversal or standstill that the filter smears, in periods of its corner.
-REVERSAL_PERIODS = 1.0
-# A run starts from rest with gears stressed nobody knows how; that is forgotten after this travel [rad].
-FORGETTING_TRAVEL = 0.04
-# A run shorter than this says nothing that its filter's ends do not blur [s].
-LEAST_DURATION = 1.0
 
 
 @lru_cache(maxsize=64)
@@ -59,10 +47,10 @@ class Lowpass:
     factor: int
 
     @classmethod
-    def design(cls, rate: float, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> Lowpass:
-        """The filter for a rate; at least `oversampling` samples a period of the corner are kept."""
-        corner = min(cutoff or DEFAULT_CUTOFF, LARGEST_CUTOFF_SHARE * rate)
-        return cls(rate, corner, max(1, int(rate / (oversampling * corner))))
+    def design(cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION) -> Lowpass:
+        """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept."""
+        corner = min(cutoff or settings.cutoff_hz, settings.cutoff_share * rate)
+        return cls(rate, corner, max(1, int(rate / (settings.oversampling * corner))))
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
@@ -89,6 +77,7 @@ class Motion:
         state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
             made of the states is what the noise that is in them does.
         band: Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
+        settings: How it was made, and what of it counts as settled.
     """
 
     name: str
@@ -106,6 +95,7 @@ class Motion:
     continues: bool = False
     state_noise: Float[Array, "T n 3"] | None = None
     band: Float[Array, " n"] | None = None
+    settings: MotionSettings = USUAL_MOTION
 
     @property
     def n(self) -> int:
@@ -147,7 +137,7 @@ class Motion:
     def blurred(self) -> Int[Array, " n"]:
         """Samples of the filtered grid over which filter and smoother smear a stop or a turn of each joint."""
         slowest = np.minimum(self.lowpass.cutoff, np.full(self.n, np.inf) if self.band is None else self.band)
-        reach = np.round(REVERSAL_PERIODS / slowest / (self.interval * self.lowpass.factor))
+        reach = np.round(self.settings.reversal_periods / slowest / (self.interval * self.lowpass.factor))
         return np.maximum(1, reach).astype(int)
 
     @cached_property
@@ -169,13 +159,13 @@ class Motion:
             settled[:shift] &= shift > reach
             settled[-shift:] &= shift > reach
         q = self.q[self.coarse]
-        travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q) > FORGETTING_TRAVEL
-        return np.asarray(settled & travelled)
+        travelled = np.maximum.accumulate(q) - np.minimum.accumulate(q)
+        return np.asarray(settled & (travelled > self.settings.forgetting_travel))
 
     @property
     def rest_speed(self) -> Float[Array, " n"]:
         """Speed below which a joint can't be told from one at rest [rad/s]."""
-        return np.maximum(3.0 * self.std[1], 2e-3)
+        return np.maximum(self.settings.rest_deviations * self.std[1], self.settings.rest_speed)
 
     @property
     def noisier(self) -> Motion:
@@ -185,11 +175,11 @@ class Motion:
         q, dq, ddq = np.moveaxis(self.state_noise, -1, 0)
         return replace(self, q=self.q + q, dq=self.dq + dq, ddq=self.ddq + ddq)
 
-    def below(self, corner: float, oversampling: float = OVERSAMPLING) -> Motion:
+    def below(self, corner: float) -> Motion:
         """The same run with a common filter of at most this corner [Hz]."""
         if corner >= self.lowpass.cutoff:
             return self
-        return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, oversampling))
+        return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, self.settings))
 
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
@@ -207,13 +197,13 @@ def whole_band(motions: Iterable[Motion]) -> float:
     Where torque is looked at beyond, speeds and accelerations that are half kept stand against torques that are whole:
     that looks like elasticity, whose torque grows towards its resonance.
     """
-    bands = [motion.band for motion in motions if motion.band is not None]
-    return WHOLE_SHARE * float(np.median(np.median(bands, axis=0))) if bands else np.inf
+    known = [(motion.band, motion.settings.whole_share) for motion in motions if motion.band is not None]
+    return known[0][1] * float(np.median(np.median([band for band, _ in known], axis=0))) if known else np.inf
 
 
-def session_noise(session: Session) -> NoiseLevels:
+def session_noise(session: Session, settings: MotionSettings = USUAL_MOTION) -> NoiseLevels:
     """Noise levels of a session's joints, by maximum likelihood over all its runs."""
-    return fit_noise_levels([run.time for run in session.runs], [run.position for run in session.runs])
+    return fit_noise_levels([run.time for run in session.runs], [run.position for run in session.runs], settings)
 
 
 def prepare_run(
@@ -221,7 +211,7 @@ def prepare_run(
     levels: NoiseLevels,
     payload: Payload | None = None,
     cutoff: float | None = None,
-    oversampling: float = OVERSAMPLING,
+    settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Motion:
     """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken along."""
@@ -229,9 +219,9 @@ def prepare_run(
     rate = 1.0 / run.sample_interval
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
     even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)
-    lowpass = Lowpass.design(rate, cutoff, oversampling)
+    lowpass = Lowpass.design(rate, cutoff, settings)
     even_states = _on_grid(run.time, states, None if even else grid)
-    band = find_signal_band(even_states[:, :, 2], rate, levels)
+    band = find_signal_band(even_states[:, :, 2], rate, levels, settings)
     q, dq, ddq = np.moveaxis(keep_band(even_states, rate, band, 2 * lowpass.cutoff), -1, 0)
     noise = None
     if rng is not None:
@@ -260,44 +250,48 @@ def prepare_run(
         position_command=on_grid(run.position_command),
         state_noise=None if noise is None else freeze(noise),
         band=freeze(np.minimum(band, levels.bandwidth(1.0 / rate))),
+        settings=settings,
     )
 
 
-def prepare(session: Session, cutoff: float | None = None, oversampling: float = OVERSAMPLING) -> tuple[Motion, ...]:
+def prepare(
+    session: Session, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION
+) -> tuple[Motion, ...]:
     """All runs of a session that are long enough, as motions.
 
     Args:
         session: The recordings.
-        cutoff: Corner of the common filter [Hz]; 10 Hz, or a fifth of the sampling rate, if None.
-        oversampling: Samples kept a period of the corner.
+        cutoff: Corner of the common filter [Hz]; that of the settings if None; a fifth of the sampling rate at most.
+        settings: How a recording becomes a motion.
 
     Raises:
         RecordingError: No run is long enough.
     """
-    motions = tuple(prepare_each(session, cutoff, oversampling))
+    motions = tuple(prepare_each(session, cutoff, settings))
     if not motions:
-        raise no_motion(session.path or session.name)
+        raise no_motion(session.path or session.name, settings)
     return motions
 
 
 def prepare_each(
     session: Session,
     cutoff: float | None = None,
-    oversampling: float = OVERSAMPLING,
+    settings: MotionSettings = USUAL_MOTION,
     rng: np.random.Generator | None = None,
 ) -> Iterator[Motion]:
     """The same one after the other, for whoever needn't have them all at once; none where no run is long enough."""
-    long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= 30]
+    least, samples = settings.least_duration_s, settings.least_samples
+    long = [run for run in session.runs if run.duration >= least and len(run) >= samples]
     if not long:
         return
-    levels = session_noise(session.replace(runs=long))
+    levels = session_noise(session.replace(runs=long), settings)
     for run in long:
-        yield prepare_run(run, levels, session.payload, cutoff, oversampling, rng)
+        yield prepare_run(run, levels, session.payload, cutoff, settings, rng)
 
 
-def no_motion(where: str | Path) -> RecordingError:
+def no_motion(where: str | Path, settings: MotionSettings = USUAL_MOTION) -> RecordingError:
     """The error of recordings whose runs are all too short."""
-    return RecordingError(str(where), f"no run lasts {LEAST_DURATION:g} s", "record longer motions")
+    return RecordingError(str(where), f"no run lasts {settings.least_duration_s:g} s", "record longer motions")
 
 
 def _on_grid(time: Array, states: Smoothed, grid: Array | None) -> Float[Array, "T n 3"]:

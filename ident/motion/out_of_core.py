@@ -111,10 +111,10 @@ class SpooledMotions(OnDemand[Motion]):
         """The motions without their signals."""
         return self._bare
 
-    def below(self, corner: float, oversampling: float) -> SpooledMotions:
+    def below(self, corner: float) -> SpooledMotions:
         """The same motions with a common filter of at most this corner [Hz]."""
         found = copy(self)
-        found._bare = [motion.below(corner, oversampling) for motion in self._bare]
+        found._bare = [motion.below(corner) for motion in self._bare]
         return found
 
     @property
@@ -147,17 +147,16 @@ def hold(motions: Iterable[Motion]) -> Sequence[Motion]:
     return tuple(held)
 
 
-def within_band(motions: Sequence[Motion], oversampling: float) -> Sequence[Motion]:
+def within_band(motions: Sequence[Motion]) -> Sequence[Motion]:
     """The same motions, their common filter's corner no higher than what the encoders tell of the motion.
 
     Args:
         motions: All runs of a session.
-        oversampling: Samples that the common filter keeps a period of its corner.
     """
     if isinstance(motions, SpooledMotions):
-        return motions.below(whole_band(motions.bare), oversampling)
+        return motions.below(whole_band(motions.bare))
     corner = whole_band(motions)
-    return tuple(motion.below(corner, oversampling) for motion in motions)
+    return tuple(motion.below(corner) for motion in motions)
 
 
 def few(motions: Sequence[Motion]) -> Sequence[Motion]:

@@ -9,8 +9,8 @@ the smoothed acceleration is known,
 
 with r the variance of a measured position and f_s the smoother's corner. With P(f) the acceleration's spectrum, keeping
 all up to a frequency b costs the noise below b and the motion above b, ∫_{f<b} N + ∫_{f>b} (P − N). The states are cut
-off at the b where that is least, noise counted `CAUTION` times: within a run a motion is slower at most times than its
-mean spectrum says. What is lost is motion that the encoder hardly saw; it doesn't bend the other figures.
+off at the b where that is least, noise counted more than once (`caution`): within a run a motion is slower most times
+than its mean spectrum says. What is lost is motion that the encoder hardly saw; it doesn't bend the other figures.
 
 Source: Wiener 1949; Carroll, Ruppert, Stefanski and Crainiceanu 2006, chapter 4 (regression calibration); Welch 1967.
 """
@@ -21,43 +21,36 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.motion.butterworth import design_lowpass
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels
 from ident.motion.spectrum import mean_spectrum
 from ident.motion.zero_phase import filter_both_ways
 
-# Length of the stretches whose spectra are averaged [s].
-STRETCH = 2.0
-# Nothing is cut off below this [Hz]: noise of the acceleration falls with the fifth power of the band, while a slow cut
-# would blur the ends of a run.
-SLOWEST_BAND = 4.0
-# Order of the cutting filter: steep, for what is half kept near the cut looks like elasticity; and how far a run is
-# extended beyond its ends, in periods of the cut.
-FILTER_ORDER, PADDING_PERIODS = 10, 3.0
-FADING_PERIODS = 2.0
-# Of a joint's band: up to there the cutting filter keeps 99 % of its states, 1 / (1 + 0.8²⁰).
-WHOLE_SHARE = 0.8
-# Three beats one and seven on sessions of another simulator (false evidence for delays).
-CAUTION = 3.0
-# The noise of the sampled smoother follows the formula up to here, in sampling rates.
-KNOWN_UP_TO = 0.35
+# How the cut is made decides nothing. Order of the cutting filter: steep, for what is half kept near the cut looks like
+# elasticity; how far a run is extended beyond its ends, and over how much its states fade in, in periods of the cut.
+FILTER_ORDER, PADDING_PERIODS, FADING_PERIODS = 10, 3.0, 2.0
 
 
-def find_signal_band(ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels) -> Float[Array, " n"]:
+def find_signal_band(
+    ddq: Float[Array, "T n"], rate: float, levels: NoiseLevels, settings: MotionSettings = USUAL_MOTION
+) -> Float[Array, " n"]:
     """Frequency at which each joint's states are best cut off; the Nyquist frequency if nowhere [Hz].
 
     Args:
         ddq: Smoothed acceleration, evenly sampled [rad/s²].
         rate: Sampling rate [Hz].
         levels: Noise of the joints' positions.
+        settings: How much motion must outweigh noise, and where both are known.
     """
-    length = min(len(ddq), max(16, round(STRETCH * rate)))
+    known = settings.noise_known_to * rate
+    length = min(len(ddq), max(16, round(settings.band_stretch_s * rate)))
     f, power = mean_spectrum(ddq, rate, length)
     with np.errstate(divide="ignore", invalid="ignore"):
         corner = levels.bandwidth(1.0 / rate)
         noise = 2 * levels.position / rate * (2 * np.pi * f[:, None]) ** 4 / (1 + (f[:, None] / corner) ** 6) ** 2
-        saved = np.cumsum(np.where(f[:, None] <= KNOWN_UP_TO * rate, power - (1.0 + CAUTION) * noise, 0.0), axis=0)
-    band = np.maximum(f[np.argmax(saved, axis=0)], SLOWEST_BAND)
-    return np.where((levels.jerk > 0.0) & (band < KNOWN_UP_TO * rate - f[1]), band, rate / 2)
+        saved = np.cumsum(np.where(f[:, None] <= known, power - (1.0 + settings.caution) * noise, 0.0), axis=0)
+    band = np.maximum(f[np.argmax(saved, axis=0)], settings.slowest_band_hz)
+    return np.where((levels.jerk > 0.0) & (band < known - f[1]), band, rate / 2)
 
 
 def keep_band(

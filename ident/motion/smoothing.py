@@ -22,6 +22,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.compiled import compiled
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.numerics import find_minimum
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
@@ -267,15 +268,20 @@ def _evenly(runs: Sequence[Array], most: int) -> list[slice]:
     return slices
 
 
-def fit_noise_levels(times: Sequence[Float[Array, " T"]], positions: Sequence[Float[Array, "T n"]]) -> NoiseLevels:
+def fit_noise_levels(
+    times: Sequence[Float[Array, " T"]],
+    positions: Sequence[Float[Array, "T n"]],
+    settings: MotionSettings = USUAL_MOTION,
+) -> NoiseLevels:
     """Maximum-likelihood noise levels, per joint, over several runs.
 
-    The likelihood is profiled over r; what is searched is the corner frequency of the smoother, between 0.2 Hz and
-    0.45 of the sampling rate. A joint at rest gets the noise of its readings and no jerk.
+    The likelihood is profiled over r; what is searched is the corner frequency of the smoother. A joint at rest
+    gets the noise of its readings and no jerk.
 
     Args:
         times: Sample times of each run [s].
         positions: Measured positions of each run [rad].
+        settings: Between which corners it is searched.
     """
     cuts = _evenly(times, LIKELIHOOD_SAMPLES)
     parts = [(np.asarray(t[cut]), np.asarray(z[cut])) for t, z, cut in zip(times, positions, cuts, strict=True)]
@@ -288,12 +294,15 @@ def fit_noise_levels(times: Sequence[Float[Array, " T"]], positions: Sequence[Fl
         if max(np.ptp(np.concatenate(columns)), 0.0) < LEAST_TRAVEL:
             position[j] = max(np.var(np.concatenate([z - z.mean() for z in columns])), LEAST_NOISE**2)
             continue
-        jerk[j], position[j] = _fit_one_joint(columns, steps, interval)
+        jerk[j], position[j] = _fit_one_joint(columns, steps, interval, settings)
     return NoiseLevels(jerk, position)
 
 
 def _fit_one_joint(
-    columns: list[Float[Array, " T"]], steps: list[tuple[Float[Array, " T"], bool]], interval: float
+    columns: list[Float[Array, " T"]],
+    steps: list[tuple[Float[Array, " T"], bool]],
+    interval: float,
+    settings: MotionSettings,
 ) -> tuple[float, float]:
     count, sums = sum(len(z) - 1 for z in columns), np.empty(2)
 
@@ -309,7 +318,7 @@ def _fit_one_joint(
         noise = max(square_sum / count, LEAST_NOISE**2)
         return count * np.log(noise) + log_sum, noise
 
-    bounds = (np.log(0.2), np.log(0.45 / interval))
+    bounds = (np.log(settings.slowest_corner_hz), np.log(settings.fastest_corner_share / interval))
     best = find_minimum(lambda f: profile(f)[0], *bounds, within=0.02)
     noise = profile(best)[1]
     return ratio(best) * noise, noise

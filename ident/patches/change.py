@@ -15,10 +15,10 @@ import numpy as np
 from ident.arrays import Float, freeze
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
 from ident.diagnosis.diagnose import SCHEMA
-from ident.diagnosis.from_reports import CUTOFF
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.patches.standalone.chain import Array
 from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.motion import Losses
@@ -201,7 +201,7 @@ class Diagnosed:
 
 
 def _cutoff(record: dict[str, Any]) -> float:
-    cutoff = float(record.get("provenance", {}).get("settings", {}).get("cutoff_hz", CUTOFF))
+    cutoff = float(record.get("provenance", {}).get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
     if not 0.0 < cutoff < np.inf:
         raise ValueError(f"its cutoff_hz is {cutoff:g}")
     return cutoff

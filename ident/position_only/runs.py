@@ -10,7 +10,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.motion.motion import LEAST_DURATION, Motion, prepare_run, session_noise
+from ident.motion.motion import Motion, prepare_run, session_noise
+from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 
@@ -79,9 +80,10 @@ def prepare_goals(session: Session, cutoff: float | None = None) -> tuple[GoalRu
     Raises:
         RecordingError: None is.
     """
-    long = [run for run in session.runs if run.duration >= LEAST_DURATION and len(run) >= LEAST_SAMPLES]
+    least = USUAL_MOTION.least_duration_s
+    long = [run for run in session.runs if run.duration >= least and len(run) >= LEAST_SAMPLES]
     if not long:
-        what = f"no run lasts {LEAST_DURATION:g} s and {LEAST_SAMPLES} samples"
+        what = f"no run lasts {least:g} s and {LEAST_SAMPLES} samples"
         raise RecordingError(str(session.path or session.name), what, "record longer motions")
     # Noise of positions is found as for other arms; the measured position stands where they have the torque.
     as_log = [run.replace(effort=run.position) for run in long]

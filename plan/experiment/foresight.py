@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.diagnosis.from_reports import CUTOFF
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.runs import build_session
 from ident.effects.base import SessionContext
-from ident.motion.motion import CRITICAL_OVERSAMPLING, Lowpass, Motion
+from ident.motion.motion import Lowpass, Motion
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -75,7 +75,7 @@ def as_recorded(run: ReferenceMotion, arm: ArmModel, start: float) -> Motion:
         dq=dq,
         ddq=ddq,
         tau=freeze(np.zeros_like(q)),
-        lowpass=Lowpass.design(rate, CUTOFF, CRITICAL_OVERSAMPLING),
+        lowpass=Lowpass.design(rate, settings=FOR_DIAGNOSIS),
         std=freeze(np.outer(STATE_DOUBT, np.ones(arm.n))),
     )
 

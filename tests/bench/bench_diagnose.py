@@ -26,8 +26,9 @@ from ident.arrays import freeze
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import decimate
 from ident.effects.catalogue import CATALOGUE
-from ident.motion.motion import CRITICAL_OVERSAMPLING, Motion, prepare_run, session_noise
+from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.out_of_core import hold
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.plant.simulate import SimulationOptions, simulate
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
@@ -65,7 +66,7 @@ def tiled(session: Session, minutes: float) -> Iterator[Motion]:
     start = 0.0
     for k in itertools.count():
         run = session.runs[k % len(session.runs)]
-        motion = decimate(prepare_run(run, levels, session.payload, CUTOFF, CRITICAL_OVERSAMPLING))
+        motion = decimate(prepare_run(run, levels, session.payload, CUTOFF, FOR_DIAGNOSIS))
         motion = replace(motion, name=f"{k:04d}", time=freeze(motion.time - motion.time[0] + start))
         start = float(motion.time[-1]) + 1.0
         yield motion
@@ -107,7 +108,7 @@ def test_whole_catalogue_on_24000_samples() -> None:
     arm = ArmModel.load("tm5-900")
     session = recorded(250.0, 12, 8.0)
     levels = session_noise(session)
-    motions = [prepare_run(run, levels, session.payload, CUTOFF, CRITICAL_OVERSAMPLING) for run in session.runs]
+    motions = [prepare_run(run, levels, session.payload, CUTOFF, FOR_DIAGNOSIS) for run in session.runs]
     analyse(motions[:6], arm)  # compiles
     profile = cProfile.Profile()
     analysis, seconds = analyse(motions, arm)

@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
 from ident.motion.motion import prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.patches.change import Diagnosed
 from ident.patches.command import write_patch
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
@@ -94,7 +95,7 @@ def patch(arm: ArmModel, simulation: Simulation, effect: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "diagnosis.json"
         path.write_text(json.dumps(diagnosis.to_dict()), encoding="utf-8")
-        return write_patch(Diagnosed.load(path), arm, Path(name) / "patch", prepare(held_out, CUTOFF))
+        return write_patch(Diagnosed.load(path), arm, Path(name) / "patch", prepare(held_out, FOR_DIAGNOSIS.cutoff_hz))
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.result import ArmComparison, Side
-from ident.diagnosis.from_reports import CUTOFF
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
-from ident.motion.motion import CRITICAL_OVERSAMPLING, LARGEST_CUTOFF_SHARE, Motion, no_motion, whole_band
+from ident.motion.motion import Motion, no_motion, whole_band
 from ident.motion.out_of_core import choose_runs
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
 from ident.telemetry.report import TOO_LITTLE
@@ -53,11 +53,11 @@ def compare_reports(
             raise RecordingError(where, "its joints differ from those of the first session", "compare it alone")
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
-    corner = min(cutoff or CUTOFF, LARGEST_CUTOFF_SHARE * slowest)
+    corner = min(cutoff or FOR_DIAGNOSIS.cutoff_hz, FOR_DIAGNOSIS.cutoff_share * slowest)
     sets = [_motions(side, corner) for side in (before, after)]
     if cutoff is None:
         corner = min(corner, whole_band(motion for motions in sets for motion in motions))
-        sets = [[motion.below(corner, CRITICAL_OVERSAMPLING) for motion in motions] for motions in sets]
+        sets = [[motion.below(corner) for motion in motions] for motions in sets]
     found = compare(sets[0], sets[1], arm.keeping(joints), sides, seed)
     return replace(found, telemetry=issues, cutoff=corner)
 

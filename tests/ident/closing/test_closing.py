@@ -16,11 +16,11 @@ from ident.closing.gap import MARGIN, measure_floors, pool_runs
 from ident.closing.models import as_diagnosed, as_tuned, as_urdf
 from ident.closing.recorder import CommandRecorder
 from ident.closing.simulated import ALIKE, EVENTS, draw_effects
-from ident.diagnosis.from_reports import CUTOFF
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import SHOWINGS
 from ident.errors import InputError
 from ident.motion.motion import prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import read_commands, write_commands
@@ -32,7 +32,7 @@ from tests.schemas import check_file
 
 NOISE = 0.3
 # What the filter of torques lets through of white noise: cutoff over half of the rate.
-LEFT = NOISE * np.sqrt(CUTOFF / (125.0 / 2.0))
+LEFT = NOISE * np.sqrt(FOR_DIAGNOSIS.cutoff_hz / (125.0 / 2.0))
 
 
 class MadeUpArm:
@@ -90,7 +90,7 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
 
     def diagnose(sessions: Sequence[Session], *_: object) -> tuple[dict[str, Any], tuple[Any, ...]]:
         shown.append(len(sessions))
-        return written_record(arm, shares[len(shown) - 1]), tuple(prepare(sessions[0], CUTOFF))
+        return written_record(arm, shares[len(shown) - 1]), tuple(prepare(sessions[0], FOR_DIAGNOSIS.cutoff_hz))
 
     monkeypatch.setattr(loop, "_diagnose", diagnose)
     return shown
@@ -148,7 +148,7 @@ def test_the_gap_of_the_truth_is_the_noise(arm: ArmModel) -> None:
     session = MadeUpArm(arm).record(())
     record = written_record(arm, 1.0)
     floors = np.full(2, LEFT)
-    runs = prepare(session, CUTOFF)
+    runs = prepare(session, FOR_DIAGNOSIS.cutoff_hz)
     for model in (as_diagnosed(arm, record, CATALOGUE), as_tuned(arm, record, CATALOGUE)):
         assert measure_floors(model, runs, floors).together == pytest.approx(1.0, abs=0.1)
     assert measure_floors(as_urdf(arm), runs, floors).together > 10.0

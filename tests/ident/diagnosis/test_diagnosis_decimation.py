@@ -9,7 +9,8 @@ import pytest
 
 from ident.diagnosis.regression.baseline import fit_baseline
 from ident.diagnosis.regression.decimation import decimate, decimation_factor, prepare_slower
-from ident.motion.motion import CRITICAL_OVERSAMPLING, Lowpass, prepare
+from ident.motion.motion import Lowpass, prepare
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import healthy_torque
 from tests.ident.made_up import made_motions, made_session
@@ -26,7 +27,7 @@ def test_only_fast_logs_are_decimated(rate: float, factor: int) -> None:
 def test_filtered_signals_are_those_of_the_fast_log(short_arm: ArmModel) -> None:
     """Law: torque and states pass the common filter as they would have at 1 kHz, within 2 %."""
     session = made_session(short_arm, lambda *x: healthy_torque(short_arm, *x), (1,), 6.0, 1000.0)
-    (fast,) = prepare(session, CUTOFF, oversampling=CRITICAL_OVERSAMPLING)
+    (fast,) = prepare(session, CUTOFF, settings=FOR_DIAGNOSIS)
     (slow,) = prepare_slower(session, CUTOFF)
     assert (fast.lowpass.rate, slow.lowpass.rate) == pytest.approx((1000.0, 125.0))
     assert slow.lowpass.cutoff == pytest.approx(fast.lowpass.cutoff)
@@ -42,7 +43,8 @@ def test_filtered_signals_are_those_of_the_fast_log(short_arm: ArmModel) -> None
 def test_losses_are_those_of_the_fast_log(short_arm: ArmModel) -> None:
     """Bound: rotor inertia, viscous and Coulomb friction from 1 kHz and from 125 Hz agree within 2 %."""
     fast = made_motions(short_arm, lambda *x: healthy_torque(short_arm, *x), range(3), 8.0, 1000.0, noise=0.3)
-    fast = [replace(motion, lowpass=Lowpass.design(1000.0, CUTOFF, CRITICAL_OVERSAMPLING)) for motion in fast]
+    lowpass = Lowpass.design(1000.0, CUTOFF, FOR_DIAGNOSIS)
+    fast = [replace(motion, lowpass=lowpass, settings=FOR_DIAGNOSIS) for motion in fast]
     slow = [decimate(motion) for motion in fast]
     losses = [fit_baseline(motions, short_arm).loss for motions in (fast, slow)]
     for name in ("motor_inertia", "viscous", "coulomb"):

@@ -12,7 +12,7 @@ from ident import diagnose as diagnose_files
 from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.selection.search import Gates
 from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import load_friction_on_2, record
@@ -31,7 +31,7 @@ CLEAR = Gates(
 
 def test_every_number_says_what_it_is_and_where_it_comes_from() -> None:
     """Law: unit, meaning and source stand with each; a result records each by its name."""
-    told = DiagnosisSettings.describe()
+    told = USUAL.describe()
     for one in told:
         assert one["unit"]
         assert one["meaning"]

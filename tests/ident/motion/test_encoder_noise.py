@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.motion.encoder import draw_errors, find_resolution
-from ident.motion.motion import CRITICAL_OVERSAMPLING, prepare_run, session_noise
+from ident.motion.motion import prepare_run, session_noise
 from ident.motion.out_of_core import SpooledMotions, within_band
 from ident.motion.signal_band import keep_band
 from ident.motion.smoothing import NoiseLevels, smooth
@@ -52,7 +52,7 @@ def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
     assert coarse.band is not None
     assert coarse.band[0] < 20.0
     for held in ([coarse, coarse], SpooledMotions([coarse, coarse])):
-        corner = within_band(held, CRITICAL_OVERSAMPLING)[1].lowpass.cutoff
+        corner = within_band(held)[1].lowpass.cutoff
         assert corner == pytest.approx(0.8 * coarse.band[0])
         assert held[1].lowpass.cutoff == 25.0
         tone = np.sin(2 * np.pi * corner * coarse.time)[:, None]
@@ -60,7 +60,7 @@ def test_torque_is_looked_at_as_far_as_the_motion_is_known() -> None:
         kept = keep_band(states, RATE, coarse.band, 50.0)[200:-200, 0, 2]
         assert np.abs(kept - tone[200:-200, 0]).max() < 0.02
     fine = replace(coarse, band=np.array([60.0]))
-    assert within_band([fine], CRITICAL_OVERSAMPLING)[0] is fine
+    assert within_band([fine])[0] is fine
 
 
 def test_the_second_draw_is_as_large_as_the_noise_that_is_there() -> None:
