@@ -24,11 +24,12 @@ from ident.blind_check.edited import EditedModel
 from ident.blind_check.examining import finite
 from ident.blind_check.making import MakeTask, case_key, case_of
 from ident.blind_check.scoring import is_true, shown_joints
-from ident.diagnosis.from_reports import CUTOFF, diagnose_reports
+from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.motion.motion import CRITICAL_OVERSAMPLING, Motion
+from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band
+from ident.motion.settings import FOR_DIAGNOSIS
 from ident.opening import inspect_paths, open_sessions
 from ident.plant.answer import Answer, open_envelope
 from ident.plant.simulate import SimulationOptions, simulate
@@ -138,5 +139,5 @@ def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], Any]:
 
 
 def _motions_of(session: Session, robot: str) -> Sequence[Motion]:
-    opened = open_sessions([session], robot, cutoff=CUTOFF, learning=False)
-    return within_band(opened.motions, CRITICAL_OVERSAMPLING)
+    opened = open_sessions([session], robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
+    return within_band(opened.motions)
