@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ident.api.simulating import simulate as simulate
     from ident.api.starting import new as new
     from ident.api.watching import watch as watch
-    from ident.diagnosis.diagnose import Diagnosis as Diagnosis
+    from ident.diagnosis.result import Diagnosis as Diagnosis
     from ident.diagnosis.settings import DiagnosisSettings as DiagnosisSettings
     from ident.effects.base import Effect as Effect
     from ident.errors import InputError as InputError
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "ArmModel": "ident.robot.arm",
-    "Diagnosis": "ident.diagnosis.diagnose",
+    "Diagnosis": "ident.diagnosis.result",
     "DiagnosisSettings": "ident.diagnosis.settings",
     "Effect": "ident.effects.base",
     "FitOptions": "ident.model.hybrid",

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.api.fitting import Model, load_model
-from ident.diagnosis.diagnose import Analysis, Diagnosis
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
+from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue

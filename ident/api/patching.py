@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.api.diagnosing import Catalogue, gather_effects
-from ident.diagnosis.diagnose import Diagnosis
+from ident.diagnosis.result import Diagnosis
 from ident.effects.base import Effect
 from ident.errors import InputError
 from ident.opening import Robot, Sources, load_robot

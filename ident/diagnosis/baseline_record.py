@@ -7,11 +7,12 @@ the Coulomb level as well.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group
 from ident.diagnosis.regression.gram import Evidence
@@ -27,20 +28,61 @@ LINK_KEYS = (
 )
 
 
-def tuned_record(baseline: Baseline, evidence: Evidence, projection: Projection) -> dict[str, dict[str, Any]]:
+@dataclass(frozen=True)
+class OpenLaw:
+    """What the reported figures of an effect leave open of its law.
+
+    Attributes:
+        coefficients: Of its columns, in their order.
+        shape: Its inner figures, and what gives its columns their form.
+    """
+
+    coefficients: tuple[float, ...]
+    shape: Mapping[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"coefficients": list(self.coefficients), "shape": dict(self.shape)}
+
+
+@dataclass(frozen=True, eq=False)
+class TunedJoint:
+    """The tuned baseline at one joint.
+
+    Attributes:
+        motor_inertia, viscous, coulomb: Losses, none negative [kg m², N m s/rad, N m].
+        transition: Speed over which dry friction turns round where it does not over a range [rad/s].
+        sliding_range: Range over which it does, or 0 [rad].
+        link_change: Smallest change of the URDF's link inertias that gives the tuned ones, in the order of `LINK_KEYS`.
+        laws: By effect, what its reported figures leave open.
+    """
+
+    motor_inertia: float
+    viscous: float
+    coulomb: float
+    transition: float
+    sliding_range: float
+    link_change: Float[Array, " 10"]
+    laws: Mapping[str, OpenLaw]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            **dict(zip(LOSS_KEYS, (self.motor_inertia, self.viscous, self.coulomb), strict=True)),
+            "transition_rad_s": self.transition,
+            "sliding_range_rad": self.sliding_range,
+            "link_change": dict(zip(LINK_KEYS, map(float, self.link_change), strict=True)),
+            "laws": {name: law.to_dict() for name, law in self.laws.items()},
+        }
+
+
+def tuned_alone(baseline: Baseline, evidence: Evidence, projection: Projection) -> dict[str, TunedJoint]:
     """Figures of the baseline as a model solved it, by joint.
 
     Args:
         baseline: The user's arm, and which combinations of its inertias were tuned.
         evidence: Scale and layout of the columns.
         projection: The solved model: the baseline alone; beside effects it is `tuned_beside`.
-
-    Returns:
-        For each joint `LOSS_KEYS`, none negative; how its friction turns round, `sliding_range_rad`, or over
-        `transition_rad_s` where that is zero; `link_change`, by `LINK_KEYS`, the smallest change of the URDF's link
-        inertias that gives the tuned ones; and `laws`, by effect, what the reported figures of effects leave open.
     """
-    return _record(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
+    return _by_joint(baseline, evidence, projection.estimate[: evidence.layout.tuned], {})
 
 
 def tuned_beside(
@@ -49,8 +91,8 @@ def tuned_beside(
     alone: Projection,
     groups: Sequence[Group],
     coefficients: Sequence[Float[Array, " k"]],
-) -> dict[str, dict[str, Any]]:
-    """Figures of the baseline that goes with effects of given size, as `tuned_record`.
+) -> dict[str, TunedJoint]:
+    """Figures of the baseline that goes with effects of given size, as `tuned_alone`.
 
     Reported figures are not always those of the model that solves everything at once: what tuning would absorb is told
     against the URDF held fast, and inner figures from a finer grid. What the tuned arm has to explain then is the
@@ -70,7 +112,7 @@ def tuned_beside(
         shaped = np.concatenate([np.full(len(g.columns), g.effect.open_law) for g in groups])
         figures, beta[shaped] = _without_drive(evidence.layout.rank, alone, columns, beta, shaped)
     ends = np.cumsum([len(group.columns) for group in groups])[:-1]
-    return _record(baseline, evidence, figures, _laws(groups, np.split(beta / evidence.scale[columns], ends)))
+    return _by_joint(baseline, evidence, figures, _laws(groups, np.split(beta / evidence.scale[columns], ends)))
 
 
 def _without_drive(
@@ -94,9 +136,9 @@ def _without_drive(
     return solution[:size], solution[size:]
 
 
-def _record(
-    baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, dict[str, Any]]
-) -> dict[str, dict[str, Any]]:
+def _by_joint(
+    baseline: Baseline, evidence: Evidence, scaled: Float[Array, " z"], laws: Mapping[int, Mapping[str, OpenLaw]]
+) -> dict[str, TunedJoint]:
     rank, n = evidence.layout.rank, evidence.layout.n
     figures = scaled / evidence.scale[: evidence.layout.tuned]
     losses = np.maximum(figures[rank:].reshape(n, LOSS_FIGURES), 0.0)
@@ -105,25 +147,26 @@ def _record(
     # A simulator without memory takes a smooth sign where friction turns round over a range.
     widths = np.where(sliding.range > 0.0, baseline.loss.transition_speed, sliding.speed)
     return {
-        joint: {
-            **dict(zip(LOSS_KEYS, map(float, losses[j]), strict=True)),
-            "transition_rad_s": float(widths[j]),
-            "sliding_range_rad": float(sliding.range[j]),
-            "link_change": dict(zip(LINK_KEYS, map(float, links[j]), strict=True)),
-            "laws": laws.get(j, {}),
-        }
+        joint: TunedJoint(
+            motor_inertia=float(losses[j, 0]),
+            viscous=float(losses[j, 1]),
+            coulomb=float(losses[j, 2]),
+            transition=float(widths[j]),
+            sliding_range=float(sliding.range[j]),
+            link_change=freeze(links[j]),
+            laws=laws.get(j, {}),
+        )
         for j, joint in enumerate(baseline.nominal.joint_names)
     }
 
 
-def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -> dict[int, dict[str, dict[str, Any]]]:
+def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -> dict[int, dict[str, OpenLaw]]:
     """Coefficients and shape of the effects whose reported figures do not say all of their law, by joint."""
-    found: dict[int, dict[str, dict[str, Any]]] = {}
+    found: dict[int, dict[str, OpenLaw]] = {}
     for group, values in zip(groups, coefficients, strict=True):
         if group.effect.open_law:
             figures = {**group.variant.shape, **group.variant.inner}
-            shape = {name: float(value) for name, value in figures.items()}
-            law = {"coefficients": list(map(float, values)), "shape": shape}
+            law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in figures.items()})
             found.setdefault(group.joint, {})[group.effect.id] = law
     return found
 

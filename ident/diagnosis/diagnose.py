@@ -2,148 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.baseline_record import tuned_beside, tuned_record
-from ident.diagnosis.explained import Explained, measure_shrink
-from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record, told
+from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
+from ident.diagnosis.explained import measure_shrink
+from ident.diagnosis.gap.gap_map import map_gap, told
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
-from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import build_layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.runs import build_session, leftover_torque
-from ident.diagnosis.reservations import Reservation, doubt_replay, joints_of
+from ident.diagnosis.reservations import doubt_replay, joints_of
+from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.intervals import Estimate, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Named, Search, SearchResults
+from ident.diagnosis.selection.search import Search, SearchResults
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.settle import settle
-from ident.diagnosis.verdict import decide, find_floors, find_unexplained, nearest_record, stands_out
+from ident.diagnosis.verdict import decide, find_floors, find_nearest, find_unexplained, stands_out
 from ident.effects.base import Effect, SessionContext
-from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import runs_recorded
 from ident.recordings.recording import TelemetryIssue
-from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
-
-SCHEMA = "ident.diagnosis/1"
-
-
-@dataclass(frozen=True, eq=False)
-class Finding(Explained):
-    """A named effect with its evidence.
-
-    Attributes:
-        named: How it was judged.
-        energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
-        energy_std: Standard deviation over the runs of both [J].
-        share: Its order-free share of what all names close.
-    """
-
-    named: Named
-    energy_before: float
-    energy_after: float
-    energy_std: tuple[float, float]
-    share: float
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            **self.told(),
-            "heldout": {
-                "rms_before_Nm": self.rms_before,
-                "rms_after_Nm": self.rms_after,
-                "energy_error_before_J": self.energy_before,
-                "energy_error_after_J": self.energy_after,
-                "energy_error_before_std_J": self.energy_std[0],
-                "energy_error_after_std_J": self.energy_std[1],
-                "gain_rms_Nm": self.gain,
-                "shrink": self.shrink,
-                "share": self.share,
-            },
-            "evidence": {
-                "p_value": self.named.gates.p_value,
-                "log_score_gain": self.named.gates.log_score[0],
-                "log_score_error": self.named.gates.log_score[1],
-                "log_evidence": self.named.gates.evidence,
-                "judged_against": "urdf" if self.named.absorbed else "tuned",
-            },
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis(Result):
-    """The answer: where, which, how far; or why not.
-
-    Attributes:
-        robot: Name of the robot.
-        joints: Joint names.
-        verdict: `no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`.
-        session: Runs, samples, duration.
-        telemetry: Findings of the telemetry check.
-        gap: For each joint its residual, noise and ceiling.
-        where: Cells of the map.
-        findings: Named effects.
-        heldout: Before and after, all effects together.
-        not_testable: What these recordings can't show, and why.
-        reservations: Names that were not believed, and other reasons to doubt.
-        extra: Further figures.
-        catalogue: The effects that were asked for.
-        settings: The numbers by which it was decided.
-        robot_option: What `--robot` takes for the robot.
-    """
-
-    robot: str
-    joints: tuple[str, ...]
-    verdict: str
-    session: dict[str, float]
-    telemetry: tuple[TelemetryIssue, ...]
-    gap: dict[str, dict[str, Any]] = field(default_factory=dict)
-    where: tuple[Place, ...] = ()
-    findings: tuple[Finding, ...] = ()
-    heldout: dict[str, Any] = field(default_factory=dict)
-    not_testable: tuple[dict[str, Any], ...] = ()
-    reservations: tuple[Reservation, ...] = ()
-    extra: dict[str, Any] = field(default_factory=dict)
-    catalogue: tuple[Effect, ...] = CATALOGUE
-    settings: DiagnosisSettings = USUAL
-    robot_option: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "schema": SCHEMA,
-            "robot": self.robot,
-            "joints": list(self.joints),
-            "session": self.session,
-            "telemetry": [issue.to_dict() for issue in self.telemetry],
-            "verdict": self.verdict,
-            "gap": self.gap,
-            "where": [place.to_dict() for place in self.where],
-            "findings": [finding.to_dict() for finding in self.findings],
-            "heldout": self.heldout,
-            "not_testable": list(self.not_testable),
-            "reservations": [one.to_dict() for one in self.reservations],
-            "next_experiment": next_experiment(
-                [one.to_dict() for one in self.findings],
-                self.not_testable,
-                self.catalogue,
-                self.robot_option or self.robot,
-            ),
-            **self.extra,
-            "provenance": self.provenance.to_dict(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,24 +113,24 @@ def diagnose(
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
         where=told(maps["before"], settings.gap.map),
         findings=findings,
-        heldout=_together(found, arm.joint_names, floors) | reach.to_dict(arm.joint_names),
-        not_testable=tuple(item.to_dict(arm.joint_names) for item in layout.silent),
+        heldout=_together(found, floors, reach),
+        not_testable=tuple(layout.silent),
         reservations=sure.doubted + far,
-        extra={
-            "nearest": nearest_record(found, arm.joint_names),
-            "maps": maps_record(maps["before"]),
-            "maps_fixed": maps_record(maps["fixed"]),
-            "baseline": _beside(baseline, fine, estimates) if fine else tuned_record(baseline, evidence, after),
-            "baseline_alone": tuned_record(baseline, evidence, before),
-            "baseline_urdf": tuned_record(baseline, evidence, fixed),
-        },
+        details=Details(
+            nearest=find_nearest(found, arm.joint_names),
+            maps=maps["before"],
+            maps_fixed=maps["fixed"],
+            baseline=_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
+            baseline_alone=tuned_alone(baseline, evidence, before),
+            baseline_urdf=tuned_alone(baseline, evidence, fixed),
+        ),
         catalogue=tuple(catalogue),
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
-def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> dict[str, dict[str, Any]]:
+def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> Mapping[str, TunedJoint]:
     """The tuned baseline that goes with the figures that are told."""
     evidence = fine.search.evidence
     alone = project(evidence.gram(), evidence, fine.search.prior)
@@ -263,19 +154,19 @@ def _gap(
     ceilings: Sequence[Ceiling],
     series: Sequence[RunResidual],
     tolerance: Tolerance,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, JointGap]:
     start, fixed = found.ladder[0].rms, search.fixed.score().rms
     energy = np.array([run_energy(item, item.unseen_before) for item in series])
     return {
-        name: {
-            "rms_Nm": float(start[j]),
-            "fixed_rms_Nm": float(fixed[j]),
-            "noise_floor_Nm": float(floors[j]),
-            "ceiling_rms_Nm": float(max(floors[j], ceilings[j].rms)),
-            "unexplained": ceilings[j].kind,
-            "tuned_away_Nm": float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
-            "energy_error_J": {"mean": float(energy[:, j].mean()), "std": float(energy[:, j].std())},
-        }
+        name: JointGap(
+            rms=float(start[j]),
+            fixed_rms=float(fixed[j]),
+            noise_floor=float(floors[j]),
+            ceiling_rms=float(max(floors[j], ceilings[j].rms)),
+            unexplained=ceilings[j].kind,
+            tuned_away=float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
+            energy_error=(float(energy[:, j].mean()), float(energy[:, j].std())),
+        )
         for j, name in enumerate(joints)
     }
 
@@ -313,10 +204,6 @@ def _spread(energies: Float[Array, "R k"]) -> float:
     return float(energies.sum(axis=1).std())
 
 
-def _together(found: SearchResults, joints: Sequence[str], floors: Float[Array, " n"]) -> dict[str, Any]:
+def _together(found: SearchResults, floors: Float[Array, " n"], reach: Reach) -> AllNames:
     old, new = found.ladder[0].rms, found.ladder[-1].rms
-    return {
-        "rms_before_Nm": dict(zip(joints, map(float, old), strict=True)),
-        "rms_after_Nm": dict(zip(joints, map(float, new), strict=True)),
-        "shrink": measure_shrink(old, new, floors) if found.named else 0.0,
-    }
+    return AllNames(old, new, measure_shrink(old, new, floors) if found.named else 0.0, reach)

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ident.diagnosis.diagnose import Analysis, Diagnosis, diagnose
+from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import prepare_slower
+from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.user_model import with_own_model
 from ident.effects.base import Effect

@@ -37,5 +37,5 @@ def with_own_model(analysis: Analysis, model: HybridModel) -> Analysis:
     """The analysis with `model_rms_Nm` beside the other figures of each joint's gap."""
     diagnosis = analysis.diagnosis
     rms = model_rms(analysis.series, model)
-    gap = {name: {**one, "model_rms_Nm": rms[name]} if name in rms else one for name, one in diagnosis.gap.items()}
+    gap = {name: replace(one, model_rms=rms.get(name)) for name, one in diagnosis.gap.items()}
     return replace(analysis, diagnosis=replace(diagnosis, gap=gap))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -80,20 +81,43 @@ def decide(
     return "partial" if share >= settings.partial_from else "none_of_catalogue"
 
 
-def nearest_record(found: SearchResults, joints: Sequence[str]) -> dict[str, Any] | None:
+@dataclass(frozen=True)
+class Nearest:
+    """The candidate that came nearest to a name.
+
+    Attributes:
+        effect: Its id.
+        joints: Where it shows most.
+        p_value: Family-wise, of the sign-flip test.
+        evidence: Log evidence [nats].
+        rms_fall: Largest share by which a joint's held-out error would fall.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    p_value: float
+    evidence: float
+    rms_fall: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "effect": self.effect,
+            "joints": list(self.joints),
+            "p_value": self.p_value,
+            "log_evidence": self.evidence,
+            "rms_fall": self.rms_fall,
+        }
+
+
+def find_nearest(found: SearchResults, joints: Sequence[str]) -> Nearest | None:
     """The candidate that came nearest to a name, where chance alone doesn't explain it, and where it shows most."""
     if found.named or found.hint is None:
         return None
     item = found.hint
     own = item.group.effect.rows == "own"
     most = item.group.joint if own else int(np.argmax(1.0 - item.after.rms / np.maximum(item.before.rms, 1e-12)))
-    return {
-        "effect": item.group.effect.id,
-        "joints": [joints[most]],
-        "p_value": item.gates.p_value,
-        "log_evidence": item.gates.evidence,
-        "rms_fall": item.gates.rms_fall,
-    }
+    gates = item.gates
+    return Nearest(item.group.effect.id, (joints[most],), gates.p_value, gates.evidence, gates.rms_fall)
 
 
 def above_noise(gap: Mapping[str, Any], settings: VerdictSettings = USUAL_VERDICT) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.arrays import Float, freeze
 from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
-from ident.diagnosis.diagnose import SCHEMA
+from ident.diagnosis.result import SCHEMA
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError

@@ -61,7 +61,7 @@ def print_comparison(console: Console, comparison: ArmComparison) -> None:
         console.print(told, soft_wrap=True, highlight=False)
     if spread := describe_spread(comparison.run_spread):
         console.print(f"  {spread}", soft_wrap=True, highlight=False)
-    for line in group_silent(comparison.not_testable):
+    for line in group_silent(record["not_testable"]):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 

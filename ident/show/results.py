@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.diagnosis.change.result import ArmComparison
-    from ident.diagnosis.diagnose import Diagnosis
+    from ident.diagnosis.result import Diagnosis
     from ident.model.evaluation import Evaluation
     from ident.model.hybrid import FitResults
     from ident.telemetry.report import Inspection
@@ -58,11 +58,11 @@ def _tell_diagnosis(result: Diagnosis) -> str:
 
 def _draw_diagnosis(result: Diagnosis) -> Figure:
     """Of each joint what is left, what is noise, and what could still be explained."""
-    gap: Mapping[str, Any] = result.to_dict()["gap"]
+    gap = result.gap
     rows = {
-        "left by the tuned model": (LEFT, [one["rms_Nm"] for one in gap.values()]),
-        "could be explained": (EXPLAINABLE, [one["ceiling_rms_Nm"] for one in gap.values()]),
-        "noise": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
+        "left by the tuned model": (LEFT, [one.rms for one in gap.values()]),
+        "could be explained": (EXPLAINABLE, [one.ceiling_rms for one in gap.values()]),
+        "noise": (NOISE, [one.noise_floor for one in gap.values()]),
     }
     return draw_bars(list(gap), rows, "torque [N m]", f"{result.robot}: {result.verdict}")
 

@@ -8,8 +8,9 @@ import numpy as np
 from rich.console import Console
 
 from ident.console import styled
-from ident.diagnosis.diagnose import Analysis, Diagnosis, Finding
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
+from ident.diagnosis.result import Diagnosis, Finding
 from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
 from ident.show.silence import group_silent
@@ -49,9 +50,9 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     if unnamed := describe_unnamed(record):
         console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
     for name, gap in diagnosis.gap.items():
-        left = f", explainable by {gap['unexplained']} but unnamed" if gap["unexplained"] else ""
-        console.print(f"  {name}: {gap['rms_Nm']:.3f} N m against {gap['noise_floor_Nm']:.3f} of noise{left}")
-    for line in group_silent(diagnosis.not_testable):
+        left = f", explainable by {gap.unexplained} but unnamed" if gap.unexplained else ""
+        console.print(f"  {name}: {gap.rms:.3f} N m against {gap.noise_floor:.3f} of noise{left}")
+    for line in group_silent(record["not_testable"]):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 

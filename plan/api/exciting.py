@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.api.diagnosing import Catalogue, gather_effects
-from ident.diagnosis.diagnose import Diagnosis
+from ident.diagnosis.result import Diagnosis
 from ident.opening import Robot, load_robot
 from ident.provenance import Provenance
 from plan.experiment import design

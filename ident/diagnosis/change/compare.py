@@ -283,7 +283,7 @@ def _result(
         rms_after=dict(zip(joints, map(float, told.left.rms), strict=True)),
         noise=dict(zip(joints, map(float, floor), strict=True)),
         run_spread=dict(zip(joints, map(float, look.switched.evidence.spread), strict=True)),
-        not_testable=tuple(one.to_dict(joints) for one in hidden),
+        not_testable=tuple(hidden),
         reservations=told.doubted,
     )
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.explained import Explained
+from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue
 from ident.results import Result
@@ -105,7 +106,7 @@ class ArmComparison(Result):
     rms_after: dict[str, float] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
     run_spread: dict[str, float] = field(default_factory=dict)
-    not_testable: tuple[dict[str, Any], ...] = ()
+    not_testable: tuple[NotTestable, ...] = ()
     reservations: tuple[Reservation, ...] = ()
     cutoff: float = np.nan
 
@@ -121,7 +122,7 @@ class ArmComparison(Result):
             "changes": [change.to_dict() for change in self.changes],
             "heldout": {"rms_before_Nm": self.rms_before, "rms_after_Nm": self.rms_after, "noise_Nm": self.noise},
             "friction_run_spread": self.run_spread,
-            "not_testable": list(self.not_testable),
+            "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
             "reservations": [one.to_dict() for one in self.reservations],
             "provenance": self.provenance.to_dict(),
         }

@@ -9,9 +9,10 @@ import numpy as np
 from markupsafe import Markup
 
 from ident.arrays import Array, Float
-from ident.diagnosis.diagnose import Analysis, Finding
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import reversal_age
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.result import Finding
 from ident.show.report.figures import WIDE, binned, make_panel, thin, to_svg
 
 DATA, LAW, PLAIN = "#7f7f7f", "#009e73", "#d55e00"
@@ -155,8 +156,9 @@ def _over_curve(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None
 def _tuned_friction(analysis: Analysis, item: RunResidual, joint: int) -> Float[Array, " t"]:
     """Coulomb and viscous friction as tuned beside the names [N m]."""
     motion, name = item.run.motion, analysis.diagnosis.joints[joint]
-    tuned = analysis.diagnosis.extra["baseline"][name]
-    friction = tuned["coulomb_Nm"] * item.run.direction[:, joint] + tuned["viscous_Nms_rad"] * motion.dq[:, joint]
+    assert analysis.diagnosis.details is not None, "an analysis has fitted something"
+    tuned = analysis.diagnosis.details.baseline[name]
+    friction = tuned.coulomb * item.run.direction[:, joint] + tuned.viscous * motion.dq[:, joint]
     return np.asarray(motion.filtered(friction))
 
 

@@ -102,7 +102,7 @@ def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, 
 def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -> None:
     found = compared(arm, before[:1], with_friction, range(10, 11))
     assert "friction_change" not in {one.effect for one in found.changes}
-    silent = {one["effect"]: one["reason"] for one in found.not_testable}
+    silent = {one.effect.id: one.reason for one in found.not_testable}
     assert "one run a side" in silent["friction_change"]
 
 

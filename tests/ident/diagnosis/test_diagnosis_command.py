@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.diagnosis.diagnose import Analysis, Diagnosis
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
+from ident.diagnosis.result import Diagnosis
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.recordings.load import load_session

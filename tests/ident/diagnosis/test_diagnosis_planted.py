@@ -33,8 +33,8 @@ def test_a_healthy_arm_has_no_gap(healthy: Analysis) -> None:
     assert healthy.diagnosis.verdict == "no_gap"
     assert not healthy.diagnosis.findings
     for gap in healthy.diagnosis.gap.values():
-        assert gap["unexplained"] is None
-        assert gap["rms_Nm"] <= 1.05 * gap["noise_floor_Nm"]
+        assert gap.unexplained is None
+        assert gap.rms <= 1.05 * gap.noise_floor
 
 
 @pytest.mark.parametrize(("plant", "effect", "joint", "figure", "size", "tolerance"), PLANTED)
@@ -82,8 +82,8 @@ def test_an_effect_that_is_not_in_the_catalogue(short_arm: ArmModel) -> None:
     assert diagnosis.verdict == "none_of_catalogue"
     assert all(finding.estimate.group.effect.id != "spring_torque" for finding in diagnosis.findings)
     gap = diagnosis.gap["joint_3"]
-    assert gap["unexplained"] == "state"
-    assert gap["rms_Nm"] > 2.0 * gap["noise_floor_Nm"]
+    assert gap.unexplained == "state"
+    assert gap.rms > 2.0 * gap.noise_floor
 
 
 def test_the_map_shows_the_joint(short_arm: ArmModel) -> None:

@@ -45,7 +45,7 @@ def test_spooling_changes_nothing(short_arm: ArmModel, motions: list[Motion], he
         for name, interval in one.estimate.parameters.items():
             assert interval.value == pytest.approx(other.estimate.parameters[name].value, rel=1e-6)
     for name, gap in spooled.diagnosis.gap.items():
-        assert gap["rms_Nm"] == pytest.approx(held.diagnosis.gap[name]["rms_Nm"], rel=1e-6)
+        assert gap.rms == pytest.approx(held.diagnosis.gap[name].rms, rel=1e-6)
     assert spooled.diagnosis.session == held.diagnosis.session
 
 
@@ -60,7 +60,7 @@ def test_a_choice_of_runs_is_enough_for_sizes(short_arm: ArmModel, motions: list
     assert names(spooled) == names(held)
     assert np.array_equal(spooled.evidence.weights, held.evidence.weights)
     for name, gap in spooled.diagnosis.gap.items():
-        assert gap["rms_Nm"] == pytest.approx(held.diagnosis.gap[name]["rms_Nm"], rel=0.01)
+        assert gap.rms == pytest.approx(held.diagnosis.gap[name].rms, rel=0.01)
 
 
 def test_runs_are_let_go(short_arm: ArmModel, motions: list[Motion], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,7 +38,7 @@ def test_an_arm_as_drawn_is_within_tolerance(healthy: Analysis) -> None:
     tolerance = tolerance_of(healthy)
     assert not tolerance.exceeded
     assert tolerance.deviation < 4.0
-    assert all(gap["tuned_away_Nm"] == 0.0 for gap in healthy.diagnosis.gap.values())
+    assert all(gap.tuned_away == 0.0 for gap in healthy.diagnosis.gap.values())
 
 
 def test_a_load_without_a_name_is_not_tuned_away(short_arm: ArmModel) -> None:
@@ -50,9 +50,9 @@ def test_a_load_without_a_name_is_not_tuned_away(short_arm: ArmModel) -> None:
     assert tolerance.exceeded
     assert np.argmax(tolerance.torque) != 0  # the first axis is vertical
     assert analysis.diagnosis.verdict == "none_of_catalogue"
-    gaps = analysis.diagnosis.gap
-    assert gaps["joint_2"]["tuned_away_Nm"] > 5.0 * gaps["joint_2"]["noise_floor_Nm"]
-    assert gaps["joint_2"]["rms_Nm"] < 1.2 * gaps["joint_2"]["noise_floor_Nm"]
+    gap = analysis.diagnosis.gap["joint_2"]
+    assert gap.tuned_away > 5.0 * gap.noise_floor
+    assert gap.rms < 1.2 * gap.noise_floor
 
 
 def test_a_load_with_a_name_leaves_nothing_to_tune(short_arm: ArmModel) -> None:

@@ -1,0 +1,225 @@
+"""`ident.diagnosis/1`: where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Float
+from ident.diagnosis.baseline_record import TunedJoint
+from ident.diagnosis.explained import Explained
+from ident.diagnosis.gap.gap_map import Place, maps_record
+from ident.diagnosis.gap.improvement import Reach
+from ident.diagnosis.next_experiment import next_experiment
+from ident.diagnosis.regression.design import NotTestable
+from ident.diagnosis.reservations import Reservation
+from ident.diagnosis.selection.search import Named
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.verdict import Nearest
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.recordings.recording import TelemetryIssue
+from ident.results import Result
+
+SCHEMA = "ident.diagnosis/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Finding(Explained):
+    """A named effect with its evidence.
+
+    Attributes:
+        named: How it was judged.
+        energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
+        energy_std: Standard deviation over the runs of both [J].
+        share: Its order-free share of what all names close.
+    """
+
+    named: Named
+    energy_before: float
+    energy_after: float
+    energy_std: tuple[float, float]
+    share: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            **self.told(),
+            "heldout": {
+                "rms_before_Nm": self.rms_before,
+                "rms_after_Nm": self.rms_after,
+                "energy_error_before_J": self.energy_before,
+                "energy_error_after_J": self.energy_after,
+                "energy_error_before_std_J": self.energy_std[0],
+                "energy_error_after_std_J": self.energy_std[1],
+                "gain_rms_Nm": self.gain,
+                "shrink": self.shrink,
+                "share": self.share,
+            },
+            "evidence": {
+                "p_value": self.named.gates.p_value,
+                "log_score_gain": self.named.gates.log_score[0],
+                "log_score_error": self.named.gates.log_score[1],
+                "log_evidence": self.named.gates.evidence,
+                "judged_against": "urdf" if self.named.absorbed else "tuned",
+            },
+        }
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """What is left at a joint, what is noise, and what could still be explained.
+
+    Attributes:
+        rms: Error of the tuned model on held-out runs [N m].
+        fixed_rms: The same with the URDF's inertias held fast [N m].
+        noise_floor: What no model goes below [N m].
+        ceiling_rms: What any function of the state would leave beside the names [N m].
+        unexplained: What kind of inputs explain more than the names do, or None where none does.
+        tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
+        energy_error: Mean and standard deviation over the runs [J].
+        model_rms: Error of the user's own model [N m], or None where there is none.
+    """
+
+    rms: float
+    fixed_rms: float
+    noise_floor: float
+    ceiling_rms: float
+    unexplained: str | None
+    tuned_away: float
+    energy_error: tuple[float, float]
+    model_rms: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        mean, std = self.energy_error
+        own = {} if self.model_rms is None else {"model_rms_Nm": self.model_rms}
+        return {
+            "rms_Nm": self.rms,
+            "fixed_rms_Nm": self.fixed_rms,
+            "noise_floor_Nm": self.noise_floor,
+            "ceiling_rms_Nm": self.ceiling_rms,
+            "unexplained": self.unexplained,
+            "tuned_away_Nm": self.tuned_away,
+            "energy_error_J": {"mean": mean, "std": std},
+            **own,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class AllNames:
+    """All named effects together, on runs that the fit never saw.
+
+    Attributes:
+        rms_before, rms_after: Error without and with them, joint by joint [N m].
+        shrink: Share of what lay above the noise that they close.
+        reach: Energy, a learner in their place, and the motion replayed.
+    """
+
+    rms_before: Float[np.ndarray, " n"]
+    rms_after: Float[np.ndarray, " n"]
+    shrink: float
+    reach: Reach
+
+    def to_dict(self, joints: Sequence[str]) -> dict[str, Any]:
+        return {
+            "rms_before_Nm": dict(zip(joints, map(float, self.rms_before), strict=True)),
+            "rms_after_Nm": dict(zip(joints, map(float, self.rms_after), strict=True)),
+            "shrink": self.shrink,
+            **self.reach.to_dict(joints),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Details:
+    """What stands behind a diagnosis, for pages and patches.
+
+    Attributes:
+        nearest: The candidate that came nearest to a name, where nothing was named.
+        maps: All cells of the map of what the tuned model leaves.
+        maps_fixed: The same with the URDF held fast.
+        baseline: The baseline as tuned beside the names, joint by joint.
+        baseline_alone: The same without them.
+        baseline_urdf: The same with the URDF's inertias held fast.
+    """
+
+    nearest: Nearest | None
+    maps: Sequence[Place]
+    maps_fixed: Sequence[Place]
+    baseline: Mapping[str, TunedJoint]
+    baseline_alone: Mapping[str, TunedJoint]
+    baseline_urdf: Mapping[str, TunedJoint]
+
+    def to_dict(self) -> dict[str, Any]:
+        def told(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
+            return {name: one.to_dict() for name, one in joints.items()}
+
+        return {
+            "nearest": None if self.nearest is None else self.nearest.to_dict(),
+            "maps": maps_record(self.maps),
+            "maps_fixed": maps_record(self.maps_fixed),
+            "baseline": told(self.baseline),
+            "baseline_alone": told(self.baseline_alone),
+            "baseline_urdf": told(self.baseline_urdf),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Result):
+    """The answer: where, which, how far; or why not.
+
+    Attributes:
+        robot: Name of the robot.
+        joints: Joint names.
+        verdict: `no_gap`, `named`, `partial`, `none_of_catalogue`, `not_testable` or `refused`.
+        session: Runs, samples, duration.
+        telemetry: Findings of the telemetry check.
+        gap: For each joint its residual, noise and ceiling.
+        where: Cells of the map.
+        findings: Named effects.
+        heldout: Before and after, all effects together; None where nothing was fitted.
+        not_testable: What these recordings can't show, and why.
+        reservations: Names that were not believed, and other reasons to doubt.
+        details: What stands behind it; None where nothing was fitted.
+        catalogue: The effects that were asked for.
+        settings: The numbers by which it was decided.
+        robot_option: What `--robot` takes for the robot.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    verdict: str
+    session: Mapping[str, float]
+    telemetry: tuple[TelemetryIssue, ...]
+    gap: Mapping[str, JointGap] = field(default_factory=dict)
+    where: tuple[Place, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    heldout: AllNames | None = None
+    not_testable: tuple[NotTestable, ...] = ()
+    reservations: tuple[Reservation, ...] = ()
+    details: Details | None = None
+    catalogue: tuple[Effect, ...] = CATALOGUE
+    settings: DiagnosisSettings = USUAL
+    robot_option: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        findings = [one.to_dict() for one in self.findings]
+        silent = [one.to_dict(self.joints) for one in self.not_testable]
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "joints": list(self.joints),
+            "session": dict(self.session),
+            "telemetry": [issue.to_dict() for issue in self.telemetry],
+            "verdict": self.verdict,
+            "gap": {name: one.to_dict() for name, one in self.gap.items()},
+            "where": [place.to_dict() for place in self.where],
+            "findings": findings,
+            "heldout": {} if self.heldout is None else self.heldout.to_dict(self.joints),
+            "not_testable": silent,
+            "reservations": [one.to_dict() for one in self.reservations],
+            "next_experiment": next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot),
+            **({} if self.details is None else self.details.to_dict()),
+            "provenance": self.provenance.to_dict(),
+        }
