@@ -153,7 +153,8 @@ def _sure(
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         if refused and len(doubted) <= held.most_doubted:
-            search = replace(search, barred=search.barred | {groups[k].key for k in refused})
+            keys = {groups[k].key for k in refused}
+            search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
             found = search.run()
             continue
         kept = [k for k in kept if k not in refused]

@@ -32,7 +32,7 @@ class UnknownPayload(Effect):
     """A load at the last link that the model doesn't know: mass m at a centre c, in the last link's frame.
 
     The four columns belong to m and m (c − c₀), with the inertia that a point mass has near c₀, a reach along the last
-    joint's axis.
+    joint's axis. Columns that act on no torque, whatever the motion, are left out: the height of what hangs on a SCARA.
     """
 
     id = "payload"
@@ -58,7 +58,8 @@ class UnknownPayload(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         nominal = _flange_direction(session.runs[0].arm) * variant.shape["reach_m"]
-        change = np.column_stack([point_mass(nominal), moment_change(nominal)])
+        axes = _acting_axes(session.runs[0].arm)
+        change = np.column_stack([point_mass(nominal), moment_change(nominal)[:, axes]])
         return [run.regressor[:, :, -10:] @ change for run in session.runs]
 
     def parameters(
@@ -67,11 +68,13 @@ class UnknownPayload(Effect):
         nominal = _flange_direction(session.runs[0].arm) * variant.shape["reach_m"]
         # Without a mass there is no centre of one; a gram keeps the quotient finite.
         centres = {
-            f"com_{axis}_m": delta_interval(
-                lambda c, k=k: nominal[k] + c[k + 1] / max(c[0], 1e-3), coefficients, covariance
-            )
+            f"com_{axis}_m": Interval(nominal[k], nominal[k] - LARGEST_LEVER, nominal[k] + LARGEST_LEVER)
             for k, axis in enumerate("xyz")
         }
+        for slot, k in enumerate(_acting_axes(session.runs[0].arm), start=1):
+            centres[f"com_{'xyz'[k]}_m"] = delta_interval(
+                lambda c, k=k, slot=slot: nominal[k] + c[slot] / max(c[0], 1e-3), coefficients, covariance
+            )
         return {"mass_kg": coefficient_interval(0, coefficients, covariance), **centres}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
@@ -89,7 +92,8 @@ class UnknownPayload(Effect):
         return f"weigh the tool: {mass} are not in the model; give them as [payload] of session.toml"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return LARGEST_PAYLOAD * np.array([1.0, LARGEST_LEVER, LARGEST_LEVER, LARGEST_LEVER])
+        levers = np.full(len(_acting_axes(session.runs[0].arm)), LARGEST_LEVER)
+        return LARGEST_PAYLOAD * np.concatenate([[1.0], levers])
 
 
 class LinkInertialError(Effect):
@@ -234,6 +238,11 @@ def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:
     placement = arm.model.jointPlacements[arm.n]
     outward = float(placement.translation @ (placement.rotation @ axis))
     return -axis if outward < 0.0 else axis
+
+
+def _acting_axes(arm: ArmModel) -> list[int]:
+    """Axes of the last link's frame along which a shifted load changes some torque."""
+    return [column - 1 for column in _acting(arm, arm.n - 1) if column > 0]
 
 
 def _link_change(arm: ArmModel, link: int) -> Float[Array, "10 4"]:

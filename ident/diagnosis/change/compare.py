@@ -109,7 +109,7 @@ def _search(look: SharedLook, seed: int, settings: SelectionSettings) -> Search:
     alone = look.sides.counts == (1, 1)
     barred = {group.key for group in evidence.layout.groups if alone and group.effect.id in OF_FRICTION}
     held_out = _LaterOnly(evidence, look.prior, look.sides.later_folds)
-    return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings)
+    return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings=settings)
 
 
 def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Told:

@@ -12,13 +12,15 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.regression.design import Layout
+from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 
 # Ridge of the noise regression, as a share of each column's power: it only keeps the solve well-posed.
 NOISE_RIDGE = 1e-4
+# The same of a column that is to have no coefficient.
+HELD_AT_ZERO = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,7 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     # does to the coefficients is little, and what it adds to the residual is known.
     gram = x.T @ x
     ridge = np.diag(NOISE_RIDGE * np.diag(gram)[:-1] + 1e-9)
+    ridge += np.diag(HELD_AT_ZERO * np.diag(gram)[:-1] * _mostly_noise(j, held, np.diag(gram)[:-1]))
     inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
     estimate = inverse @ gram[:-1, -1]
     # Every coefficient takes a share of the noise with it.
@@ -79,6 +82,19 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
     level = max(own, settings.least_own_noise * covariance[0])
     return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def _mostly_noise(j: int, held: Sequence[Rows], power: Float[Array, " p"]) -> Bool[Array, " p"]:
+    """Which candidates' columns are more encoder noise than motion.
+
+    Made of the same positions as the baseline's, they know its encoder noise, and would pass for what explains it.
+    """
+    noise = np.zeros(len(power))
+    for rows in held:
+        if rows.noise is not None:
+            noise += np.sum(rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0)
+    noise[: held[0].rank + LOSS_FIGURES] = 0.0
+    return np.asarray(noise > 0.5 * power)
 
 
 def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array, " t"]:

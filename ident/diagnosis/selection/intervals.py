@@ -234,6 +234,28 @@ def _beside(
     return found
 
 
+def _without_name(
+    search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
+) -> list[float]:
+    """Log evidence of the laws that no arm has, as far as they explain what a name does.
+
+    Where one of them explains it better by far, something of that shape is there that the catalogue lacks.
+    """
+    evidence, gram = search.evidence, search.evidence.gram()
+    best: dict[Key, tuple[float, Group]] = {}
+    for rival in evidence.layout.groups:
+        if rival.key in search.absurd:
+            score = search.score_of(projection, rival)
+            if score > best.get(rival.key, (-np.inf, rival))[0]:
+                best[rival.key] = score, rival
+    found = []
+    for score, rival in best.values():
+        left = search.score_of(project(gram, evidence, search.prior, [*others, rival]), group)
+        if left <= 0.0:
+            found.append(score / spare)
+    return found
+
+
 def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
 ) -> tuple[float, tuple[str, ...]]:
@@ -254,7 +276,8 @@ def weigh_rivals(
         best_of_effect[effect] = max(best_of_effect.get(effect, -np.inf), score)
     best_of_effect[group.effect.id] = own
     ids = list(best_of_effect)
-    logs = held.temper * np.array([*best_of_effect.values(), 0.0])
+    nameless = _without_name(search, projection, group, others, spare)
+    logs = held.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
     weights = np.exp(logs - logs.max())
     probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
     near = sorted(

@@ -141,6 +141,7 @@ class Search:
         held_out: Scores on runs left out.
         seed: Of the sign flips.
         barred: Candidates that can't be it, whatever they explain.
+        absurd: Those of them whose figures no arm has.
         settings: What candidates are held to.
     """
 
@@ -149,6 +150,7 @@ class Search:
     held_out: HeldOut
     seed: int = 0
     barred: frozenset[Key] = frozenset()
+    absurd: frozenset[Key] = frozenset()
     settings: SelectionSettings = USUAL_SELECTION
 
     def run(self) -> SearchResults:
@@ -231,9 +233,7 @@ class Search:
             own = gain - projection.gain_without(group, essential)
             if 0.5 * own - len(essential) * column < self.settings.essential_nats:
                 gain = own
-        # A column that nothing is seen of (a payload's height, on an arm that never tilts it) fits nothing.
-        free = max(int(projection.seen(group.columns).sum()), 1)
-        return 0.5 * gain - free * column - self._choices[group.effect.id]
+        return 0.5 * gain - len(group.columns) * column - self._choices[group.effect.id]
 
     @cached_property
     def _choices(self) -> dict[str, float]:

@@ -182,6 +182,22 @@ def test_whitening_finds_an_autoregression() -> None:
     assert noise.level[0] == pytest.approx(0.25, rel=0.05)
 
 
+def test_a_column_of_encoder_noise_explains_no_noise() -> None:
+    """Law: what is mostly encoder noise knows that of the model's own columns; the level is what it is without it."""
+    rng = np.random.default_rng(5)
+    held = []
+    for run in range(4):
+        error = rng.standard_normal(1500)
+        candidate = error + 0.05 * rng.standard_normal(1500)
+        table = np.column_stack([rng.standard_normal((1500, 3)), candidate, 0.4 * error])
+        drawn = np.zeros_like(table)
+        drawn[:, 3] = rng.standard_normal(1500)
+        counts, blocks = np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)
+        held.append(Rows(run, 0, (table,), counts, blocks, (drawn,)))
+    layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
+    assert estimate_noise(layout, held).level[0] == pytest.approx(0.4, rel=0.05)
+
+
 def test_whitening_finds_the_noise_of_the_recordings(healthy: Analysis) -> None:
     """Bound: white noise of 0.3 N m at 50 Hz, filtered at 10 Hz, leaves 0.3 √(10 / 25) N m of level; to 15 %."""
     assert np.allclose(healthy.evidence.whitening.level, 0.3 * np.sqrt(10.0 / 25.0), rtol=0.15)

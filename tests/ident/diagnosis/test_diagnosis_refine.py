@@ -12,7 +12,7 @@ from ident.arrays import Array
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.selection.intervals import solve_effects, widened
+from ident.diagnosis.selection.intervals import solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
@@ -69,6 +69,31 @@ def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(
     assert other.key == best.key
     gain, error = search.held_out.score([other]).gain_over(before)
     assert gain > error
+
+
+def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_arm: ArmModel) -> None:
+    """Law: what was refused for its figures has not been explained by a weaker name; what explains something else has
+    no say.
+    """
+    analysis = analyse(short_arm, stribeck_on_1)
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    best = search.best_by_key(projection)
+    truth = best[("stribeck_friction", 0, None)][1]
+    weaker = next(
+        group
+        for score, group in sorted(best.values(), key=lambda pair: -pair[0])
+        if group.joint == 0 and group.effect.id not in ("stribeck_friction", "presliding_hysteresis")
+    )
+    barred = replace(search, barred=frozenset({truth.key}))
+    absurd = replace(barred, absurd=frozenset({truth.key}))
+    assert (
+        weigh_rivals(absurd, projection, weaker, [], 1.0)[0]
+        < 0.01 * weigh_rivals(barred, projection, weaker, [], 1.0)[0]
+    )
+    elsewhere = replace(search, absurd=frozenset({weaker.key}), barred=frozenset({weaker.key}))
+    assert weigh_rivals(elsewhere, projection, truth, [], 1.0)[0] > 0.9
 
 
 def test_intervals_hold_what_laws_may_differ() -> None:

@@ -40,7 +40,7 @@ def make_context(arm: ArmModel, name: str, time: Any, q: Any, dq: Any, ddq: Any)
     std = np.tile([[1e-5], [1e-3], [1e-1]], (1, arm.n))
     motion = Motion(name, arm.joint_names, time, q, dq, ddq, np.zeros_like(q), Lowpass.design(RATE), std)
     rigid, direction = arm.inverse_dynamics(q, dq, ddq), np.tanh(dq / 0.01)
-    return RunContext(motion, arm, rigid, rigid, COULOMB * direction + VISCOUS * dq, direction)
+    return RunContext(motion, arm, rigid, rigid, COULOMB[: arm.n] * direction + VISCOUS[: arm.n] * dq, direction)
 
 
 def make_session(

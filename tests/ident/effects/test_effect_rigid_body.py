@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from smooth_motion import Recover
+from smooth_motion import Recover, make_session
 
 from ident.arrays import Array
 from ident.effects.base import SessionContext
@@ -29,6 +29,20 @@ def test_a_payload_is_found_with_its_centre(session: SessionContext, recover: Re
     np.testing.assert_allclose(found["mass_kg"].value, 1.5, rtol=0.01)
     for axis, place in zip("xyz", com, strict=True):
         np.testing.assert_allclose(found[f"com_{axis}_m"].value, place, atol=0.005)
+
+
+def test_a_load_has_a_height_only_where_it_is_tilted(session: SessionContext) -> None:
+    """On a SCARA no motion shows how far below the flange the load hangs: it has no column for it."""
+    scara = ArmModel.load("scara")
+    hanging = make_session(scara, seconds=2.0, runs=1)
+    effect = find_effect("payload")
+    columns = {
+        name: effect.columns(one, 0, effect.variants(one, 0)[0])[0].shape[-1]
+        for name, one in (("scara", hanging), ("six joints", session))
+    }
+    assert columns == {"scara": 3, "six joints": 4}
+    figures = effect.parameters(hanging, 0, effect.variants(hanging, 0)[0], np.ones(3), np.eye(3))
+    assert figures["com_z_m"].high - figures["com_z_m"].low == pytest.approx(0.6)
 
 
 def test_the_tool_side_is_the_flanges(arm: ArmModel) -> None:
