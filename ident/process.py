@@ -14,9 +14,8 @@ from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 from ident.errors import InputError, visible
+from ident.exit_status import SIGNALLED, SYSTEM, USER
 
-# Exit statuses: the user's input, the system's own faults (sysexits.h: EX_IOERR), and 128 + the signal after one.
-USER, SYSTEM, SIGNALLED = 2, 74, 128
 # What consoles without these characters show instead.
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
 PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "sqrt", "µ": "u", "Δ": "d"}

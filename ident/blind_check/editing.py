@@ -33,8 +33,8 @@ from ident.motion.settings import FOR_DIAGNOSIS
 from ident.opening import inspect_paths, open_sessions
 from ident.plant.answer import Answer, open_envelope
 from ident.plant.simulate import SimulationOptions, simulate
-from ident.reading import read_json
 from ident.recordings.recording import Session
+from ident.untrusted_files import read_json
 
 # The other motions: one of each of the first kinds, about a minute together [s].
 MOST_RUNS, LONGEST_RUN_S = 5, 12.0

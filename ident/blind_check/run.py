@@ -24,7 +24,7 @@ from ident.plant.answer import open_envelope
 from ident.plant.simulate import SimulationOptions
 from ident.plant.world_presets import find_worlds
 from ident.provenance import Provenance
-from ident.reading import read_json
+from ident.untrusted_files import read_json
 from ident.workers import run_tasks
 
 RUN_NAME, REPORT_NAME = "run.json", "blind.json"

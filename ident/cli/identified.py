@@ -9,11 +9,10 @@ import typer
 
 from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console, write_json
 from ident.errors import visible
+from ident.exit_status import NOT_PASSED
 from ident.files import deliver
 from ident.ownership import check_outputs
 
-# Exit status where a limit is not kept.
-NOT_PASSED = 3
 Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
 
 

@@ -49,8 +49,8 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
+from ident.effects.backlash import Backlash
 from ident.effects.base import Effect
-from ident.effects.compliance import Backlash, JointElasticity
 from ident.effects.contact import ExternalContact
 from ident.effects.friction import (
     AsymmetricFriction,
@@ -60,6 +60,7 @@ from ident.effects.friction import (
     StribeckFriction,
 )
 from ident.effects.informative_motions import SHOWINGS
+from ident.effects.joint_elasticity import JointElasticity
 from ident.effects.memory import PreslidingHysteresis, ThermalFriction
 from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
 from ident.effects.ripple import TorqueRipple

@@ -10,7 +10,6 @@ import pyarrow as pa
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.reading import read_json
 from ident.recordings.bag_topics import join_topics, load_topics
 from ident.recordings.columns import TIME
 from ident.recordings.dialect import SNIFF_BYTES, is_number, sniff
@@ -20,6 +19,7 @@ from ident.recordings.matlab import load_mat
 from ident.recordings.parquet import column_numbers, load_npz, spread_joints
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.text import read_text_table
+from ident.untrusted_files import read_json
 
 # Columns that hold text in most of so many first rows are left out.
 LOOKED_AT = 50

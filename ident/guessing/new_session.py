@@ -29,7 +29,6 @@ from ident.guessing.units import (
     torque_of,
 )
 from ident.ownership import ELSEWHERE, require_plain
-from ident.reading import toml_key
 from ident.recordings.columns import TIME
 from ident.recordings.lerobot import is_dataset
 from ident.recordings.load import METADATA, SUFFIXES
@@ -37,6 +36,7 @@ from ident.recordings.session_toml import NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.telemetry.report import TelemetryReport
+from ident.untrusted_files import toml_key
 
 SCHEMA = "ident.new/1"
 HEAD = "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then `ident inspect`."

@@ -21,11 +21,11 @@ from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, los
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
-from ident.reading import read_text, read_toml
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.robot.lumped import build_lumped_arm
+from ident.untrusted_files import read_text, read_toml
 
 if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
     from ident.model.residual_net import ResidualNet, TrainingHistory

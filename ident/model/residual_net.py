@@ -33,7 +33,7 @@ from ident.model.drawn_units import solve_net, width_of
 from ident.model.joint_nets import JointNets
 from ident.model.net_gate import JointGate, judge_net
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
-from ident.reading import read_json, require_regular
+from ident.untrusted_files import read_json, require_regular
 
 if TYPE_CHECKING:
     from ident.model.dense_training import Progress

@@ -22,8 +22,8 @@ from ident.motion.settings import FOR_DIAGNOSIS
 from ident.patches.standalone.chain import Array
 from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.motion import Losses
-from ident.reading import read_json, require_finite
 from ident.robot.arm import ArmModel
+from ident.untrusted_files import read_json, require_finite
 
 WHOLE_ARM = -1
 # Ends of names of figures that no body or gear has below zero.

@@ -16,7 +16,7 @@ from typing import Any
 
 from ident.errors import InputError
 from ident.files import atomic_write
-from ident.reading import read_json
+from ident.untrusted_files import read_json
 
 SCHEMA = "ident.answer/1"
 ENVELOPE_SCHEMA = "ident.envelope/1"

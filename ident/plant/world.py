@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ident.errors import InputError
-from ident.reading import read_toml
+from ident.untrusted_files import read_toml
 
 EncoderSide = Literal["motor", "link"]
 VelocityChannel = Literal["none", "differenced", "filtered", "true"]

@@ -10,9 +10,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.reading import toml_key
 from ident.recordings.recording import CHANNELS, Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
+from ident.untrusted_files import toml_key
 
 TIME = "time"
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")

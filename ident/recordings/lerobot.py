@@ -22,13 +22,13 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.reading import read_json
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, assemble, native_names
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import Recording
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import spread_list
+from ident.untrusted_files import read_json
 
 INFO = Path("meta/info.json")
 CHANNEL_OF = {

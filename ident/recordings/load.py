@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from ident.errors import RecordingError
-from ident.reading import require_regular
 from ident.recordings.columns import Table, assemble
 from ident.recordings.lerobot import is_dataset, read_dataset
 from ident.recordings.matlab import read_mat
@@ -18,6 +17,7 @@ from ident.recordings.parquet import read_npz, read_parquet
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
 from ident.recordings.text import read_text_table
+from ident.untrusted_files import require_regular
 
 BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")

@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.reading import read_arrays
 from ident.recordings.arrow import as_numbers
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import list_length, spread_arrays, spread_list
+from ident.untrusted_files import read_arrays
 
 
 def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import RecordingError
-from ident.reading import read_toml
 from ident.recordings.recording import Payload
+from ident.untrusted_files import read_toml
 
 NAME = "session.toml"
 KEYS = (

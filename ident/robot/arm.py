@@ -13,13 +13,13 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
-from ident.reading import read_text
 from ident.recordings.recording import Payload
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.names import find_urdf
 from ident.robot.regressor import compute_regressor
 from ident.robot.urdf import normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
+from ident.untrusted_files import read_text
 
 THREADS = 2
 

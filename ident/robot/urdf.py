@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, RobotError
-from ident.reading import DEEPEST
+from ident.errors import RobotError
+from ident.robot.untrusted_xml import read_xml
 from ident.robot.urdf_checks import check_urdf
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -23,24 +22,6 @@ def parse_urdf(text: str, where: str) -> ET.Element:
     if root.tag != "robot":
         raise RobotError(where, f"the root element is <{root.tag}>, not <robot>", "give a URDF file (expand xacro)")
     check_urdf(root, where)
-    return root
-
-
-def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError]) -> ET.Element:
-    """The root element of an XML text.
-
-    Raises:
-        InputError: Not XML, or nested deeper than readers of robots can follow.
-    """
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as failed:
-        raise error(where, f"not XML ({failed})", remedy) from None
-    level, depth = [root], 0
-    while level:
-        level, depth = [child for element in level for child in element], depth + 1
-        if depth > DEEPEST:
-            raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
     return root
 
 

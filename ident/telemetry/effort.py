@@ -17,11 +17,11 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.numerics import solve_non_negative
-from ident.reading import toml_key
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.filtered_run import FilteredRun, filter_run
 from ident.telemetry.report import joints_at
+from ident.untrusted_files import toml_key
 
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
 TRANSITION_RAD_S = 0.02

@@ -15,8 +15,8 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import family_for
 from ident.errors import InputError
-from ident.reading import read_json, require_finite
 from ident.robot.arm import ArmModel
+from ident.untrusted_files import read_json, require_finite
 from plan.experiment.distance import View
 from plan.experiment.indistinguishable import widen
 from plan.experiment.sizes import Told

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pinocchio as pin
 
-from ident.reading import read_text
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import read_xml
+from ident.robot.untrusted_xml import read_xml
+from ident.untrusted_files import read_text
 from plan.errors import SceneError
 
 

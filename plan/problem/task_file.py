@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.reading import read_toml
 from ident.recordings.recording import Payload
+from ident.untrusted_files import read_toml
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
 from plan.problem.obstacle_tables import floor_box, read_shape

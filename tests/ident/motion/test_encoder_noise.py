@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.motion.encoder import draw_errors, find_resolution
+from ident.motion.encoder_band import keep_band
+from ident.motion.encoder_noise import draw_errors, find_resolution
 from ident.motion.motion import prepare_run, session_noise
 from ident.motion.out_of_core import SpooledMotions, within_band
-from ident.motion.signal_band import keep_band
 from ident.motion.smoothing import NoiseLevels, smooth
 from ident.recordings.recording import Recording, Session
 

@@ -17,9 +17,9 @@ from ident.errors import InputError
 from ident.patches.change import Diagnosed
 from ident.patches.command import write_patch
 from ident.patches.verify import load_module
-from ident.reading import toml_key
 from ident.robot.arm import ArmModel
 from ident.show.report import write_diagnosis_report
+from ident.untrusted_files import toml_key
 from tests.ident.patches.diagnoses import write_diagnosis
 
 CODE = "__import__('pathlib').Path('RUN').touch()"

@@ -1,0 +1,94 @@
+"""Gears that give way: what a joint's link does behind its motor, and what all joints feel of it.
+
+The measured position is the motor's; the link lags by a deflection δ. With the motor's motion given, the link's own
+equation of motion is one of a single unknown, linear in small δ:
+
+    M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
+
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. It is integrated over
+the recording, which holds near the resonance too, where a series in 1/K does not. What all joints feel of it is
+−(M δ'' + V δ' + P δ), with the whole column of each derivative.
+
+Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959) with some numerical damping.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array, Float
+from ident.effects.base import RunContext, SessionContext
+from ident.effects.typical_sizes import sampled_states
+
+LONGEST_STEP = 0.002  # [s]
+# Factors of the finer grids around the best stiffness or gap.
+FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+
+
+def mean_inertia(session: SessionContext, joint: int) -> float:
+    """Mean inertia of the link side about a joint [kg m²]."""
+    mass_matrix = session.runs[0].arm.derivatives(*sampled_states(session))[2]
+    return max(float(np.mean(mass_matrix[:, joint, joint])), 1e-6)
+
+
+def deflect(
+    run: RunContext, joint: int, stiffness: float, damping: float, gap: float
+) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
+    """Deflection of the joint and its rate [rad, rad/s]."""
+    position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
+    load = np.ascontiguousarray(run.link[:, joint])
+    steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
+    return _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps)
+
+
+def felt_torque(run: RunContext, joint: int, twist: Array, rate: Array) -> Float[Array, "T n"]:
+    """What all joints feel of a deflection [N m]."""
+    position, velocity, inertia = (part[:, :, joint] for part in run.derivatives)
+    change = np.gradient(rate, run.interval)
+    return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+
+
+@njit(cache=True)
+def _integrate(
+    load: Array,
+    inertia: Array,
+    velocity: Array,
+    position: Array,
+    stiffness: float,
+    damping: float,
+    half: float,
+    interval: float,
+    steps: int,
+) -> tuple[Array, Array]:
+    """Newmark's method; the gear pushes only beyond ±half, and damps only there."""
+    gamma, beta = 0.6, 0.3025
+    h = interval / steps
+    twist, rate = np.empty(len(load)), np.empty(len(load))
+    x = load[0] / (stiffness + position[0]) + half * np.sign(load[0])
+    v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
+    twist[0], rate[0] = x, v
+    for k in range(1, len(load)):
+        for step in range(1, steps + 1):
+            w = step / steps
+            force = load[k - 1] + w * (load[k] - load[k - 1])
+            mass = inertia[k - 1] + w * (inertia[k] - inertia[k - 1])
+            drag = velocity[k - 1] + w * (velocity[k] - velocity[k - 1])
+            pull = position[k - 1] + w * (position[k] - position[k - 1])
+            x_ahead = x + h * v + h * h * (0.5 - beta) * a
+            v_ahead = v + h * (1.0 - gamma) * a
+            side = 0.0 if abs(x_ahead) < half else np.sign(x_ahead)
+            for _ in range(4):
+                touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
+                k_all, d_all = touch * stiffness + pull, touch * damping + drag
+                a = (force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead) / (
+                    mass + gamma * h * d_all + beta * h * h * k_all
+                )
+                x = x_ahead + beta * h * h * a
+                found = 0.0 if abs(x) < half else np.sign(x)
+                if found == side or half == 0.0:
+                    break
+                side = found
+            v = v_ahead + gamma * h * a
+        twist[k], rate[k] = x, v
+    return twist, rate
