@@ -22,10 +22,11 @@ from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, inflation
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.settle import settle
 from ident.diagnosis.verdict import decide, find_floors, find_nearest, find_unexplained, stands_out

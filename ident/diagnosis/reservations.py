@@ -11,8 +11,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.intervals import Estimate
-from ident.diagnosis.selection.search import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval, SessionContext
 from ident.effects.plausible import impossible, undefined

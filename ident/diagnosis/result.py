@@ -16,7 +16,7 @@ from ident.diagnosis.gap.improvement import Reach
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
-from ident.diagnosis.selection.search import Named
+from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.verdict import Nearest
 from ident.effects.base import Effect

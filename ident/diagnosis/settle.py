@@ -14,10 +14,11 @@ from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.wandering import chance_of_law
 from ident.diagnosis.reservations import Reservation, find_implausible
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
-from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.urdf_share import one_link_is_wrong, scale_evidence
 from ident.effects.base import SessionContext
 

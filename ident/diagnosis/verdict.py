@@ -13,8 +13,8 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.trees import Ceiling
 from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.prior_check import Tolerance
-from ident.diagnosis.selection.search import SearchResults
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 
 

@@ -26,9 +26,10 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
+from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval

@@ -15,7 +15,8 @@ from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings, TreeSettings
 from ident.diagnosis.gap.shapley import shapley_shares
 from ident.diagnosis.gap.trees import measure_ceiling
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.selection.search import Search, SearchResults
+from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.search import Search
 
 
 @dataclass(frozen=True, eq=False)

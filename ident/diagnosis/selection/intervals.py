@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Key, Named, Search
+from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext
 
 # Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.

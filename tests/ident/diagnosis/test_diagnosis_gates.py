@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ident.diagnosis.selection.search import Gates
+from ident.diagnosis.selection.gates import Gates
 
 CLEAR = Gates(
     p_value=0.001,

@@ -10,7 +10,7 @@ import pytest
 from ident import InputError
 from ident import diagnose as diagnose_files
 from ident.diagnosis.diagnose import diagnose
-from ident.diagnosis.selection.search import Gates
+from ident.diagnosis.selection.gates import Gates
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.settings import USUAL
 from ident.effects.catalogue import find_effect

@@ -1,0 +1,195 @@
+"""What each candidate shows beside others: its evidence, its test, its held-out scores, and by these its gates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
+from ident.diagnosis.regression.design import Group, Key
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.selection.gates import Gates, Named
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """All effects of a session that may get a name, each at all its inner figures.
+
+    Attributes:
+        evidence: Sums of the session.
+        prior: The URDF's tolerance.
+        held_out: Scores on runs left out.
+        seed: Of the sign flips.
+        barred: Candidates that can't be it, whatever they explain.
+        absurd: Those of them whose figures no arm has.
+        settings: What candidates are held to.
+    """
+
+    evidence: Evidence
+    prior: Prior
+    held_out: HeldOut
+    seed: int = 0
+    barred: frozenset[Key] = frozenset()
+    absurd: frozenset[Key] = frozenset()
+    settings: SelectionSettings = USUAL_SELECTION
+
+    def judged_beside(self, gram: Array, groups: Sequence[Group], slot: int) -> Named:
+        """What one of several effects shows beside all the others.
+
+        Args:
+            gram: Sums of the whole session.
+            groups: The effects.
+            slot: Which of them is judged.
+        """
+        others = [other for k, other in enumerate(groups) if k != slot]
+        projection = project(gram, self.evidence, self.prior, others)
+        return self.judge(gram, projection, others, [(self.score_of(projection, groups[slot]), groups[slot])])[0]
+
+    def significant_keys(self, projection: Projection, groups: Sequence[Group]) -> set[Key]:
+        """The names that pass the test of the whole family; those that tuning absorbs are not for it to judge."""
+        p_values = self.p_values(projection, groups)
+        hidden = {g.key for g in groups if g.effect.event or (g.effect.inertia_like and self.least_seen(projection, g))}
+        return hidden | {key for key, value in p_values.items() if value <= self.settings.family_error}
+
+    def helps(self, projection: Projection, others: Sequence[Group], group: Group) -> bool:
+        """Whether a group beside others does better than they on held-out runs.
+
+        Events can't be held out, and of what tuning absorbs held-out runs tell nothing.
+        """
+        if group.effect.event or (group.effect.inertia_like and self.least_seen(projection, group)):
+            return True
+        return self.held_out.score([*others, group]).gain_over(self.held_out.score(others))[0] > 0.0
+
+    def score_of(self, projection: Projection, group: Group) -> float:
+        """Log evidence that a group adds: half the fall of the misfit, less what its freedom and its grid cost.
+
+        Columns that make a group what it is must earn their own place; until they do, they alone count.
+        """
+        gain, _ = projection.gain(group)
+        column = 0.5 * float(np.log(self._samples(group)))
+        essential = group.effect.essential(group.variant)
+        if essential:
+            own = gain - projection.gain_without(group, essential)
+            if 0.5 * own - len(essential) * column < self.settings.essential_nats:
+                gain = own
+        return 0.5 * gain - len(group.columns) * column - self._choices[group.effect.id]
+
+    @cached_property
+    def _choices(self) -> dict[str, float]:
+        """For each effect the log of all its points and places: effects are as likely as each other beforehand."""
+        groups = self.evidence.layout.groups
+        counts = {effect.id: effect.screens for effect in (group.effect for group in groups)}
+        return {name: float(np.log(n * sum(g.effect.id == name for g in groups))) for name, n in counts.items()}
+
+    def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
+        """For each effect and joint its best inner figures and their log evidence."""
+        taken = {group.key for group in without} | self.barred
+        best: dict[Key, tuple[float, Group]] = {}
+        for group in self.evidence.layout.groups:
+            if group.key in taken:
+                continue
+            score = self.score_of(projection, group)
+            if group.key not in best or score > best[group.key][0]:
+                best[group.key] = (score, group)
+        return best
+
+    def least_seen(self, projection: Projection, group: Group) -> bool:
+        """Whether the tuned baseline leaves next to nothing of a group."""
+        return bool(projection.visibility(group.columns).max() < self.settings.absorbed_below)
+
+    def _samples(self, group: Group) -> float:
+        counts = self.evidence.samples
+        return float(max(counts[group.joint] if group.effect.rows == "own" else counts.sum(), 10.0))
+
+    @cached_property
+    def fixed(self) -> HeldOut:
+        """Held-out scores with the URDF held fast."""
+        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor / self.prior.factor))
+
+    def judge(
+        self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]
+    ) -> list[Named]:
+        """What candidates, given with their evidence, show beside the chosen effects, of which `tuned` is the model."""
+        held_fast = project(gram, self.evidence, self.fixed.prior, chosen)
+        p_values = self.p_values(tuned, [group for _, group in short])
+        without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
+        found = []
+        for score, group in short:
+            seen, fast = (float(p.visibility(group.columns).max()) for p in (tuned, held_fast))
+            absorbed = (
+                group.effect.inertia_like
+                and seen < self.settings.absorbed_below
+                and fast > self.settings.absorbed_ratio * seen
+            )
+            scorer = self.fixed if absorbed else self.held_out
+            if absorbed not in without:
+                without[absorbed] = scorer.score(), scorer.score(chosen)
+            first, before = without[absorbed]
+            after = scorer.score([*chosen, group])
+            gates = self._gates(group, p_values[group.key], score, absorbed, (first, before, after))
+            found.append(Named(group, gates, before, after, absorbed))
+        return found
+
+    def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
+        """Least family-wise p-value of each short-listed effect over its grid."""
+        scores = block_scores(self.evidence, projection)
+        folds = self.evidence.fold_of_block
+        by_run = np.array([scores[folds == fold].sum(axis=0) for fold in np.unique(folds)])
+        wanted = {group.key for group in short}
+        quick = [g for g in self.evidence.layout.groups if not g.effect.by_run]
+        slow = [g for g in self.evidence.layout.groups if g.effect.by_run]
+        least: dict[Key, float] = {}
+        rng = np.random.default_rng(self.seed)
+        for group, value in zip(quick, family_p_values(scores, quick, rng, self.settings), strict=True):
+            if group.key in wanted:
+                least[group.key] = min(least.get(group.key, 1.0), float(value))
+        if any(group.key in wanted for group in slow):
+            found = family_p_values_by_run(by_run, projection.rest, slow, rng, self.settings)
+            least.update({key: value for key, value in found.items() if key in wanted})
+        return least
+
+    def _gates(
+        self,
+        group: Group,
+        p_value: float,
+        score: float,
+        absorbed: bool,
+        scores: tuple[HeldOutScore, HeldOutScore, HeldOutScore],
+    ) -> Gates:
+        """Figures of a candidate from held-out scores of the baseline alone, without and with it."""
+        floor = self.evidence.floor
+        joints = group.acts_on(self.evidence.layout.n)
+        start, old, new = (one.rms[joints] for one in scores)
+        fall = 1.0 - new / np.maximum(old, 1e-12)
+        closed = old**2 - new**2
+        first = _reducible(start, floor[joints])
+        gap = closed / (first if group.effect.event else _reducible(old, floor[joints]))
+        most = int(np.argmax(fall))
+        share = float(np.sum(closed / floor[joints] ** 2) / np.sum(_reducible(scores[0].rms, floor) / floor**2))
+        if group.effect.event:
+            p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
+        return Gates(
+            p_value=p_value,
+            log_score=scores[2].gain_over(scores[1]),
+            rms_fall=float(fall[most]),
+            gap_fall=float(gap[most]),
+            share=share,
+            own_share=float(closed[most] / first[most]),
+            evidence=score,
+            absorbed=absorbed,
+            event=group.effect.event,
+            bursts=group.effect.bursts,
+            settings=self.settings,
+        )
+
+
+def _reducible(rms: Array, floor: Array) -> Array:
+    """Mean square above the noise, of which a model may close some; a little where there is none [N² m²]."""
+    return np.asarray(np.maximum(rms**2 - floor**2, 1e-3 * rms**2))

@@ -1,0 +1,125 @@
+"""The gates that a name must pass, and what came of the candidates.
+
+1. The sign-flip test over all candidates: family-wise error 5 %.
+2. The log score on held-out runs gains more than one standard error.
+3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
+   10 % or more of what is left above the noise. What comes in bursts drowns in a mean over the session: there the
+   evidence must make up for the 2 %.
+
+An effect that acts like wrong inertias (a payload, another link's mass, a scaled torque) is no gap at all once every
+inertia may be tuned: the tuned model explains it, by changes that are too large to be believed. Such an effect is
+judged by the evidence, in which the URDF's tolerances count, and its size against the URDF held fast.
+
+Whatever it is, an effect must close some share of the gap that there was before anything was named: less may be what is
+left of a cause whose law is not quite the catalogue's. Beside a cause of eight times its size no other is named at the
+same joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.diagnosis.regression.cross_validation import HeldOutScore
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Gates:
+    """What an effect showed when it was asked for its name.
+
+    Attributes:
+        p_value: Family-wise, of the sign-flip test.
+        log_score: Gain on held-out runs [nats], and its standard error.
+        rms_fall: Largest share by which a joint's held-out error falls.
+        gap_fall: The same as a share of the mean square above the noise that was left; of an event, that there was.
+        share: Share of all joints' gap that it closes, each joint in units of its noise.
+        own_share: Share of its joint's gap that it closes, of what there was before anything was named.
+        evidence: Log evidence [nats]: with the shares the only gate of an absorbed effect, and one of an event.
+        absorbed: Whether it is one.
+        event: Whether it happened once.
+        bursts: Whether it comes in bursts.
+        settings: What it is held to.
+    """
+
+    p_value: float
+    log_score: tuple[float, float]
+    rms_fall: float
+    gap_fall: float
+    share: float
+    own_share: float
+    evidence: float
+    absorbed: bool
+    event: bool = False
+    bursts: bool = False
+    settings: SelectionSettings = USUAL_SELECTION
+
+    @property
+    def passed(self) -> bool:
+        held = self.settings
+        if self.event:
+            strong = self.evidence >= held.event_nats and self.gap_fall >= held.event_gap_fall
+            return strong and self.share >= held.least_share
+        counts = self.share >= held.least_share and self.own_share >= held.least_own_share
+        if self.absorbed:
+            return self.evidence >= held.absorbed_nats and counts
+        gain, error = self.log_score
+        large = self.rms_fall >= held.least_rms_fall or (self.bursts and self.evidence >= held.burst_nats)
+        large = large and self.gap_fall >= held.least_gap_fall and counts
+        return self.p_value <= held.family_error and gain > error and large
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether chance alone would hardly have made it so good, passed or not."""
+        held = self.settings
+        nats = held.event_nats if self.event else held.unlikely_nats
+        told = self.log_score[0] > 0.0 and self.rms_fall >= held.least_told_fall
+        return self.passed or (self.p_value <= held.unlikely and self.evidence >= nats and told)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that was judged, at its best inner figures.
+
+    Attributes:
+        group: The effect.
+        gates: How it did.
+        before, after: Held-out scores without and with it, in the view in which it was judged.
+        absorbed: Whether tuning the inertias hides it, so that it was judged with the URDF held fast.
+    """
+
+    group: Group
+    gates: Gates
+    before: HeldOutScore
+    after: HeldOutScore
+    absorbed: bool = False
+
+    @property
+    def shown(self) -> list[int]:
+        """Joints at which it shows: its own, or those where the error falls by at least a third of the most."""
+        if self.group.effect.rows == "own":
+            return [self.group.joint]
+        fall = 1.0 - self.after.rms / np.maximum(self.before.rms, 1e-12)
+        return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResults:
+    """What the search found.
+
+    Attributes:
+        named: The effects, in the order in which they were found.
+        ladder: Held-out scores of the baseline and after each named effect.
+        refused: The best candidate that did not pass, or whose name a rival took, and what it showed.
+    """
+
+    named: tuple[Named, ...]
+    ladder: tuple[HeldOutScore, ...]
+    refused: Named | None
+
+    @property
+    def hint(self) -> Named | None:
+        """The best candidate that got no name, if chance alone would hardly have made it so good."""
+        return self.refused if self.refused and self.refused.gates.beyond_chance else None
