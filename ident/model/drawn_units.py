@@ -60,7 +60,12 @@ def width_of(inputs: int) -> int:
 
 
 def solve_net(
-    x: Float[Array, "T f"], y: Float[Array, " T"], counts: Bool[Array, " T"], fold: Int[Array, " T"], seed: int
+    x: Float[Array, "T f"],
+    y: Float[Array, " T"],
+    counts: Bool[Array, " T"],
+    fold: Int[Array, " T"],
+    seed: int,
+    strange: Float[Array, "T f"] | None = None,
 ) -> SolvedNet:
     """The net of one joint.
 
@@ -70,6 +75,7 @@ def solve_net(
         counts: Rows that count.
         fold: Which part each row is left out with.
         seed: Of the units.
+        strange: The inputs as a net takes them that has not seen their part; the same if None.
     """
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((x.shape[1], DRAWN)) / np.sqrt(x.shape[1])
@@ -83,7 +89,10 @@ def solve_net(
     sums = _Sums.of(rows[counts], y[counts], fold[counts])
     errors, parts = sums.leave_out(ridge * NEAR)
     best = int(np.argmin(errors))
-    unseen = np.einsum("tp,tp->t", rows, parts[best][np.searchsorted(sums.labels, fold).clip(max=len(sums.labels) - 1)])
+    there = rows if strange is None else _rows(strange, drawn, bias)
+    unseen = np.einsum(
+        "tp,tp->t", there, parts[best][np.searchsorted(sums.labels, fold).clip(max=len(sums.labels) - 1)]
+    )
     return SolvedNet(*_layers(drawn, bias, sums.solve(ridge * NEAR[best])), unseen, float(errors[best]))
 
 

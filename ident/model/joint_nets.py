@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -81,14 +81,11 @@ class JointNets:
             out[:, start : start + ROWS] = shaped.transpose(0, 2, 1)
         return out
 
-    def silenced(self, joints: Iterable[int]) -> JointNets:
-        """The same, the nets of some joints giving nothing."""
-        spoken = np.ones((self.members, self.joints, 1, 1), dtype=np.float32)
-        spoken[:, list(joints)] = 0.0
-        factor = spoken.reshape(-1, 1, 1)
-        return JointNets(
-            self.members, self.joints, tuple(factor * w for w in self.weights), tuple(factor * b for b in self.biases)
-        )
+    def scaled(self, shares: Sequence[float]) -> JointNets:
+        """The same, of each joint's output a share."""
+        factor = np.tile(np.asarray(shares, dtype=np.float32), self.members)[:, None, None]
+        weights, biases = (*self.weights[:-1], factor * self.weights[-1]), (*self.biases[:-1], factor * self.biases[-1])
+        return JointNets(self.members, self.joints, weights, biases)
 
 
 def _single(values: Array) -> Array:

@@ -7,7 +7,8 @@ Two presets. `paper` is the paper's net: 256-512-1024-512-256 tanh, dropout 0.5,
 joint that sees the joint's own speed, acceleration, direction of motion at two scales, and the rigid torque that the
 joint carries (itself a function of q, dq, ddq). It is solved for, not trained (see `drawn_units`); its shape is chosen
 on quarters of the recorded runs left out in turn (neighbouring samples are copies of each other, so a random split
-can't tell fitting from memorising), and it is silent where it doesn't beat "no residual" in torque and energy there.
+can't tell fitting from memorising), and it counts as far as it beats "no residual" in torque and energy there.
+Beyond the speeds, accelerations and loads of its training it says what it says at their edge (see `net_bounds`).
 
 Source: paper, eq. 4 and 6 and section 4.1.
 """
@@ -30,7 +31,9 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
 from ident.model.drawn_units import solve_net, width_of
+from ident.model.held_back import hold_back
 from ident.model.joint_nets import JointNets
+from ident.model.net_bounds import NetBounds
 from ident.model.net_gate import JointGate, judge_net
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
 from ident.untrusted_files import read_json, require_regular
@@ -47,8 +50,6 @@ DIRECTION_SCALES = (0.02, 0.15)
 LOAD_ROUNDING = 0.5
 # Figures a joint that a net a joint is given.
 JOINT_FEATURES = 6
-# Parts that are held back in turn, and the length of the stretches that make them where runs are few [samples].
-FOLDS, STRETCH = 4, 200
 # Samples that a net a joint is solved with: of more, every second or third is taken. Neighbours on the filtered grid,
 # which has four samples a period of the filter's corner, are near-copies.
 MOST_SAMPLES = 8000
@@ -65,6 +66,7 @@ class ResidualNet:
         output_std: Scale of each joint's output [N m], shape (n,).
         history: Errors while training, if it was trained here in steps.
         gate: What the net did on runs that it never saw, joint by joint, if it was fitted here.
+        bounds: Where a net a joint was fitted; the paper's net has none.
     """
 
     options: NetOptions
@@ -74,6 +76,7 @@ class ResidualNet:
     output_std: Float[Array, " n"]
     history: TrainingHistory | None = None
     gate: tuple[JointGate, ...] = ()
+    bounds: NetBounds | None = None
 
     @property
     def n(self) -> int:
@@ -102,6 +105,8 @@ class ResidualNet:
 
         Source: paper, eq. 4.
         """
+        if self.bounds is not None:
+            dq, ddq, rigid = self.bounds.clip(dq, ddq, rigid)
         x = (compute_features(q, dq, ddq, rigid, self.options.preset) - self.input_mean) / self.input_std
         if isinstance(self.network, JointNets):
             return np.asarray(self.network(x).mean(axis=0).astype(float) * self.output_std)
@@ -116,6 +121,8 @@ class ResidualNet:
         record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
+        if self.bounds is not None:
+            record["bounds"] = self.bounds.to_dict()
         with atomic_write(folder / "residual.json") as part:
             part.write_text(json.dumps(record, indent=1), encoding="utf-8")
 
@@ -156,11 +163,12 @@ class ResidualNet:
                 scales = [np.asarray(values, dtype=np.float32) for values in (mean, std, scale)]
             if not all(np.isfinite(values).all() for values in scales) or not (scales[1] > 0).all():
                 raise ValueError("a scale is not finite and positive")
+            bounds = NetBounds.from_dict(record["bounds"], len(scale)) if "bounds" in record else None
         except ModelError:
             raise
         except Exception as error:  # torch, safetensors and json each raise their own
             raise ModelError(path, f"the saved net can't be read ({error})", "fit the model again") from None
-        return cls(options, network, mean, std, scale)
+        return cls(options, network, mean, std, scale, bounds=bounds)
 
 
 def compute_features(
@@ -201,26 +209,6 @@ def _save_arrays(arrays: dict[str, Array], path: Path) -> None:
         raise OSError(EIO, str(error), str(path)) from None
 
 
-def _groups(lengths: Sequence[int], every: int) -> Int[Array, " T"]:
-    """What is held back as a whole: runs, or stretches of them where there are fewer runs than parts."""
-    if len(lengths) >= 2 * FOLDS:
-        return np.repeat(np.arange(len(lengths)), lengths)
-    samples = sum(lengths)
-    return np.arange(samples) // min(max(1, STRETCH // every), max(1, samples // (2 * FOLDS)))
-
-
-def _folds(groups: Int[Array, " T"], rng: np.random.Generator) -> Int[Array, " T"]:
-    """Parts of about the same size."""
-    sizes = np.bincount(groups)
-    order = rng.permutation(len(sizes))
-    order = order[np.argsort(-sizes[order], kind="stable")]
-    filled, part = np.zeros(FOLDS), np.zeros(len(sizes), dtype=int)
-    for group in order:
-        part[group] = int(np.argmin(filled))
-        filled[part[group]] += sizes[group]
-    return part[groups]
-
-
 def fit_residual_net(
     states: Sequence[tuple[Array, Array, Array, Array]],
     residuals: Sequence[Float[Array, "T n"]],
@@ -230,7 +218,7 @@ def fit_residual_net(
     checkpoint: Path | None = None,
     interval: float = 1.0,
 ) -> ResidualNet:
-    """Fits a net to what a model leaves, and silences it where it would not help on runs that it never saw.
+    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_gate`).
 
     Args:
         states: (q, dq, ddq, rigid torque) of every run, each of shape (T, n).
@@ -251,29 +239,46 @@ def fit_residual_net(
     every = 1 if options.preset == "paper" else -(-sum(map(len, residuals)) // MOST_SAMPLES)
     states = [(q[::every], dq[::every], ddq[::every], rigid[::every]) for q, dq, ddq, rigid in states]
     residuals = [part[::every] for part in residuals]
-    x = np.concatenate([compute_features(*state, options.preset) for state in states])
     y = np.concatenate(residuals)
     mask = np.ones_like(y) if moving is None else np.concatenate([part[::every] for part in moving]).astype(float)
-    mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
     scale = np.maximum(np.sqrt((mask * y**2).sum(axis=0) / np.maximum(mask.sum(axis=0), 1.0)), 1e-9)
-    scales = freeze(mean), freeze(std), freeze(scale)
+    q, dq, ddq, rigid = (np.concatenate(parts) for parts in zip(*states, strict=True))
+    whole = (q, dq, ddq, rigid)
     if options.preset == "paper":
         from ident.model.dense_training import train_dense  # torch is slow to load
 
+        x = compute_features(*whole, options.preset)
+        mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
         dense, history = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
-        return ResidualNet(options, dense, *scales, history)
-    groups = _groups([len(part) for part in residuals], every)
-    folds = _folds(groups, np.random.default_rng(options.seed))
-    network, unseen = _solve((x - mean) / std, y / scale, mask > 0.0, folds, options.seed, progress)
-    travel = interval * every * np.concatenate([state[1] for state in states])
-    gate = judge_net(scale * unseen, y, mask > 0.0, travel, groups)
-    network = network.silenced([j for j, one in enumerate(gate) if not one.kept])
+        return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale), history)
+    folds, groups = hold_back([len(part) for part in residuals], every, np.random.default_rng(options.seed))
+    bounds = NetBounds.of(np.stack(whole[1:]), mask > 0.0)
+    x, strange = _features(whole, mask > 0.0, folds, bounds)
+    mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
+    inputs = (x - mean) / std, (strange - mean) / std
+    network, unseen = _solve(inputs, y / scale, mask > 0.0, folds, options.seed, progress)
+    run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
+    gate = judge_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
+    network = network.scaled([one.weight for one in gate])
     shaped = replace(options, hidden=(width_of(x.shape[-1]),), members=1)
-    return ResidualNet(shaped, network, *scales, None, gate)
+    return ResidualNet(shaped, network, freeze(mean), freeze(std), freeze(scale), None, gate, bounds)
+
+
+def _features(
+    state: tuple[Array, Array, Array, Array], counts: Bool[Array, "T n"], folds: Int[Array, " T"], bounds: NetBounds
+) -> tuple[Float[Array, "T n f"], Float[Array, "T n f"]]:
+    """Inputs of a net a joint as the net of all samples sees them, and as the net sees them that has not seen them."""
+    q, dq, ddq, rigid = state
+    unseen = np.empty((*counts.shape, JOINT_FEATURES))
+    for fold in np.unique(folds):
+        left = folds == fold
+        others = NetBounds.of(np.stack(state[1:])[:, ~left], counts[~left]) if not left.all() else bounds
+        unseen[left] = compute_features(q[left], *others.clip(dq[left], ddq[left], rigid[left]), "default")
+    return compute_features(q, *bounds.clip(dq, ddq, rigid), "default"), unseen
 
 
 def _solve(
-    x: Float[Array, "T n f"],
+    inputs: tuple[Float[Array, "T n f"], Float[Array, "T n f"]],
     y: Float[Array, "T n"],
     counts: Bool[Array, "T n"],
     folds: Int[Array, " T"],
@@ -281,10 +286,11 @@ def _solve(
     progress: Progress | None,
 ) -> tuple[JointNets, Float[Array, "T n"]]:
     """The nets of all joints, and what each says of the parts that it was not solved with."""
+    x, strange = inputs
     joints = y.shape[1]
     solved = []
     for j in range(joints):
-        solved.append(solve_net(x[:, j], y[:, j], counts[:, j], folds, seed))
+        solved.append(solve_net(x[:, j], y[:, j], counts[:, j], folds, seed, strange[:, j]))
         if progress is not None:
             progress(j + 1, joints, solved[-1].error)
     weights = tuple(np.stack([one.weights[i] for one in solved]) for i in range(2))

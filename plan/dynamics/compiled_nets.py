@@ -11,6 +11,7 @@ import torch
 
 from ident.arrays import Array, Float
 from ident.model.joint_nets import JointNets
+from ident.model.net_bounds import NetBounds
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
 
 
@@ -107,10 +108,12 @@ class CompiledJointNets:
     Attributes:
         weights: One array a layer, shape (members, n, in, out).
         biases: One array a layer, shape (members, n, out).
+        bounds: Speeds, accelerations and loads of the training; beyond them the net says what it says at their edge.
     """
 
     weights: tuple[Float[Array, "m n i o"], ...]
     biases: tuple[Float[Array, "m n o"], ...]
+    bounds: NetBounds | None = None
 
     @classmethod
     def from_residual(cls, net: ResidualNet) -> CompiledJointNets:
@@ -124,12 +127,25 @@ class CompiledJointNets:
         weights[0] = weights[0] / net.input_std[:, :, None]
         weights[-1] = weights[-1] * net.output_std[:, None, None]
         biases[-1] = biases[-1] * net.output_std[:, None]
-        return cls(tuple(weights), tuple(biases))
+        return cls(tuple(weights), tuple(biases), net.bounds)
 
     def frozen(self, positions: Float[Array, " k"]) -> CompiledJointNets:
         """As in `ResidualTerm`: joints know nothing of each other."""
-        kept = self.weights[0].shape[1] - len(positions)
-        return CompiledJointNets(tuple(w[:, :kept] for w in self.weights), tuple(b[:, :kept] for b in self.biases))
+        return self.of_joints(slice(0, self.weights[0].shape[1] - len(positions)))
+
+    def of_joints(self, joints: slice) -> CompiledJointNets:
+        """The nets of some joints."""
+        bounds = None if self.bounds is None else self.bounds.of_joints(joints)
+        return CompiledJointNets(
+            tuple(w[:, joints] for w in self.weights), tuple(b[:, joints] for b in self.biases), bounds
+        )
+
+    def clip(self, j: int, *inputs: Array) -> tuple[Array, ...]:
+        """Speed, acceleration and load of one joint, moved to the edge of its training where they lie outside."""
+        if self.bounds is None:
+            return inputs
+        edges = zip(inputs, self.bounds.low[:, j], self.bounds.high[:, j], strict=True)
+        return tuple(np.clip(part, low, high) for part, low, high in edges)
 
     @property
     def products(self) -> int:
@@ -150,7 +166,8 @@ class CompiledJointNets:
         self, j: int, dq: Float[Array, " T"], ddq: Float[Array, " T"], rigid: Float[Array, " T"]
     ) -> Float[Array, " T"]:
         """Residual torque of one joint [N m]."""
-        v, a, load = (torch.from_numpy(np.asarray(part, dtype=np.float32)) for part in (dq, ddq, rigid))
+        clipped = self.clip(j, dq, ddq, rigid)
+        v, a, load = (torch.from_numpy(np.asarray(part, dtype=np.float32)) for part in clipped)
         with torch.inference_mode():
             near, far = (torch.tanh(v / scale) for scale in DIRECTION_SCALES)
             rounded = torch.sqrt(load * load + LOAD_ROUNDING**2) * near

@@ -124,7 +124,8 @@ def joint_net_slopes(
     """Each joint's residual torque and its slopes by its own speed, acceleration and load, in double precision."""
     value, slopes = np.empty(dq.shape), np.empty((3, *dq.shape))
     for j in range(dq.shape[1]):
-        v, a, load = dq[:, j], ddq[:, j], rigid[:, j]
+        given = dq[:, j], ddq[:, j], rigid[:, j]
+        v, a, load = net.clip(j, *given)
         near, far = (np.tanh(v / scale) for scale in DIRECTION_SCALES)
         rounded, one, zero = np.hypot(load, LOAD_ROUNDING), np.ones_like(v), np.zeros_like(v)
         steep, flat = (1.0 - near**2) / DIRECTION_SCALES[0], (1.0 - far**2) / DIRECTION_SCALES[1]
@@ -141,7 +142,9 @@ def joint_net_slopes(
             x = x * gate
         weight, bias = layers[-1]
         value[:, j] = (x @ weight + bias)[:, 0]
-        slopes[:, :, j] = (tangents @ weight)[:, :, 0]
+        # Beyond the training's edge the net stays as it is.
+        inside = [part == clipped for part, clipped in zip(given, (v, a, load), strict=True)]
+        slopes[:, :, j] = (tangents @ weight)[:, :, 0] * np.stack(inside)
     return value, slopes
 
 

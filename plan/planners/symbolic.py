@@ -98,6 +98,9 @@ def _dense(net: CompiledDenseNet, x: Symbol) -> Symbol:
 
 
 def _joint(net: CompiledJointNets, j: int, v: Symbol, a: Symbol, load: Symbol) -> Symbol:
+    if net.bounds is not None:
+        edges = zip((v, a, load), net.bounds.low[:, j], net.bounds.high[:, j], strict=True)
+        v, a, load = (ca.fmin(ca.fmax(part, float(low)), float(high)) for part, low, high in edges)
     near, far = (ca.tanh(v / scale) for scale in DIRECTION_SCALES)
     x = ca.vertcat(v, a, near, far, load, ca.sqrt(load * load + LOAD_ROUNDING**2) * near)
     layers = net.side_by_side(j)

@@ -115,7 +115,7 @@ def _net_range(
     v, a, load = (
         part.reshape(-1) for part in np.meshgrid(grid, np.linspace(-most, most, OTHERS), loads, indexing="ij")
     )
-    single = CompiledJointNets(tuple(w[:, j : j + 1] for w in net.weights), tuple(b[:, j : j + 1] for b in net.biases))
+    single = net.of_joints(slice(j, j + 1))
     torque = joint_net_slopes(single, v[:, None], a[:, None], load[:, None])[0][:, 0]
     return float(np.abs(torque).max()), (torque * v).reshape(len(grid), -1).min(axis=1)
 

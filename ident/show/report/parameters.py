@@ -49,6 +49,7 @@ class ParameterSection(Section):
             "links": link_rows(self.source.model),
             "base": base_rows(self.source.model),
             "tied": tied_pairs(self.source.model),
+            "net": net_rows(self.source.model),
         }
 
 
@@ -120,6 +121,22 @@ def base_rows(model: HybridModel) -> list[dict[str, str]]:
             "informed": f"{100 * figure.informed:.0f} %",
         }
         for figure in model.inertias
+    ]
+
+
+def net_rows(model: HybridModel) -> list[dict[str, str]]:
+    """What the residual net did on runs that it never saw, and how much of it each joint keeps."""
+    gates = model.provenance.get("net_gate", [])
+    if len(gates) != len(model.joint_names):
+        return []
+    return [
+        {
+            "joint": joint,
+            "torque": f"{significant(one['rmse_without'], 3)} → {significant(one['rmse_with'], 3)}",
+            "energy": f"{significant(one['energy_without'], 2)} → {significant(one['energy_with'], 2)}",
+            "kept": f"{100 * float(one.get('weight', one['kept'])):.0f} %",
+        }
+        for joint, one in zip(model.joint_names, gates, strict=True)
     ]
 
 

@@ -1,6 +1,7 @@
 """Laws of the gate that a net must pass."""
 
 import numpy as np
+import pytest
 
 from ident.arrays import Array
 from ident.model.joint_nets import JointNets
@@ -27,8 +28,18 @@ def test_a_net_that_spoils_the_energy_goes() -> None:
     """Less torque error does not excuse more energy error."""
     left = np.sin(np.arange(800) / 7.0)[:, None] * np.ones(2)
     predicted = 0.5 * left
-    predicted[:, 1] += 0.2
+    predicted[:, 1] += 0.6
     assert _judged(predicted, left) == [True, False]
+
+
+def test_what_says_twice_too_much_counts_by_half() -> None:
+    """The weight is the share that leaves least on runs held back, and the told error is that of the share."""
+    rng = np.random.default_rng(3)
+    law = np.sin(np.arange(800) / 7.0)[:, None]
+    left = law + 0.3 * rng.standard_normal((800, 1))
+    (one,) = judge_net(2.0 * law, left, np.ones(left.shape, dtype=bool), np.full(left.shape, 0.01), RUN)
+    assert one.weight == 0.5
+    assert one.rmse_with == pytest.approx(np.sqrt(np.mean((left - law) ** 2)))
 
 
 def test_help_on_one_run_alone_is_no_help() -> None:
@@ -46,15 +57,16 @@ def test_the_total_energy_is_no_worse_either() -> None:
 
 
 def test_a_silent_joint_gives_nothing() -> None:
-    """The other joints' nets are as they were."""
+    """And one that keeps half gives half; the other's net is as it was."""
     rng = np.random.default_rng(0)
     layers = [rng.standard_normal(shape) for shape in ((6, 6, 4), (6, 4, 1))]
     nets = JointNets(2, 3, tuple(layers), (np.ones((6, 1, 4)), np.ones((6, 1, 1))))
     x = rng.standard_normal((5, 3, 6))
     before = nets(x)
-    after = nets.silenced([1])(x)
+    after = nets.scaled([1.0, 0.0, 0.5])(x)
     assert np.all(after[..., 1] == 0.0)
-    assert np.array_equal(after[..., [0, 2]], before[..., [0, 2]])
+    assert np.array_equal(after[..., 0], before[..., 0])
+    assert np.allclose(after[..., 2], 0.5 * before[..., 2], rtol=1e-6)
 
 
 def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
@@ -67,7 +79,10 @@ def test_trained_nets_are_judged_on_runs_that_they_never_saw() -> None:
     net = fit_residual_net(states, residuals)
     assert [one.kept for one in net.gate] == [True, False]
     assert np.all(net.predict(*states[0])[:, 1] == 0.0)
-    assert describe_gate(net.gate, ("a", "b")).startswith("residual net: kept for a; left out for b")
+    told = describe_gate(net.gate, ("a", "b"))
+    assert told.startswith("residual net, on runs held back: kept for a (")
+    assert f"{net.gate[0].rmse_without:.3g} → {net.gate[0].rmse_with:.3g} N m" in told
+    assert "; left out for b (" in told
 
 
 def test_a_run_of_few_samples_has_no_more_say_than_they() -> None:

@@ -232,6 +232,50 @@ def test_a_friction_law_is_learnt() -> None:
     assert np.all(np.mean(left**2, axis=0) < 0.1 * np.mean(_stribeck(test) ** 2, axis=0))
 
 
+def test_beyond_its_training_the_net_says_what_it_says_at_the_edge(tmp_path: Path) -> None:
+    """Speed, acceleration and load moved to the edge change nothing; the bounds are saved with the weights."""
+    state = _states(40)
+    net = fit_residual_net([state], [_stribeck(state)])
+    assert net.bounds is not None
+    far = tuple(3.0 * part for part in state)
+    edge = (far[0], *net.bounds.clip(*far[1:]))
+    assert np.array_equal(net.predict(*far), net.predict(*edge))
+    assert not np.array_equal(far[1], edge[1])
+    net.save(tmp_path)
+    assert np.array_equal(ResidualNet.load(tmp_path).predict(*far), net.predict(*far))
+
+
+def test_a_faster_run_is_not_spoilt_by_what_was_never_seen() -> None:
+    """Friction that falls with speed, learnt on slow runs: on runs four times as fast the error stays below that of
+
+    no net at all.
+    """
+
+    def law(state: State) -> Array:
+        return np.asarray(2.0 * np.tanh(state[1] / 0.05) * np.exp(-np.abs(state[1])))
+
+    slow, fast = (
+        [(q, rate * dq, rate**2 * ddq, rigid) for q, dq, ddq, rigid in map(_states, seeds)]
+        for rate, seeds in ((0.25, (41, 42, 43)), (1.0, (44,)))
+    )
+    rng = np.random.default_rng(45)
+    net = fit_residual_net(slow, [law(state) + 0.3 * rng.standard_normal(state[0].shape) for state in slow])
+    left = law(fast[0]) - net.predict(*fast[0])
+    assert np.all(np.mean(left**2, axis=0) < np.mean(law(fast[0]) ** 2, axis=0))
+
+
+@pytest.mark.parametrize("edge", [[[0.0] * 2] * 2, [[float("nan")] * 2] * 3, [[9e9] * 2] * 3])
+def test_damaged_bounds_are_a_model_error(edge: list[list[float]], tmp_path: Path) -> None:
+    """Of another shape, no numbers, or the lower above the upper."""
+    state = _states(46, 200)
+    fit_residual_net([state], [_stribeck(state)]).save(tmp_path)
+    path = tmp_path / "residual.json"
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "bounds": {**record["bounds"], "low": edge}}))
+    with pytest.raises(ModelError, match=r"bound.*; fit the model again"):
+        ResidualNet.load(tmp_path)
+
+
 def test_noise_is_not_learnt() -> None:
     """On pure noise the default net stays nearly silent: under 3 % of the noise's mean square on an unseen motion."""
     rng, train = np.random.default_rng(8), [_states(seed) for seed in (20, 21)]

@@ -70,7 +70,10 @@ def random_states(n: int, count: int = 40) -> np.ndarray:
 
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_planner_sees_the_fitted_model(preset: str) -> None:
-    """A hybrid model's torque and the planner's are equal to single precision, wrist frozen or not."""
+    """A hybrid model's torque and the planner's are equal to single precision, wrist frozen or not, and beyond the
+
+    training of its net too.
+    """
     from dataclasses import replace
 
     from ident.model.residual_net import PRESETS
@@ -83,6 +86,7 @@ def test_planner_sees_the_fitted_model(preset: str) -> None:
     net = fit_residual_net([(q, dq, ddq, rigid)], [np.sin(dq) + 0.1 * rigid], options=options)
     loss = LossParameters(*np.random.default_rng(2).uniform(0.1, 2.0, (4, 6)), np.full(6, 0.02))
     hybrid = HybridModel(arm, arm, arm, loss, net)
+    q, dq, ddq = (2.0 * part for part in (q, dq, ddq))
     whole = torque_of_model(hybrid, 6, [])
     assert np.abs(whole.torque(q[None], dq[None], ddq[None])[0] - hybrid.torque(q, dq, ddq)).max() < 1e-3
     wrist = np.array([0.3, -0.5, 0.7])

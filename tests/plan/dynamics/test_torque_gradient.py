@@ -7,10 +7,12 @@ import pytest
 
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
-from tests.plan.worlds import dense_net, joint_nets, model
+from tests.plan.worlds import bounded_nets, dense_net, joint_nets, model
 
 
-@pytest.mark.parametrize("net", [None, joint_nets(), dense_net()], ids=["rigid", "joint nets", "dense net"])
+@pytest.mark.parametrize(
+    "net", [None, joint_nets(), bounded_nets(), dense_net()], ids=["rigid", "joint nets", "bounded", "dense net"]
+)
 def test_derivatives_are_those_of_the_torque(net: CompiledDenseNet | CompiledJointNets | None) -> None:
     """Torque equals the model's own, and its derivatives equal differences of it, by position, speed, acceleration."""
     arm, rng = rounded(model(net), 0.05), np.random.default_rng(3)

@@ -17,7 +17,7 @@ from plan.planners.planes import make_slots
 from plan.planners.reference import Reference
 from plan.planners.reference_graph import _slot_function, _torque, slot_size
 from plan.problem.result import certify
-from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
+from tests.plan.worlds import MONITOR, bounded_nets, dense_net, joint_nets, ledger, losses, model, problem, three_joints
 
 
 @pytest.mark.parametrize("name", ["tm5-900", "panda"])
@@ -31,7 +31,9 @@ def test_newton_euler_equals_pinocchio(name: str) -> None:
         assert np.array(function(*state)).reshape(-1) == pytest.approx(known, abs=1e-11)
 
 
-@pytest.mark.parametrize("net", [None, joint_nets(), dense_net()], ids=["no net", "default", "paper"])
+@pytest.mark.parametrize(
+    "net", [None, joint_nets(), bounded_nets(), dense_net()], ids=["no net", "default", "bounded", "paper"]
+)
 def test_symbolic_torque_equals_numeric(net: object) -> None:
     """Rigid body, losses and net in CasADi equal the compiled model to single precision."""
     hybrid = model(net)  # type: ignore[arg-type]

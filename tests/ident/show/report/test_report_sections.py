@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ident.model.net_gate import JointGate
 from ident.show.palette import RUNG_COLOURS, rung_colours, rung_name
 from ident.show.report import ReportInput
 from ident.show.report.comparison import ComparisonSection, restrict
@@ -16,6 +17,7 @@ from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
 from ident.show.report.fits import FitSection, rest_spans, run_errors
 from ident.show.report.ladder import reductions
 from ident.show.report.numbers import fixed, glue, percent, places_for, significant
+from ident.show.report.parameters import net_rows
 from ident.show.report.payloads import PayloadSection
 from ident.show.report.verdict import describe_steps, headline, worse_joints
 
@@ -52,6 +54,17 @@ def test_joint_made_worse_is_told(source: ReportInput) -> None:
     assert "joint_2" in facts[0][1]
     assert "joint_1" not in facts[0][1]
     assert worse_joints(source.evaluation.pooled) == []
+
+
+def test_the_net_is_told_with_what_it_did_on_runs_held_back(source: ReportInput) -> None:
+    """A row a joint with the figures and the share kept; models without a net, or of before there were shares, too."""
+    assert net_rows(source.model) == []
+    gate = JointGate(1.25, 0.75, 3.0, 2.0, 0.75).to_dict()
+    earlier = {name: value for name, value in JointGate(1.0, 1.5, 3.0, 4.0, 0.0).to_dict().items() if name != "weight"}
+    model = replace(source.model, provenance={"net_gate": [gate, earlier]})
+    first, second = net_rows(model)
+    assert first == {"joint": "joint_1", "torque": "1.25 → 0.750", "energy": "3.0 → 2.0", "kept": "75 %"}
+    assert second["kept"] == "0 %"
 
 
 def test_reduction_is_one_less_the_ratio(source: ReportInput) -> None:
