@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
+from ident.diagnosis.detectable import find_limits
 from ident.diagnosis.explained import measure_shrink
 from ident.diagnosis.gap.gap_map import map_gap, told
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
@@ -99,7 +100,9 @@ def diagnose(
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, settings.gap)
-    tolerance = measure_tolerance(evidence, prior, after, inflation(evidence, after), settings.selection)
+    spare = inflation(evidence, after)
+    tolerance = measure_tolerance(evidence, prior, after, spare, settings.selection)
+    limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
     findings = _findings(found, estimates, arm.joint_names, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
@@ -115,10 +118,14 @@ def diagnose(
         where=told(maps["before"], settings.gap.map),
         findings=findings,
         heldout=_together(found, floors, reach),
-        not_testable=tuple(layout.silent),
+        not_testable=(
+            *layout.silent,
+            *(one.silence(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
+        ),
         reservations=sure.doubted + far,
         details=Details(
             nearest=find_nearest(found, arm.joint_names),
+            detectable=limits,
             maps=maps["before"],
             maps_fixed=maps["fixed"],
             baseline=_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),

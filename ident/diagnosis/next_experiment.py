@@ -12,7 +12,15 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import SHOWINGS, describe_motion, family_for, setup_for
 
 # Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
-NOT_OF_MOTION = ("gear ratio", "no other joint", "no torque depends", "too noisy")
+NOT_OF_MOTION = (
+    "gear ratio",
+    "no other joint",
+    "no torque depends",
+    "too noisy",
+    "noise hides",
+    "noise of",
+    "tolerance",
+)
 # After a change of set-up any motion over wide poses will do [min].
 SETUP_MINUTES = 4.0
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.arrays import Float
 from ident.diagnosis.baseline_record import TunedJoint
+from ident.diagnosis.detectable import SizeLimit
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Reach
@@ -137,6 +138,7 @@ class Details:
 
     Attributes:
         nearest: The candidate that came nearest to a name, where nothing was named.
+        detectable: How small each effect without a name would still have been named.
         maps: All cells of the map of what the tuned model leaves.
         maps_fixed: The same with the URDF held fast.
         baseline: The baseline as tuned beside the names, joint by joint.
@@ -145,18 +147,22 @@ class Details:
     """
 
     nearest: Nearest | None
+    detectable: Sequence[SizeLimit]
     maps: Sequence[Place]
     maps_fixed: Sequence[Place]
     baseline: Mapping[str, TunedJoint]
     baseline_alone: Mapping[str, TunedJoint]
     baseline_urdf: Mapping[str, TunedJoint]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
+        """Its record, by the names of the joints."""
+
         def told(joints: Mapping[str, TunedJoint]) -> dict[str, dict[str, Any]]:
             return {name: one.to_dict() for name, one in joints.items()}
 
         return {
             "nearest": None if self.nearest is None else self.nearest.to_dict(),
+            "detectable": [one.to_dict(names) for one in self.detectable],
             "maps": maps_record(self.maps),
             "maps_fixed": maps_record(self.maps_fixed),
             "baseline": told(self.baseline),
@@ -220,6 +226,6 @@ class Diagnosis(Result):
             "not_testable": silent,
             "reservations": [one.to_dict() for one in self.reservations],
             "next_experiment": next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot),
-            **({} if self.details is None else self.details.to_dict()),
+            **({} if self.details is None else self.details.to_dict(self.joints)),
             "provenance": self.provenance.to_dict(),
         }

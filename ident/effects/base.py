@@ -308,6 +308,8 @@ def drawn_interval(
 
     For what bends within the coefficients' spread, where the delta method tells anything.
     """
+    if not covariance.any():
+        return Interval(*3 * (function(coefficients),))
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     # The same draws every time: a figure is told the same when it is told again.
     normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
@@ -321,6 +323,8 @@ def delta_interval(
     function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
 ) -> Interval:
     """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
+    if not covariance.any():
+        return Interval(*3 * (float(function(coefficients)),))
     size = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * step / 1e-2
     gradient = np.array(
         [

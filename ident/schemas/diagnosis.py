@@ -97,6 +97,18 @@ class NotTestableRecord(TypedDict):
     reason: str
 
 
+class DetectableRecord(TypedDict):
+    """How small an effect at a joint would still have been named, nine times in ten."""
+
+    effect: str
+    joints: list[str]
+    figure: str
+    limit: float | None
+    named: Literal["above", "below"]
+    hidden: bool
+    bound_by: Literal["encoder", "torque", "tolerance", "size"]
+
+
 class NextExperimentRecord(TypedDict):
     """What to record next."""
 
@@ -122,6 +134,7 @@ class DiagnosisRecord(TypedDict):
     next_experiment: NextExperimentRecord | None
     provenance: ProvenanceRecord
     nearest: NotRequired[dict[str, Any] | None]
+    detectable: NotRequired[list[DetectableRecord]]
     baseline: NotRequired[dict[str, dict[str, Any]]]
     baseline_alone: NotRequired[dict[str, dict[str, Any]]]
     baseline_urdf: NotRequired[dict[str, dict[str, Any]]]

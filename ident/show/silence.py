@@ -10,6 +10,10 @@ from ident.show.report.words import effect_name, join_words
 # Marks of a reason -> what lies behind it. What fits nowhere is a matter of the motion.
 KINDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
+        "noise, or the URDF's tolerance, hides what is plausible of it",
+        ("noise hides", "noise of", "tolerance hides", "tolerance of"),
+    ),
+    (
         "the arm, its sensors or its URDF can't show it",
         ("gear ratio", "no other joint", "no torque depends", "noisy", "temperature", "clock", "acts on no torque"),
     ),

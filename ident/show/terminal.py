@@ -11,6 +11,7 @@ from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.result import Diagnosis, Finding
+from ident.show.limits import describe_limits
 from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
 from ident.show.silence import group_silent
@@ -52,6 +53,8 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap.unexplained} but unnamed" if gap.unexplained else ""
         console.print(f"  {name}: {gap.rms:.3f} N m against {gap.noise_floor:.3f} of noise{left}")
+    if diagnosis.verdict == "no_gap" and (limits := describe_limits(record)):
+        console.print(f"  {limits}", soft_wrap=True, highlight=False)
     for line in group_silent(record["not_testable"]):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
 

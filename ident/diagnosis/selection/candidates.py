@@ -73,13 +73,20 @@ class Candidates:
         Columns that make a group what it is must earn their own place; until they do, they alone count.
         """
         gain, _ = projection.gain(group)
-        column = 0.5 * float(np.log(self._samples(group)))
+        column = self._cost_of_column(group)
         essential = group.effect.essential(group.variant)
         if essential:
             own = gain - projection.gain_without(group, essential)
             if 0.5 * own - len(essential) * column < self.settings.essential_nats:
                 gain = own
-        return 0.5 * gain - len(group.columns) * column - self._choices[group.effect.id]
+        return 0.5 * gain - self.cost_of(group)
+
+    def cost_of(self, group: Group) -> float:
+        """What a group's freedom and its grid cost [nats]."""
+        return len(group.columns) * self._cost_of_column(group) + self._choices[group.effect.id]
+
+    def _cost_of_column(self, group: Group) -> float:
+        return 0.5 * float(np.log(self._samples(group)))
 
     @cached_property
     def _choices(self) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ident.show.limits import limit_rows
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words
@@ -22,7 +23,8 @@ class OutlookSection(Section):
 
     @property
     def is_present(self) -> bool:
-        return bool(self.source.record.get("next_experiment") or self.source.record.get("not_testable"))
+        record = self.source.record
+        return any(record.get(key) for key in ("next_experiment", "not_testable", "detectable"))
 
     def context(self) -> dict[str, Any]:
         record = self.source.record
@@ -32,6 +34,7 @@ class OutlookSection(Section):
             "minutes": f"{following['minutes']:g}" if "minutes" in following else "",
             "separates": join_words([effect_name(effect) for effect in following.get("separates", [])]),
             "tied": any(len(finding["class"]) > 1 for finding in record.get("findings", [])),
+            "limits": limit_rows(record),
             "silent": silent_groups(record.get("not_testable", [])),
             "not_testable": [
                 {
