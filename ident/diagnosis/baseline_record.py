@@ -96,7 +96,8 @@ def tuned_beside(
 
     Reported figures are not always those of the model that solves everything at once: what tuning would absorb is told
     against the URDF held fast, and inner figures from a finer grid. What the tuned arm has to explain then is the
-    torque less these effects. Losses that would drive are held at zero.
+    torque less these effects. Losses that would drive are held at zero, and what of an effect is as well a joint's dry
+    friction is counted there.
 
     Args:
         baseline: The user's arm.
@@ -112,7 +113,13 @@ def tuned_beside(
         shaped = np.concatenate([np.full(len(g.columns), g.effect.open_law) for g in groups])
         figures, beta[shaped] = _without_drive(evidence.layout.rank, alone, columns, beta, shaped)
     ends = np.cumsum([len(group.columns) for group in groups])[:-1]
-    return _by_joint(baseline, evidence, figures, _laws(groups, np.split(beta / evidence.scale[columns], ends)))
+    told = np.split(beta / evidence.scale[columns], ends)
+    for k, group in enumerate(groups):
+        if group.effect.open_law:
+            told[k], dry = group.effect.without_dry_friction(told[k], group.variant)
+            place = evidence.layout.rank + LOSS_FIGURES * group.joint + LOSS_KEYS.index("coulomb_Nm")
+            figures[place] += dry * evidence.scale[place]
+    return _by_joint(baseline, evidence, figures, _laws(groups, told))
 
 
 def _without_drive(

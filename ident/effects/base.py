@@ -238,6 +238,16 @@ class Effect(ABC):
     ) -> dict[str, Interval]:
         """Physical figures of the catalogue from coefficients; 95 % intervals for a known variant."""
 
+    def without_dry_friction(
+        self, coefficients: Float[Array, " k"], variant: Variant
+    ) -> tuple[Float[Array, " k"], float]:
+        """Its coefficients without what is a joint's usual dry friction, and that friction [N m].
+
+        Where columns can't be told from dry friction, the tuned joint has it, not the effect: it is there when the
+        effect is gone.
+        """
+        return coefficients, 0.0
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return None

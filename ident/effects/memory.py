@@ -227,6 +227,16 @@ class PreslidingHysteresis(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(len(variant.shape), coulomb_level(session, joint))
 
+    def without_dry_friction(
+        self, coefficients: Float[Array, " k"], variant: Variant
+    ) -> tuple[Float[Array, " k"], float]:
+        """All ranges together are the amplitude of the smooth build-up; what they have more, the shortest ones lose."""
+        sizes, parts = np.array(list(variant.shape.values())), np.maximum(coefficients, 0.0)
+        bent = float(parts @ sizes**2)
+        amplitude = float(parts @ sizes) ** 2 / (SMOOTH_SHARE * bent) if bent > 0.0 else 0.0
+        taken = np.clip(parts.sum() - amplitude - (np.cumsum(parts) - parts), 0.0, parts)
+        return parts - taken, float(taken.sum())
+
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:

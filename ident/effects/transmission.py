@@ -39,7 +39,8 @@ class JointCoupling(Effect):
     """Torque that comes with the motion of another joint o: τ = f s_o + c v_o + b a_o.
 
     Between neighbours, whose gears may sit on one axis, also friction of the sum or difference of the two motions:
-    τ = f s(v_j ± v_o) + c v_o.
+    τ = f s(v_j ± v_o) + c (v_o ± v_j). The part ± c v_j fits as well as viscous friction of the joint's own, which
+    then would stay where the coupling is taken out.
     """
 
     id = "joint_coupling"
@@ -88,7 +89,7 @@ class JointCoupling(Effect):
                 columns = [run.direction[:, other], dq[:, other], run.motion.ddq[:, other]]
             else:
                 width = 2.0 * float(max(run.motion.rest_speed[joint], run.motion.rest_speed[other]))
-                columns = [np.tanh((dq[:, joint] + mix * dq[:, other]) / width), dq[:, other]]
+                columns = [np.tanh((dq[:, joint] + mix * dq[:, other]) / width), dq[:, other] + mix * dq[:, joint]]
             found.append(np.stack(columns, axis=1))
         return found
 

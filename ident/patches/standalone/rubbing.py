@@ -52,7 +52,7 @@ def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """Friction and inertia of another joint's motion, or friction of the sum or difference (`mix`) of both."""
     other, mix = int(p["other_joint"]) - 1, p["mix"]
     slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"]) if mix else m.direction[:, other]
-    steady = p["coulomb_Nm"] * slip + p["viscous_Nms_rad"] * m.dq[:, other]
+    steady = p["coulomb_Nm"] * slip + p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
     return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
 
 

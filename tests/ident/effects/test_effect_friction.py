@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
-from ident.effects.base import RunContext, SessionContext
+from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 
@@ -249,3 +250,22 @@ def test_hysteresis_needs_reversals_and_fine_positions(session: SessionContext) 
     effect = find_effect("presliding_hysteresis")
     assert "reverses" in str(effect.untestable(edit_runs(session, one_way), 0))
     assert "too noisy" in str(effect.untestable(edit_runs(session, coarse), 0))
+
+
+def test_what_is_dry_friction_as_well_is_the_joints() -> None:
+    """Law: nothing is lost; what is left adds up to the amplitude that is reported of all ranges; the longest ranges
+    stay as they were; ranges that make a smooth build-up are all kept.
+    """
+    effect = find_effect("presliding_hysteresis")
+    variant = Variant(shape={"range_0_rad": 0.0006, "range_1_rad": 0.002, "range_2_rad": 0.018})
+    parts = np.array([3.0, 5.0, 9.0])
+    kept, dry = effect.without_dry_friction(parts, variant)
+    assert kept.sum() + dry == pytest.approx(17.0)
+    sizes = np.array(list(variant.shape.values()))
+    assert kept.sum() == pytest.approx((parts @ sizes) ** 2 / (2.0 / 3.0 * (parts @ sizes**2)))
+    assert 0.0 < kept[0] < 3.0
+    assert list(kept[1:]) == [5.0, 9.0]
+    bend = Variant(shape={"range_0_rad": 0.006, "range_1_rad": 0.012, "range_2_rad": 0.018})
+    whole, none = effect.without_dry_friction(np.array([1.0, 1.0, 1.0]), bend)
+    np.testing.assert_array_equal(whole, 1.0)
+    assert none == 0.0

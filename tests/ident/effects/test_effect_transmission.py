@@ -32,6 +32,21 @@ def test_friction_of_a_sum_is_told_from_friction_of_one(session: SessionContext,
     np.testing.assert_allclose(found["coulomb_Nm"].value, 0.8, rtol=0.02)
 
 
+@pytest.mark.parametrize("mix", [1.0, -1.0])
+def test_friction_of_a_sum_is_none_where_the_sum_stands_still(session: SessionContext, mix: float) -> None:
+    """Law: whatever each of two joints does, what rubs with their sum (difference) feels that alone."""
+
+    def against(run: RunContext) -> RunContext:
+        dq = run.motion.dq.copy()
+        dq[:, 5] = -mix * dq[:, 4]
+        return replace(run, motion=replace(run.motion, dq=dq))
+
+    effect = find_effect("joint_coupling")
+    variant = next(one for one in effect.variants(session, 5) if one.other == 4 and one.shape["mix"] == mix)
+    for columns in effect.columns(edit_runs(session, against), 5, variant):
+        np.testing.assert_allclose(columns, 0.0, atol=1e-12)
+
+
 def test_a_joint_feels_nothing_of_one_that_stands_or_moves_with_it(session: SessionContext) -> None:
     """Neither is a candidate; with no candidate left the coupling can't be tested."""
 
