@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ident.errors import ModelError
 from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
+from ident.model.named_fit import read_named_laws
 from ident.opening import Opened, Robot, Sources, open_for_model, open_sessions
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
@@ -30,8 +31,9 @@ def fit_hybrid(
     cutoff: float | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     checkpoint: Path | None = None,
+    named: str | Path | None = None,
 ) -> FitResults:
-    """Fits analytic + loss + residual net to recordings.
+    """Fits analytic + loss + named laws + residual net to recordings.
 
     Args:
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
@@ -42,16 +44,19 @@ def fit_hybrid(
         cutoff: Corner of the common filter [Hz].
         progress: Called after each joint, or epoch, of the net.
         checkpoint: Folder in which the net's training may stop and go on.
+        named: JSON of a diagnosis whose laws of joints are to be part of the model.
 
     Raises:
-        InputError: Recordings or robot can't be used.
+        InputError: Recordings, robot or diagnosis can't be used.
     """
     options = options or FitOptions()
     if isinstance(source, Opened):
         opened = source
     else:
         opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept)
-    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, opened.data_records(), progress, checkpoint)
+    laws = None if named is None else read_named_laws(Path(named), opened.arm)
+    data = opened.data_records()
+    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, progress, checkpoint, laws)
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)

@@ -125,25 +125,28 @@ def fit(
     coupling: Annotated[
         str, typer.Option(help="Two joints on one motor's shaft, as 5,6; 5,-6 where they turn against each other.")
     ] = "",
+    named: Annotated[
+        Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
+    ] = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
     accept: Accept = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Fits analytic + loss + residual net."""
+    """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
     from ident.model.checkpoint_folder import remove_checkpoint
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
     options = FitOptions(links, inertia, net, offset, robust, seed, tuple(accept or ()), coupling)  # type: ignore[arg-type]
-    check_outputs([*sessions, session_file, robot], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
+    check_outputs([*sessions, session_file, robot, named], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
     opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept)
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_bar(console, "residual net") as progress:
-        results = fit_hybrid(opened, options=options, progress=progress, checkpoint=checkpoint)
+        results = fit_hybrid(opened, options=options, progress=progress, checkpoint=checkpoint, named=named)
 
     def show() -> None:
         console.print(results.summary(), soft_wrap=True)

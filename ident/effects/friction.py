@@ -20,8 +20,16 @@ from ident.effects.typical_sizes import (
     rated_torque,
     top_speed,
     travel,
-    wave,
     wave_figures,
+)
+from ident.model.named_laws import (
+    JointStates,
+    asymmetric,
+    by_load,
+    by_position,
+    curved_viscous,
+    states_of,
+    stribeck,
 )
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
@@ -43,6 +51,10 @@ LEAST_LOAD_RANGE = 0.004
 # Speeds below this leave nothing of a curve over speed [rad/s].
 LEAST_TOP_SPEED = 0.05
 LEAST_POSITION_RANGE = 0.5  # [rad]
+
+
+def _states(run: RunContext, joint: int) -> JointStates:
+    return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
 
 
 def _rest_speed(session: SessionContext, joint: int) -> float:
@@ -92,11 +104,7 @@ class StribeckFriction(Effect):
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        speed, exponent = variant.inner["stribeck_velocity_rad_s"], variant.inner["exponent"]
-        return [
-            (run.direction[:, joint] * np.exp(-((np.abs(run.motion.dq[:, joint]) / speed) ** exponent)))[:, None]
-            for run in session.runs
-        ]
+        return [stribeck(_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -165,10 +173,7 @@ class NonlinearViscousFriction(Effect):
         return tuple(Variant({"exponent": variant.inner["exponent"] + step}) for step in FINE_EXPONENT_STEPS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        exponent = variant.inner["exponent"]
-        return [
-            (run.direction[:, joint] * np.abs(run.motion.dq[:, joint]) ** exponent)[:, None] for run in session.runs
-        ]
+        return [curved_viscous(_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -245,16 +250,7 @@ class LoadDependentFriction(Effect):
         return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [self._columns(run, joint, variant) for run in session.runs]
-
-    def _columns(self, run: RunContext, joint: int, variant: Variant) -> Float[Array, "T k"]:
-        load, slip = run.link[:, joint], run.direction[:, joint]
-        both, gain = slip * np.abs(load), slip**2 * load
-        driving, backdriving = (both + gain) / 2, (both - gain) / 2
-        columns = [driving + backdriving / 2, backdriving + driving / 2]
-        if variant.shape["terms"] == 4:
-            columns += [slip * load**2 / variant.shape["load_Nm"], run.motion.dq[:, joint] * np.abs(load)]
-        return np.stack(columns, axis=1)
+        return [by_load(_states(run, joint), variant.shape) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -308,8 +304,7 @@ class PositionDependentFriction(Effect):
         return tuple(Variant({"order": order}) for order in POSITION_ORDERS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        order = variant.inner["order"]
-        return [run.direction[:, joint, None] * wave(run.motion.q[:, joint], order) for run in session.runs]
+        return [by_position(_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -354,10 +349,7 @@ class AsymmetricFriction(Effect):
         return None
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [
-            0.5 * np.stack([run.direction[:, joint] ** 2, np.abs(run.motion.dq[:, joint])], axis=1)
-            for run in session.runs
-        ]
+        return [asymmetric(_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array

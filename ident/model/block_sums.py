@@ -16,6 +16,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.model.coupling import Shaft
 from ident.model.inertia import BaseParameters
+from ident.model.named_laws import NamedLaw, named_columns
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -49,7 +50,7 @@ class BlockSums:
         run: Index of the run that each block lies in.
         through_reversals: Joints for which samples near reversals had to be used too.
         rank: Number r of base parameters.
-        shared: Number of columns of a coupling, between those of the losses and the torque.
+        shared: Number of columns of named laws and of a coupling, between those of the losses and the torque.
     """
 
     moments: Float[Array, "b n c c"]
@@ -74,7 +75,14 @@ class BlockSums:
         return BlockSums(*kept, self.through_reversals, self.rank, self.shared)
 
 
-def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, shaft: Shaft | None = None) -> BlockSums:
+def sum_blocks(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    base: BaseParameters,
+    shaft: Shaft | None = None,
+    named: Sequence[NamedLaw] = (),
+    bearing: ArmModel | None = None,
+) -> BlockSums:
     """Goes through the runs once.
 
     Args:
@@ -82,6 +90,8 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, s
         arm: The arm as its URDF describes it; the torque is what it leaves.
         base: Its base parameters.
         shaft: Joints that share a shaft, if any.
+        named: Laws of joints whose coefficients are figures too; their columns stand before a shaft's.
+        bearing: The arm whose rigid torque is the joints' load; the arm itself if None.
     """
     use_moving = _too_few_settled(motions)
     moments: list[Array] = []
@@ -89,6 +99,8 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, s
     runs: list[int] = []
     for motion, run in zip(motions, run_numbers(motions), strict=True):
         x = _columns(motion, arm, base)
+        if named:
+            x = _with_named(x, motion, named, bearing or arm)
         mask = np.where(use_moving, motion.moving, clear_of_stops(motion))
         if shaft is not None:
             x, mask = _with_shaft(x, mask, motion, shaft)
@@ -103,9 +115,8 @@ def sum_blocks(motions: Sequence[Motion], arm: ArmModel, base: BaseParameters, s
         if len(moments) >= 2 * MOST_BLOCKS:
             moments, rows, runs = _in_pairs(moments, rows, runs)
     joints = tuple(name for name, all_of_it in zip(motions[0].joints, use_moving, strict=True) if all_of_it)
-    return BlockSums(
-        np.array(moments), np.array(rows), np.array(runs), joints, base.rank, 0 if shaft is None else SHARED_COLUMNS
-    )
+    shared = sum(law.size for law in named) + (0 if shaft is None else SHARED_COLUMNS)
+    return BlockSums(np.array(moments), np.array(rows), np.array(runs), joints, base.rank, shared)
 
 
 def run_numbers(motions: Iterable[Motion]) -> list[int]:
@@ -132,6 +143,15 @@ def _columns(motion: Motion, arm: ArmModel, base: BaseParameters) -> Float[Array
     filtered = motion.filtered(loss)
     ones = np.ones_like(filtered[..., :1])
     return np.concatenate([motion.filtered(regressor), filtered[..., :3], ones, filtered[..., 3:]], axis=-1)
+
+
+def _with_named(
+    x: Float[Array, "t n c"], motion: Motion, named: Sequence[NamedLaw], bearing: ArmModel
+) -> Float[Array, "t n d"]:
+    """Columns with those of named laws before the torque."""
+    load = bearing.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    own = motion.filtered(named_columns(named, motion.q, motion.dq, load))
+    return np.concatenate([x[..., :-1], own, x[..., -1:]], axis=-1)
 
 
 def _with_shaft(

@@ -1,4 +1,4 @@
-"""HybridModel: the arm as it is identified, τ = analytic + loss + net (eq. 1), batched; and its folder on disk."""
+"""HybridModel: the arm as it is identified, τ = analytic + loss + named laws + net (eq. 1), batched; and its folder."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.model.coupling import Coupling, Shaft
-from ident.model.identification import Identified, InertiaFigure, identify
+from ident.model.identification import Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
+from ident.model.named_fit import HowToIdentify, NamedLaws, identify_named
+from ident.model.named_laws import NamedLaw, named_torque
+from ident.model.net_of_arm import fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
@@ -55,6 +58,7 @@ class HybridModel:
         inertias: Base parameters with intervals; none where the URDF's inertias were kept.
         trained: Where the training runs went; None where that is not known.
         coupling: A shaft that two joints share, where one was asked for; its torque is part of the loss.
+        named: Laws of joints that a diagnosis named.
         provenance: Data hashes, versions, options, figures of the fit.
     """
 
@@ -69,6 +73,7 @@ class HybridModel:
     inertias: tuple[InertiaFigure, ...] = ()
     trained: TrainingRange | None = None
     coupling: Coupling | None = None
+    named: tuple[NamedLaw, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -79,7 +84,8 @@ class HybridModel:
     def rungs(self) -> tuple[str, ...]:
         """Names of the ladder's rungs, from the URDF up."""
         inertia = ("inertia",) if self.inertia != "nominal" else ()
-        return ("analytic", *inertia, "loss", *(("net",) if self.net is not None else ()))
+        named = ("named",) if self.named else ()
+        return ("analytic", *inertia, "loss", *named, *(("net",) if self.net is not None else ()))
 
     def torque(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
@@ -90,9 +96,11 @@ class HybridModel:
     def torque_terms(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
     ) -> dict[str, Float[Array, "T n"]]:
-        """The parts of the torque by name: analytic, loss, and net where there is one [N m]."""
+        """The parts of the torque by name: analytic, loss, and named laws and net where there are any [N m]."""
         rigid = self.arm.with_payload(payload).inverse_dynamics(q, dq, ddq)
         terms = {"analytic": rigid, "loss": loss_torque(self.loss, self.coupling, dq, ddq)}
+        if self.named:
+            terms["named"] = named_torque(self.named, q, dq, rigid, self.loss.transition_speed)
         if self.net is not None:
             terms["net"] = self.net.predict(q, dq, ddq, rigid)
         return terms
@@ -100,13 +108,13 @@ class HybridModel:
     def ladder(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], payload: Payload | None = None
     ) -> dict[str, Float[Array, "T n"]]:
-        """Torque by rungs, each with all that is below it: analytic (URDF), inertia, loss, net [N m]."""
+        """Torque by rungs, each with all that is below it: analytic (URDF), inertia, loss, named, net [N m]."""
         terms = self.torque_terms(q, dq, ddq, payload)
         rungs = {"analytic": self.nominal.with_payload(payload).inverse_dynamics(q, dq, ddq)}
         total = terms["analytic"]
         if self.inertia != "nominal":
             rungs["inertia"] = total
-        for name in ("loss", "net"):
+        for name in ("loss", "named", "net"):
             if name in terms:
                 total = total + terms[name]
                 rungs[name] = total
@@ -147,6 +155,7 @@ class HybridModel:
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
                 inertias=tuple(InertiaFigure(**entry) for entry in record["inertia"].get("figures", [])),
                 coupling=Coupling.from_dict(record["coupling"], nominal.n) if "coupling" in record else None,
+                named=tuple(NamedLaw.from_dict(entry, nominal.n) for entry in record.get("named", [])),
                 trained=TrainingRange.from_dict(record["trained"]) if "trained" in record else None,
                 provenance=record.get("provenance", {}),
             )
@@ -197,6 +206,7 @@ class HybridModel:
             "loss": loss,
             "net": {"preset": self.net.options.preset if self.net is not None else "none"},
             **({} if self.trained is None else {"trained": self.trained.to_dict()}),
+            **({"named": [law.to_dict() for law in self.named]} if self.named else {}),
             **({} if self.coupling is None else {"coupling": self.coupling.to_dict()}),
             "provenance": self.provenance,
         }
@@ -307,8 +317,9 @@ def fit_hybrid(
     data: Sequence[dict[str, Any]] = (),
     progress: Callable[[int, int, float], None] | None = None,
     checkpoint: Path | None = None,
+    named: NamedLaws | None = None,
 ) -> FitResults:
-    """Fits analytic, loss and net, in that order.
+    """Fits analytic, loss, named laws and net, in that order.
 
     Args:
         motions: Training runs with the robot's joints.
@@ -317,6 +328,7 @@ def fit_hybrid(
         data: One record a training file (name, sha256), kept with the model.
         progress: Called after each joint, or epoch, of the net.
         checkpoint: Folder in which the net's training may stop and go on.
+        named: Laws that a diagnosis named, if any.
 
     Source: paper, figure 2.
     """
@@ -325,12 +337,17 @@ def fit_hybrid(
     if options.links == LUMPED:
         motions = [motion.select(nominal.joint_names) for motion in motions]
     shaft = Shaft.parse(options.coupling, nominal.joint_names) if options.coupling else None
-    found = identify(motions, nominal, options.inertia, options.offset, options.robust, shaft)
+    how = HowToIdentify(options.inertia, options.offset, options.robust, shaft)
+    found, named = identify_named(motions, nominal, how, named or NamedLaws())
     arm, loss = found.inertia.arm, found.loss
+
+    def known(m: Motion, rigid: Float[Array, "T n"]) -> Float[Array, "T n"]:
+        laws = named_torque(found.named, m.q, m.dq, rigid, loss.params.transition_speed)
+        return loss_torque(loss.params, found.coupling, m.dq, m.ddq) + laws
+
     net = None
     if options.net != "none":
-        rigid = [arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq) for m in motions]
-        net = _fit_net(motions, rigid, (loss.params, found.coupling), options, progress, checkpoint)
+        net = fit_net_of_arm(motions, arm, known, options.net, options.seed, progress, checkpoint)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
@@ -341,36 +358,12 @@ def fit_hybrid(
         inertia=options.inertia,
         figures=loss_figures(loss),
         coupling=found.coupling,
+        named=found.named,
         inertias=found.inertias,
         trained=find_training_range(motions, nominal, found),
-        provenance=_provenance(motions, options, data, found, net),
+        provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
     )
     return FitResults(model, found, net.history if net else None)
-
-
-def _fit_net(
-    motions: Sequence[Motion],
-    rigid: Sequence[Array],
-    losses: tuple[LossParameters, Coupling | None],
-    options: FitOptions,
-    progress: Callable[[int, int, float], None] | None,
-    checkpoint: Path | None,
-) -> ResidualNet:
-    from ident.model.residual_net import PRESETS, fit_residual_net
-
-    preset = PRESETS[options.net]
-    states = [
-        (m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], torque[m.coarse])
-        for m, torque in zip(motions, rigid, strict=True)
-    ]
-    left = [
-        m.tau_filtered - m.filtered(torque + loss_torque(*losses, m.dq, m.ddq))
-        for m, torque in zip(motions, rigid, strict=True)
-    ]
-    moving = None if options.net == "paper" else [m.moving for m in motions]
-    seeded = type(preset)(**{**vars(preset), "seed": options.seed})
-    interval = motions[0].interval * motions[0].lowpass.factor
-    return fit_residual_net(states, left, moving, seeded, progress, checkpoint, interval)
 
 
 def _provenance(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Float, freeze
+from ident.arrays import Array, Float, Int, freeze
 from ident.model.block_sums import sum_blocks
 from ident.model.consistency import solve_bounded
 from ident.model.coupling import NAMES as SHAFT_NAMES
@@ -30,8 +30,9 @@ from ident.model.inertia import (
     lift_base,
     parameter_scale,
 )
-from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, shortfall
+from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted, shortfall
 from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
+from ident.model.named_laws import NamedLaw, named_torque
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -76,6 +77,7 @@ class Identified:
         through_reversals: Joints whose samples near reversals had to be used.
         estimate: The unbounded joint estimate.
         coupling: Figures of a shaft that two joints share, where one was asked for.
+        named: Laws that were given, with their figures.
     """
 
     inertia: InertiaResults
@@ -87,6 +89,7 @@ class Identified:
     through_reversals: tuple[str, ...]
     estimate: JointEstimate
     coupling: Coupling | None = None
+    named: tuple[NamedLaw, ...] = ()
 
     def record(self) -> dict[str, Any]:
         """What a model keeps of it beside its figures."""
@@ -107,6 +110,8 @@ def identify(
     offset: bool = False,
     robust: bool = False,
     shaft: Shaft | None = None,
+    named: Sequence[NamedLaw] = (),
+    bearing: ArmModel | None = None,
 ) -> Identified:
     """Identifies an arm from its runs.
 
@@ -117,6 +122,8 @@ def identify(
         offset: Whether a constant torque is a loss figure too.
         robust: Whether stretches that fit badly lose their pull.
         shaft: Joints that share a shaft, if any.
+        named: Laws of joints, to be fitted with the rest.
+        bearing: The arm whose rigid torque is the joints' load; the nominal one if None.
 
     Raises:
         RecordingError: A joint hardly moves in any run.
@@ -124,14 +131,16 @@ def identify(
     base = base_parameters(nominal)
     scale = parameter_scale(nominal)
     prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
-    sums = sum_blocks(motions, nominal, base, shaft)
+    sums = sum_blocks(motions, nominal, base, shaft, named, bearing)
     require_motion(sums, nominal.joint_names, motions[0].name)
+    require_parted(sums, named, nominal.joint_names, motions[0].name)
     found = estimate(sums, prior, offset, robust)
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
-    change, losses, figures = _bounded(found, nominal, base, mode, scale)
+    change, losses, figures = _bounded(found, nominal, base, (mode, scale), _passive(found, nominal.n, named))
     coupling = None if shaft is None else _coupling(shaft, found, figures)
+    laws = _named(named, found, figures)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
     informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
     information = found.information
@@ -143,19 +152,33 @@ def identify(
         informed=freeze(np.clip(informed, 0.0, 1.0)),
         condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
-    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses, coupling))
+    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses, (coupling, laws)))
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
-    tied = tied_figures(found, base, nominal.joint_names)
-    return Identified(inertia, loss, inertias, tied, found.spread, share, sums.through_reversals, found, coupling)
+    tied = tied_figures(found, base, nominal.joint_names, named)
+    through = sums.through_reversals
+    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws)
 
 
-def _coupling(shaft: Shaft, found: JointEstimate, figures: Float[Array, " 3"]) -> Coupling:
+def _coupling(shaft: Shaft, found: JointEstimate, figures: Float[Array, " s"]) -> Coupling:
     """A shaft's figures with their intervals."""
-    half = (quantile(found.dof) * found.std)[-len(figures) :]
-    inertia, viscous, coulomb = (
-        (float(value), float(value - reach), float(value + reach)) for value, reach in zip(figures, half, strict=True)
-    )
+    inertia, viscous, coulomb = _triples(found, figures)[-len(SHAFT_NAMES) :]
     return Coupling(shaft, inertia, viscous, coulomb)
+
+
+def _named(named: Sequence[NamedLaw], found: JointEstimate, figures: Float[Array, " s"]) -> tuple[NamedLaw, ...]:
+    """Laws with their figures and intervals."""
+    triples, first, fitted = _triples(found, figures), 0, []
+    for law in named:
+        fitted.append(NamedLaw(law.effect, law.joint, law.shape, tuple(triples[first : first + law.size])))
+        first += law.size
+    return tuple(fitted)
+
+
+def _triples(found: JointEstimate, figures: Float[Array, " s"]) -> list[tuple[float, float, float]]:
+    """Values of the figures that stand last, with their 95 % intervals."""
+    half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
+    pairs = zip(figures, half, strict=True)
+    return [(float(value), float(value - reach), float(value + reach)) for value, reach in pairs]
 
 
 def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, " 10n"]) -> float:
@@ -207,13 +230,27 @@ def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimat
     return JointEstimate(**fields)
 
 
+def _passive(found: JointEstimate, joints: int, named: Sequence[NamedLaw]) -> Int[Array, " b"]:
+    """Positions of the figures that can't be negative: all losses but offsets, and named laws' as their kind says."""
+    bounded = [found.rank + found.per_joint * j + k for j in range(joints) for k in range(3)]
+    first = found.rank + found.per_joint * joints
+    for law in named:
+        bounded += [first + k for k in law.kind.nonnegative]
+        first += law.size
+    return np.array(bounded)
+
+
 def _bounded(
-    found: JointEstimate, arm: ArmModel, base: BaseParameters, mode: str, scale: Float[Array, " 10n"]
+    found: JointEstimate,
+    arm: ArmModel,
+    base: BaseParameters,
+    how: tuple[str, Float[Array, " 10n"]],
+    bounded: Int[Array, " b"],
 ) -> tuple[Float[Array, " 10n"], Float[Array, "n p"], Float[Array, " s"]]:
-    """Change of the inertial numbers, loss figures (non-negative but for offsets) and a coupling's of a mode."""
+    """Change of the inertial numbers, loss figures, and a mode's figures of named laws and a coupling."""
+    mode, scale = how
     rank, per, size = base.rank, found.per_joint, len(found.values)
     own = arm.n * per
-    bounded = np.array([rank + per * j + k for j in range(arm.n) for k in range(3)])
     if mode == "consistent":
         scale = PRIOR_SHARE["consistent"] * scale
         lift = np.zeros((size, 10 * arm.n + size - rank))
@@ -248,15 +285,21 @@ def _non_negative(
 
 
 def _transition(
-    motions: Sequence[Motion], arm: ArmModel, losses: Float[Array, "n p"], coupling: Coupling | None
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    losses: Float[Array, "n p"],
+    others: tuple[Coupling | None, tuple[NamedLaw, ...]],
 ) -> Float[Array, " n"]:
     """Width of each joint's turn of dry friction that leaves least where it moves, all else held [rad/s]."""
     misfit = np.zeros((len(TRANSITION_GRID), arm.n))
+    coupling, laws = others
     for motion in motions:
         rigid = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
         known = rigid + losses[:, 0] * motion.ddq + losses[:, 1] * motion.dq
         if coupling is not None:
             known = known + coupling.torque(motion.dq, motion.ddq)
+        if laws:
+            known = known + named_torque(laws, motion.q, motion.dq, rigid, np.zeros(arm.n))
         turns = [losses[:, 2] * direction(motion.dq, np.full(arm.n, width)) for width in TRANSITION_GRID]
         left = motion.filtered(np.concatenate([motion.tau - known, *turns], axis=1))
         target, *models = np.split(left, len(TRANSITION_GRID) + 1, axis=1)
@@ -317,17 +360,19 @@ def describe(found: Identified) -> list[str]:
         lines.append(f"can't be told apart by these motions: {told}" + (f", and {more} more pairs" if more > 0 else ""))
     if found.coupling is not None:
         lines.append(found.coupling.describe(found.loss.joints))
+    lines += [law.describe(found.loss.joints) for law in found.named]
     if found.through_reversals:
         lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")
     return lines
 
 
 def tied_figures(
-    found: JointEstimate, base: BaseParameters, joints: tuple[str, ...]
+    found: JointEstimate, base: BaseParameters, joints: tuple[str, ...], named: Sequence[NamedLaw] = ()
 ) -> tuple[tuple[str, str, float], ...]:
     """Pairs of figures whose estimates are so correlated that only a combination of them is known."""
     names = [*base.names, *(f"{joint}.{NAMES[k]}" for joint in joints for k in range(found.per_joint))]
-    names += [f"shaft.{name}" for name in SHAFT_NAMES[: found.shared]]
+    names += [f"{joints[law.joint]}.{law.effect}.{k + 1}" for law in named for k in range(law.size)]
+    names += [f"shaft.{name}" for name in SHAFT_NAMES[: len(found.values) - len(names)]]
     std = np.maximum(found.std, 1e-300)
     correlation = found.covariance / np.outer(std, std)
     pairs = np.argwhere(np.triu(np.abs(correlation) > TIED, 1))

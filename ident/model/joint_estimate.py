@@ -12,13 +12,16 @@ Source: White 1980 and Liang and Zeger 1986 (block sandwich); Satterthwaite 1946
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
+from ident.model.named_laws import NamedLaw
 from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect, wandering
 from ident.numerics import student_quantile
 
@@ -28,6 +31,8 @@ SETTLED_SHARE, MOST_PASSES = 0.01, 20
 HUBER_KNEE = 1.345
 # Columns that carry less than this share of the largest carry nothing: their scores are no measure of correlation.
 LEAST_COLUMN = 1e-6
+# Least eigenvalue of the columns of a joint's friction, scaled to length one, at which they count as told apart.
+LEAST_PARTED = 1e-7
 # Shares of a variance below this are rounding: figures that are told apart by the prior alone cancel to that.
 ROUNDING = 1e-9
 # Blocks' scores are never stretched by more than this to reach the weights' own account of the noise.
@@ -51,7 +56,7 @@ class JointEstimate:
         rank: Number r of base parameters.
         per_joint: Number p of loss figures a joint.
         blocks, runs: How many there were.
-        shared: Number of a coupling's figures, which stand last.
+        shared: Number of figures of named laws and, last, of a coupling.
     """
 
     values: Float[Array, " m"]
@@ -307,6 +312,22 @@ def _inverse(matrix: Float[Array, "m m"]) -> Float[Array, "m m"]:
 def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
     """Half width of an interval in standard deviations, by Student's t."""
     return student_quantile(0.5 + level / 2, np.minimum(dof, 1e6))
+
+
+def require_parted(sums: BlockSums, named: Sequence[NamedLaw], joints: tuple[str, ...], where: str) -> None:
+    """Raises RecordingError where the recordings can't tell a named law from plain friction and the laws beside it."""
+    first = sums.rank + LOSS_COLUMNS
+    places = np.cumsum([first, *(law.size for law in named)])
+    for joint in sorted({law.joint for law in named}):
+        spans = zip(named, pairwise(places), strict=True)
+        own = [k for law, (start, end) in spans if law.joint == joint for k in range(start, end)]
+        columns = [*range(sums.rank, sums.rank + 3), *own]
+        gram = sums.of(columns)[0][:, joint].sum(axis=0)
+        size = np.sqrt(np.diag(gram))
+        if np.any(size <= 0.0) or np.linalg.eigvalsh(gram / np.outer(size, size))[0] < LEAST_PARTED:
+            told = " and ".join(law.effect for law in named if law.joint == joint)
+            what = f"its motions can't tell {told} of {joints[joint]} from plain friction"
+            raise RecordingError(where, what, "fit without --with, or record motions that show it")
 
 
 def require_motion(sums: BlockSums, joints: tuple[str, ...], where: str) -> None:

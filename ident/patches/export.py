@@ -180,6 +180,9 @@ def _left_out(model: HybridModel) -> list[str]:
         shaft = model.coupling.shaft
         pair = f"{model.joint_names[shaft.first]} and {model.joint_names[shaft.second]}"
         told.append(f"the shaft shared by {pair} is in the model folder alone")
+    if model.named:
+        laws = ", ".join(f"{law.effect} of {model.joint_names[law.joint]}" for law in model.named)
+        told.append(f"in the model folder alone, `ident patch` writes them: {laws}")
     if model.net is not None:
         told.append("the residual net is in the model folder alone")
     return told

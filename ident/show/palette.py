@@ -6,20 +6,21 @@ from collections.abc import Sequence
 
 # Okabe and Ito's colours: told apart by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
-RUNG_COLOURS = {"analytic": "#d55e00", "inertia": "#cc79a7", "loss": "#0072b2", "net": "#009e73"}
-OTHER_RUNGS = ("#7a5195", "#8c6d31", "#56b4e9")
+RUNG_COLOURS = {"analytic": "#d55e00", "inertia": "#cc79a7", "loss": "#0072b2", "named": "#56b4e9", "net": "#009e73"}
+OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")
-RUNG_NAMES = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "net": "+ net"}
+RUNG_NAMES = {"analytic": "analytic", "inertia": "+ inertia", "loss": "+ loss", "named": "+ named", "net": "+ net"}
 RUNG_MEANINGS = {
     "analytic": "rigid arm as its URDF says",
     "inertia": "link inertias from the recordings",
     "loss": "friction and rotor inertia",
+    "named": "laws of joints that a diagnosis named",
     "net": "neural net for the rest",
 }
 
 
 def rung_colours(rungs: Sequence[str]) -> dict[str, str]:
-    """Colour of each rung; a rung that is not one of the four gets one of its own."""
+    """Colour of each rung; a rung that is not one of these gets one of its own."""
     spare = iter(OTHER_RUNGS * (1 + len(rungs)))
     return {rung: RUNG_COLOURS.get(rung) or next(spare) for rung in rungs}
 

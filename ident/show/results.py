@@ -89,6 +89,7 @@ def _tell_fit(result: FitResults) -> str:
     from ident.model.net_gate import describe_gate
 
     lines = [result.loss.summary(), *describe(result.identified)]
+    lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
     return "\n".join(lines)

@@ -38,6 +38,9 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
     if model.coupling is not None:
         what = "the model has two joints on one shaft, which plans don't know"
         raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
+    if model.named:
+        what = f"the model has {', '.join(sorted({law.effect for law in model.named}))}, which plans don't know"
+        raise ModelError(f"model of {model.robot.name}", what, "fit it without --with")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
     arm = reduce_arm(model.arm, moving, list(fixed))
     net = None

@@ -49,6 +49,8 @@ class ParameterSection(Section):
             "links": link_rows(self.source.model),
             "base": base_rows(self.source.model),
             "tied": tied_pairs(self.source.model),
+            "named": [law.describe(self.source.model.joint_names) for law in self.source.model.named],
+            "left_out": self.source.model.provenance.get("named_left_out", []),
             "net": net_rows(self.source.model),
         }
 

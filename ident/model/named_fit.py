@@ -1,0 +1,126 @@
+"""Laws that a diagnosis named, taken into a model: read from its JSON, and fitted beside everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError
+from ident.model.coupling import Shaft
+from ident.model.identification import Identified, identify
+from ident.model.inertia import Mode
+from ident.model.named_laws import KINDS, NamedLaw
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+from ident.untrusted_files import read_json
+
+DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
+# Shape of a law where a diagnosis tells none beside its reported figures.
+PLAIN = {"terms": 2.0, "load_Nm": 1.0}
+
+
+@dataclass(frozen=True)
+class NamedLaws:
+    """What a diagnosis names.
+
+    Attributes:
+        laws: Laws of joints that a model can carry, not fitted yet.
+        left_out: What else it names, in words, with the reason.
+    """
+
+    laws: tuple[NamedLaw, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class HowToIdentify:
+    """Options of an identification, as `identify` takes them."""
+
+    mode: Mode
+    offset: bool = False
+    robust: bool = False
+    shaft: Shaft | None = None
+
+
+def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
+    """Takes the laws of a diagnosis's JSON.
+
+    Args:
+        path: What `ident diagnose --json` wrote.
+        arm: The arm that is to be fitted, with the joints of the model.
+
+    Raises:
+        InputError: Not a diagnosis, one of another robot, damaged, or one that names nothing.
+    """
+    record = read_json(path, "give the JSON of `ident diagnose`")
+    if record.get("schema") != DIAGNOSIS_SCHEMA:
+        what = f"its schema is {record.get('schema')!r}, not {DIAGNOSIS_SCHEMA!r}"
+        raise InputError(path, what, "give the JSON of `ident diagnose`")
+    try:
+        found = _take(record, arm, path)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        what = f"it is damaged ({type(error).__name__}: {error})"
+        raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+    if not found.laws and not found.left_out:
+        what = f"nothing to take: its verdict is {record.get('verdict')!r} and no effect is named"
+        raise InputError(path, what, "fit without --with, or give a diagnosis with findings")
+    return found
+
+
+def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
+    foreign = [name for name in record["joints"] if name not in arm.joint_names]
+    if record["robot"] != arm.name or len(foreign) == len(record["joints"]):
+        what = f"it is of the robot {record['robot']!r}, not of {arm.name!r}"
+        raise InputError(path, what, "give a diagnosis of this robot")
+    laws, left_out = [], []
+    for finding in record["findings"]:
+        effect, joint = finding["effect"], finding["joints"][0]
+        if effect not in KINDS:
+            left_out.append(f"{effect} of {joint}: no law of one joint's speed, load and angle")
+        elif joint in foreign:
+            left_out.append(f"{effect} of {joint}: the model has no such joint")
+        else:
+            laws.append(NamedLaw(effect, arm.joint_names.index(joint), _shape(record, finding)))
+    return NamedLaws(tuple(laws), tuple(left_out))
+
+
+def _shape(record: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, float]:
+    reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+    law = record.get("baseline", {}).get(finding["joints"][0], {}).get("laws", {}).get(finding["effect"])
+    told = {} if law is None else {name: float(value) for name, value in law["shape"].items()}
+    return {**PLAIN, **reported, **told}
+
+
+def identify_named(
+    motions: Sequence[Motion], nominal: ArmModel, how: HowToIdentify, named: NamedLaws
+) -> tuple[Identified, NamedLaws]:
+    """Identifies an arm with named laws beside losses and inertias.
+
+    Where friction grows with the load, a second pass takes the load from the identified arm. A law that would have to
+    be below zero, so that friction drives the joint, is left out and the rest is fitted again.
+
+    Returns:
+        What was identified, and the laws with those that had to go told as left out.
+
+    Raises:
+        InputError: These recordings can't tell a law from plain friction.
+    """
+    names = nominal.joint_names
+    laws = tuple(law for law in named.laws if law.joint < len(names))
+    foreign = [law for law in named.laws if law.joint >= len(names)]
+    left_out = (*named.left_out, *(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in foreign))
+    bearing: ArmModel | None = None
+    while True:
+        found = identify(motions, nominal, how.mode, how.offset, how.robust, how.shaft, laws, bearing)
+        gone = {(law.effect, law.joint) for law in found.named if law.vanishes}
+        if gone:
+            left_out += tuple(
+                f"{effect} of {names[joint]}: these recordings have none" for effect, joint in sorted(gone)
+            )
+            laws = tuple(law for law in laws if (law.effect, law.joint) not in gone)
+        elif bearing is None and any(law.bears_load for law in laws):
+            bearing = found.inertia.arm
+        else:
+            return found, NamedLaws(found.named, left_out)
