@@ -95,7 +95,8 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
     """Of the turnings that are as likely as the best one, the first: where friction's own law is smooth, any will do.
 
     Neighbouring samples of torque err alike, and no trial is quite right: likelihoods count for as much less as the
-    best one's misfit varies more over stretches of time than that of independent samples would.
+    best one's misfit varies more over stretches of time than that of independent samples would. And of so many trials
+    the best is ahead of the others by chance: by the log of their number.
 
     Args:
         misfit: Sums of squares that each trial leaves.
@@ -108,7 +109,7 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
     variance = np.maximum(left.sum(axis=0) / count, 1e-300)
     alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
     worse = 0.5 * count * np.log(total / total.min(axis=0)) / np.maximum(alike, 1.0)
-    return np.argmax(worse <= AS_LIKELY, axis=0)
+    return np.argmax(worse <= AS_LIKELY + np.log(len(misfit)), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
