@@ -18,6 +18,7 @@ from ident.patches.change import Diagnosed
 from ident.patches.command import write_patch
 from ident.patches.verify import load_module
 from ident.robot.arm import ArmModel
+from plan.api.exciting import excite
 from plan.experiment.question import ask
 from plan.experiment.sizes import size_effect
 from tests.ident.diagnosis.planted import analyse, at_joint, named
@@ -106,6 +107,23 @@ def test_its_law_goes_into_the_module(
     np.testing.assert_allclose(extra[:, 2], told["value"] * np.sin(3 * q[:, 2]), atol=1e-9)
 
 
+def test_an_arm_simulated_with_its_module_has_it(
+    catalogue: tuple[Effect, ...], diagnosis: Path, short_arm: ArmModel, tmp_path: Path
+) -> None:
+    """Law: an arm that moves by the module's torque is diagnosed as the arm was that the module was made for."""
+    write_patch(Diagnosed.load(diagnosis, catalogue), short_arm, tmp_path / "patch")
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+
+    def simulated(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        return np.asarray(module.extra_torque(q, dq, ddq))
+
+    again = analyse(short_arm, simulated, [find_effect(name, catalogue) for name in ("magnet", "spring_torque")])
+    assert named(again) == {("magnet", "joint_3")}
+    (found,) = again.diagnosis.findings
+    told = json.loads(diagnosis.read_text())["findings"][0]["parameters"]["amplitude_Nm"]["value"]
+    assert found.estimate.parameters["amplitude_Nm"].value == pytest.approx(told, rel=0.05)
+
+
 def test_what_lies_outside_its_range_is_not_named(short_arm: ArmModel, tmp_path: Path) -> None:
     """Law: a class that says that no magnet has more than 1 N m is believed; the reason stands with the figures."""
     path = tmp_path / "weak.py"
@@ -146,6 +164,15 @@ def test_a_motion_can_be_asked_for_it(catalogue: tuple[Effect, ...], diagnosis: 
     assert "two slow steady speeds" in found["motion"]
     with pytest.raises(InputError, match="no effect 'magnet'"):
         ask(short_arm, "magnet", None, diagnosis)
+
+
+def test_a_motion_is_worked_out_for_it(catalogue: tuple[Effect, ...], diagnosis: Path) -> None:
+    """Law: `plan excite` finds runs that part it from its rival, and says by how much."""
+    found = excite(
+        "tm5-900", separate="magnet,spring_torque", joint="3", catalogue=catalogue[-1:], minutes=0.2, evaluations=2
+    )
+    assert found.runs
+    assert found.smallest[0] > 0.0
 
 
 def test_its_typical_size_is_its_own(catalogue: tuple[Effect, ...], analysis: Analysis) -> None:
