@@ -24,14 +24,21 @@ COMMANDS = {"ident": ident_app.app, "plan": plan_app.app}
 LONGEST_SCRIPT = 40
 
 
+INLINE = re.compile(r"`((?:ident|plan) [a-z]+ [^`…]+)`")
+
+
 def told_commands() -> list[str]:
-    """Lines of the pages that are a command of ours: indented as code, without what is remarked behind them."""
+    """Commands of ours on the pages: lines indented as code, without what is remarked behind them, and those within a
+
+    sentence that say more than their name.
+    """
     found = []
     for page in PAGES:
         for line in page.read_text(encoding="utf-8").splitlines():
             command = line.strip().partition("  #")[0].strip()
             if line.startswith("    ") and command.split(" ")[0] in COMMANDS and "…" not in command:
                 found.append(command)
+            found += INLINE.findall(line)
     return list(dict.fromkeys(found))
 
 

@@ -1,0 +1,122 @@
+"""Every command that a page tells is run, one after the other as a reader would, in a folder with the reader's files.
+
+What lasts long is cut short (`CUT`), nothing else is changed: the names of the pages are those of the folder.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from pyarrow.csv import write_csv
+
+from ident.robot.names import data_path
+from tests.examples.test_examples import ROOT, told_commands
+
+pytestmark = pytest.mark.slow
+
+# A stand-in for the reader's own program that moves the arm: command files in, recordings out.
+MY_ROBOT = f"""#!{sys.executable}
+import subprocess, sys
+subprocess.run(["ident", "simulate", "--commands", sys.argv[1], "--out", sys.argv[2]], check=True)
+"""
+CUT = {
+    "--cases 480": "--cases 1 --seed 1",
+    "--worlds all": "--worlds all --cases 1 --seed 1 --out worlds",
+    "--arms 3": "--arms 1 --rounds 2 --no-compare",
+    "--record": "--rounds 2 --no-compare --record",
+    "--seeds 5": "--seeds 1",
+    "ident view ": "ident view --rrd viewed.rrd ",  # else a window opens
+    "SESSION": "my_session",
+    "DIR": "mended",
+    "ident new my_session": "ident new foreign",
+}
+ENDLESS = "ident watch arms --robot my_arm.urdf --store watched"
+# What a page does in Python or leaves to the reader: no command of ours makes it.
+NEEDED = {
+    "ident simulate --plan plan.json --out moved": "plan solve scene.toml --model model --seconds 3 --json plan.json"
+}
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The reader's folder: an arm, sessions, a scene, a program that moves the arm."""
+    desk = tmp_path_factory.mktemp("desk")
+    shutil.copy(data_path("urdf/tm5_900.urdf"), desk / "my_arm.urdf")
+    recorded = {
+        "my_session": "payload_516g",
+        "other_session": "E2",
+        "before": "E1",
+        "after": "E2",
+        "arms/one/2026-01-05": "E1",
+    }
+    for name, session in recorded.items():
+        shutil.copytree(data_path(f"logs/tm5_900/{session}"), desk / name)
+        for path in (desk / name).iterdir():  # written long ago, as far as `ident watch` can see
+            os.utime(path, (1.7e9, 1.7e9))
+    write_foreign_table(desk / "my_session", desk / "foreign")
+    (desk / "logs").symlink_to(data_path("logs"))
+    shutil.copy(ROOT / "tests/plan/data/table3.toml", desk / "scene.toml")
+    (desk / "my_robot.py").write_text(MY_ROBOT)
+    (desk / "my_robot.py").chmod(0o755)
+    return desk
+
+
+def write_foreign_table(session: Path, folder: Path) -> None:
+    """One run of a session as a table of another's making: other names, no settings."""
+    folder.mkdir()
+    table = pq.read_table(min(session.glob("*.parquet")))
+    kept = [name for name in table.column_names if name == "time" or name.endswith(("/position", "/effort"))]
+    names = [
+        "t",
+        *(name.replace("joint_", "q").replace("/position", "").replace("/effort", "_torque") for name in kept[1:]),
+    ]
+    write_csv(table.select(kept).rename_columns(names), folder / "run.csv")
+
+
+def surroundings(desk: Path) -> dict[str, str]:
+    """Our commands and the reader's program are found, and the code is the one that is tested."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), str(desk), os.environ["PATH"]])
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+
+
+def run(command: str, desk: Path) -> None:
+    ended = subprocess.run(command, shell=True, cwd=desk, env=surroundings(desk), capture_output=True, text=True)
+    assert ended.returncode == 0, f"{command}\n{ended.stderr[-2000:]}"
+
+
+@pytest.mark.parametrize("command", [one for one in told_commands() if one != ENDLESS])
+def test_a_told_command_runs(command: str, desk: Path) -> None:
+    for words, shorter in CUT.items():
+        command = command.replace(words, shorter)
+    if command in NEEDED:
+        run(NEEDED[command], desk)
+    run(command, desk)
+
+
+def test_the_command_that_goes_on_is_stopped(desk: Path) -> None:
+    """Law: `ident watch` looks, tells, and goes on until it is stopped."""
+    assert ENDLESS in told_commands()
+    unbuffered = {**surroundings(desk), "PYTHONUNBUFFERED": "1"}
+    watching = subprocess.Popen(ENDLESS.split(), cwd=desk, env=unbuffered, stdout=subprocess.PIPE, text=True)
+    assert watching.stdout is not None
+    try:
+        assert any("look at watched" in line for line in watching.stdout)
+        assert watching.poll() is None
+    finally:
+        watching.send_signal(signal.SIGINT)
+    assert watching.wait(60) == 128 + signal.SIGINT
+
+
+def test_tables_are_read_by_others(desk: Path) -> None:
+    """With the query of the page, after `ident watch`."""
+    duckdb = pytest.importorskip("duckdb")
+    query = "from 'watched/figures/*/*.parquet'"
+    assert query in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert duckdb.sql(query.replace("watched", str(desk / "watched"))).fetchall()
