@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import html
+import inspect
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import typer
 
+import ident
+import plan
 from ident.cli import app as ident_app
 from ident.robot.names import data_path
 from plan.cli import app as plan_app
@@ -68,7 +74,7 @@ def test_readme_shows_python_that_runs(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 def test_scripts_are_short_enough_to_be_read() -> None:
     for script in HERE.glob("*.py"):
-        if not script.name.startswith(("test_", "__")):
+        if not script.name.startswith(("test_", "__", "write_")):
             assert len(script.read_text().splitlines()) <= LONGEST_SCRIPT
 
 
@@ -92,3 +98,16 @@ def test_a_plan_on_the_patched_model(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_panda_from_a_bag(real_data: Path, tmp_path: Path) -> None:
     panda_from_a_bag.main(real_data / "panda/unisa_fer/panda_exciting_trajectory.db3", tmp_path)
     assert {path.name for path in tmp_path.iterdir()} >= {"model", "why.json", "why.png"}
+
+
+@pytest.mark.slow
+def test_the_reference_has_every_public_name_with_its_text(tmp_path: Path) -> None:
+    """As `make api` writes it; in a process of its own, for it loads all names of both packages."""
+    subprocess.run([sys.executable, HERE / "write_api.py", tmp_path], check=True, cwd=ROOT)
+    for package in (ident, plan):
+        page = (tmp_path / f"{package.__name__}.html").read_text(encoding="utf-8")
+        for name in package.__all__:
+            text = inspect.getdoc(getattr(package, name))
+            assert f'id="{name}"' in page
+            assert text is not None
+            assert html.escape(text.split(".")[0].split("`")[0].split("\n")[0][:30], quote=False) in page
