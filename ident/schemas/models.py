@@ -61,6 +61,15 @@ class ModelInertiaRecord(TypedDict):
     links: dict[str, list[float]]
 
 
+class NamedLawRecord(TypedDict):
+    """A law of one joint, numbered from zero, that a diagnosis named; coefficients as value, low and high."""
+
+    effect: str
+    joint: int
+    shape: dict[str, float]
+    coefficients: list[list[float]]
+
+
 class FitRecord(TypedDict):
     """A fitted model; its provenance holds options, files and versions too."""
 
@@ -70,6 +79,8 @@ class FitRecord(TypedDict):
     loss: dict[str, Any]
     net: dict[str, Any]
     trained: NotRequired[dict[str, Any]]
+    coupling: NotRequired[dict[str, Any]]
+    named: NotRequired[list[NamedLawRecord]]
     provenance: ProvenanceRecord
 
 

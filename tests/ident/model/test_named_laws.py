@@ -6,14 +6,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from ident.errors import InputError, ModelError, RecordingError
 from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.named_fit import NamedLaws, read_named_laws
 from ident.model.named_laws import KINDS, JointStates, NamedLaw
 from ident.motion.motion import Motion
+from ident.schemas.models import NamedLawRecord
 from plan.dynamics.torque_model import torque_of_model
 from tests.ident.made_up import made_motions, two_joint_arm
 
@@ -69,6 +72,18 @@ def test_a_saved_model_keeps_its_laws(fitted: FitResults, runs: list[Motion], tm
     states = (runs[5].q, runs[5].dq, runs[5].ddq)
     assert np.array_equal(loaded.torque(*states), fitted.model.torque(*states))
     assert "joint_1: friction that falls as motion sets in (stribeck_friction" in fitted.summary()
+
+
+def test_the_record_is_what_its_schema_says(fitted: FitResults) -> None:
+    """Laws stand in the JSON of a fit in the published shape."""
+    record = json.loads(json.dumps(fitted.to_dict()))
+    jsonschema.validate(record["named"], {"type": "array", "items": _published()})
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate([{**record["named"][0], "joint": "joint_1"}], {"type": "array", "items": _published()})
+
+
+def _published() -> dict[str, Any]:
+    return dict(TypeAdapter(NamedLawRecord).json_schema())
 
 
 def test_a_law_that_is_not_there_is_left_out() -> None:
