@@ -11,14 +11,16 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.until import RepeatedLooks, look_until
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.opening import Robot, Sources, inspect_in_parts
+from ident.opening import Robot, Sources, inspect_in_parts, load_sources
 from ident.provenance import Provenance, StampLedger
 from ident.recordings.load import TOPIC
+from ident.recordings.recording import Session
 
 Catalogue = str | Path | Sequence[Effect]
 
@@ -118,6 +120,60 @@ def examine(
     }
     origin = Provenance("ident diagnose", settings=options, sessions=ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
+
+
+def examine_until(
+    sure: float,
+    source: Sources,
+    robot: Robot | None = None,
+    *,
+    model: Model | None = None,
+    catalogue: Catalogue | None = None,
+    cutoff: float | None = None,
+    seed: int = 0,
+    topic: str = TOPIC,
+    session_file: str | Path | None = None,
+    accept: Sequence[str] = (),
+    settings: DiagnosisSettings = USUAL,
+) -> tuple[Examined, RepeatedLooks]:
+    """Looks at more and more runs, in their order, until the diagnosis is sure or no run is left.
+
+    Args:
+        sure: Least probability of every name, and one less the chance of a false name over all looks.
+        source, robot, model, catalogue, cutoff, seed, topic, session_file, accept, settings: As for `diagnose`.
+
+    Returns:
+        The last look with all that pages need, and what all looks said.
+    """
+    sessions = load_sources(source, topic, session_file)
+    examined: list[Examined] = []
+
+    def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:
+        found = examine(
+            first_runs(sessions, runs),
+            robot,
+            model=model,
+            catalogue=catalogue,
+            cutoff=cutoff,
+            seed=seed,
+            accept=accept,
+            settings=spent,
+        )
+        examined[:] = [found]
+        return found.diagnosis
+
+    looks = look_until(look, sum(len(session.runs) for session in sessions), sure, settings)
+    return examined[0], looks
+
+
+def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:
+    """The sessions with so many of their runs, the first ones."""
+    kept = []
+    for session in sessions:
+        if session.runs and count > 0:
+            kept.append(session.replace(runs=session.runs[:count]))
+            count -= len(session.runs)
+    return kept
 
 
 def gather_effects(catalogue: Catalogue | None) -> tuple[Effect, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -210,29 +210,36 @@ def diagnose(
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
     seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    until: Annotated[
+        float | None,
+        typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
+    ] = None,
     accept: Accept = None,
     json_file: JsonFile = None,
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
-    from ident.api.diagnosing import examine
+    from ident.api.diagnosing import examine, examine_until
     from ident.api.fitting import evaluate as score
-    from ident.show.terminal import gap_curves, gap_marks, print_diagnosis
+    from ident.show.terminal import gap_curves, gap_marks, print_diagnosis, print_looks
 
     read = [*sessions, robot, model, catalogue, session_file]
     check_outputs(read, {"--html": html, "--rrd": rrd, "--json": json_file})
-    examined = examine(
-        sessions,
-        robot,
-        model=model,
-        catalogue=catalogue,
-        cutoff=cutoff,
-        seed=seed,
-        topic=topic,
-        session_file=session_file,
-        accept=accept or (),
-    )
+    options: dict[str, Any] = {
+        "model": model,
+        "catalogue": catalogue,
+        "cutoff": cutoff,
+        "seed": seed,
+        "topic": topic,
+        "session_file": session_file,
+        "accept": accept or (),
+    }
+    looks = None
+    if until is None:
+        examined = examine(sessions, robot, **options)
+    else:
+        examined, looks = examine_until(until, sessions, robot, **options)
     diagnosis, analysis, loaded = examined.diagnosis, examined.analysis, examined.model
-    record = diagnosis.to_dict()
+    record = {**diagnosis.to_dict(), **({} if looks is None else {"until": looks.to_dict()})}
 
     def write_page() -> None:
         if html is None:
@@ -256,6 +263,8 @@ def diagnose(
 
     def show() -> None:
         print_diagnosis(console, diagnosis)
+        if looks is not None:
+            print_looks(console, looks)
         say_where(("page", html), ("timeline", None if analysis is None else rrd))
 
     deliver(show, lambda: write_json(json_file, record), write_page, write_rrd)

@@ -135,6 +135,7 @@ class DiagnosisRecord(TypedDict):
     provenance: ProvenanceRecord
     nearest: NotRequired[dict[str, Any] | None]
     detectable: NotRequired[list[DetectableRecord]]
+    until: NotRequired[dict[str, Any]]
     baseline: NotRequired[dict[str, dict[str, Any]]]
     baseline_alone: NotRequired[dict[str, dict[str, Any]]]
     baseline_urdf: NotRequired[dict[str, dict[str, Any]]]

@@ -11,6 +11,7 @@ from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.result import Diagnosis, Finding
+from ident.diagnosis.until import RepeatedLooks
 from ident.show.limits import describe_limits
 from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
 from ident.show.report.words import axis_name, interval_words
@@ -57,6 +58,14 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
         console.print(f"  {limits}", soft_wrap=True, highlight=False)
     for line in group_silent(record["not_testable"]):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
+
+
+def print_looks(console: Console, looks: RepeatedLooks) -> None:
+    """Whether enough was recorded; else what is missing, and what to record."""
+    console.print(looks.words(), soft_wrap=True, highlight=False)
+    following = looks.diagnosis.to_dict()["next_experiment"]
+    if not looks.enough and following is not None:
+        console.print(f"  record next: {following['motion']}", soft_wrap=True, highlight=False, markup=False)
 
 
 def describe(finding: Finding) -> str:

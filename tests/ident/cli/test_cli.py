@@ -238,6 +238,7 @@ def test_a_urdf_without_inertia(run: Run, tmp_path: Path) -> None:
         (("fitt",), ("fitt",)),
         (("evaluate", E1, "--model", "nowhere"), ("nowhere", "ident fit")),
         (("diagnose", E1, *ROBOT, "--catalogue", "nowhere.py"), ("nowhere.py",)),
+        (("diagnose", E1, *ROBOT, "--until", "2"), ("--until", "2", "between 0.5 and")),
         (("simulate", "--out", "s", "--effect", "stribek:joint_1:1"), ("--effect", "stribek", "stribeck_friction")),
         (("simulate", "--out", "s", "--effect", "stribeck_friction"), ("--effect", "joint")),
         (("simulate", "--out", "s", "--effect", "stribeck_friction:joint_9:1"), ("joint_9",)),
