@@ -25,6 +25,7 @@ from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
 from ident.telemetry.accepted import TOLD_BY_A_FIT, check_accepted, overrule
+from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
 Sources = Source | Sequence[Source]
 Robot = str | Path | ArmModel
@@ -117,6 +118,7 @@ def inspect_in_parts(
     session_file: str | Path | None = None,
     ledger: StampLedger | None = None,
     accept: Sequence[str] = (),
+    settings: TelemetrySettings = USUAL_TELEMETRY,
 ) -> tuple[ArmModel, Iterable[TelemetryReport]]:
     """The same; sessions too long to be held come in parts of consecutive runs, each read when its turn comes.
 
@@ -126,6 +128,7 @@ def inspect_in_parts(
         paths, robot, topic, session_file: As for `open_sessions`.
         ledger: Takes note of what passes.
         accept: Names of issues whose refusal is overruled.
+        settings: What recordings are refused by.
     """
     accepted = check_accepted(accept)
     ledger, sources = ledger or StampLedger(), _gather(paths, session_file)
@@ -143,10 +146,10 @@ def inspect_in_parts(
         parts.append(part)
         if sum(each.samples for each in parts) >= PART_SAMPLES:
             arm = load_robot(robot, parts)
-            reports = inspect_parts(chain(emptied(parts), coming), arm)
+            reports = inspect_parts(chain(emptied(parts), coming), arm, settings)
             return arm, map(partial(overrule, accept=accepted), reports)
     arm = load_robot(robot, parts)
-    return arm, tuple(overrule(report, accepted) for report in inspect_sessions(parts, arm))
+    return arm, tuple(overrule(report, accepted) for report in inspect_sessions(parts, arm, settings))
 
 
 def _robot_of(source: str | Path | Session, session_file: str | Path | None) -> str | None:

@@ -106,7 +106,7 @@ def examine(
         what = f"a {type(settings).__name__} is no settings"
         raise InputError("settings", what, "give an ident.DiagnosisSettings")
     ledger = StampLedger()
-    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger, accept)
+    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger, accept, settings.telemetry)
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
     diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded, settings)

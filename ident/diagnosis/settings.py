@@ -9,6 +9,7 @@ from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSett
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.motion.settings import FOR_DIAGNOSIS, MotionSettings
 from ident.settings import Settings, number
+from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class DiagnosisSettings(Settings):
     """Numbers that decide a verdict.
 
     Attributes:
+        telemetry: What recordings are refused by: sign, scale and origin of the torque, and too little motion.
         motion: How recordings become motions: the encoders' band, the common filter, what is settled.
         regression: What the sums are made of, and what is known beforehand.
         selection: Which effects get a name.
@@ -68,6 +70,7 @@ class DiagnosisSettings(Settings):
         verdict: What it all amounts to.
     """
 
+    telemetry: TelemetrySettings = USUAL_TELEMETRY
     motion: MotionSettings = FOR_DIAGNOSIS
     regression: RegressionSettings = USUAL_REGRESSION
     selection: SelectionSettings = USUAL_SELECTION

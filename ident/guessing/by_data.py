@@ -16,7 +16,8 @@ from ident.guessing.foreign import ForeignTable
 from ident.guessing.guess import Reason, Signals
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from ident.telemetry.effort import FOLLOWS, SCALE_HIGH, SCALE_LOW, States, check_effort, collect_states, fit_signed
+from ident.telemetry.effort import States, check_effort, collect_states, fit_signed
+from ident.telemetry.settings import USUAL_EFFORT
 
 # Steps of a clock differ from their median by less than this many medians, for nearly all samples.
 EVEN, NEARLY_ALL = 3.0, 0.99
@@ -108,9 +109,9 @@ def _find_torque(
             continue
         explained, scale = follow(states)
         computed = any(issue.issue == "effort_is_model" for issue in check_effort(session, arm, states))
-        if computed or explained <= FOLLOWS:
+        if computed or explained <= USUAL_EFFORT.follows:
             continue
-        channel = "effort" if SCALE_LOW < scale < SCALE_HIGH else "current"
+        channel = "effort" if USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
         why = f"the robot's gravity, inertia and friction explain {explained:.0%} of them, gravity at {scale:.2g} times"
         found.append((explained, _noise(values[:, blocks[k]]), k, channel, f"{why} its size"))
     best = max(found, default=None)

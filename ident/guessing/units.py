@@ -14,7 +14,8 @@ from ident.guessing.names import words_of
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import TIME_UNITS
 from ident.robot.arm import ArmModel
-from ident.telemetry.effort import FOLLOWS, SCALE_HIGH, SCALE_LOW, SignedFit, States, collect_states, fit_signed
+from ident.telemetry.effort import SignedFit, States, collect_states, fit_signed
+from ident.telemetry.settings import USUAL_EFFORT
 from ident.telemetry.velocities import compare_velocities
 
 # Sampling of robots' logs, fastest and slowest step [s].
@@ -165,11 +166,13 @@ def torque_of(signals: Signals, states: States | None, joints: tuple[str, ...], 
     for j, joint in enumerate(joints):
         sides = {sign: fit_signed(states, j, float(sign)) for sign in (1, -1)}
         best = max(sides, key=lambda sign: sides[sign].explained)
-        clear = states.alive[j] and sides[best].explained > max(FOLLOWS, sides[-best].explained + CLEARLY_MORE)
+        clear = states.alive[j] and sides[best].explained > max(
+            USUAL_EFFORT.follows, sides[-best].explained + CLEARLY_MORE
+        )
         fits[joint] = (best if clear else 1, sides[best], bool(clear), bool(states.heavy[j]))
     scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > TRUSTED]
     scale = float(np.median(scales)) if scales else 1.0
-    channel = nominal if nominal == "current" or SCALE_LOW < scale < SCALE_HIGH else "current"
+    channel = nominal if nominal == "current" or USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
     signs = {joint: sign for joint, (sign, _, _, _) in fits.items() if sign < 0}
     reasons = _sign_reasons(fits)
     if channel == "effort":

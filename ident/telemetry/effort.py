@@ -21,28 +21,11 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.filtered_run import FilteredRun, filter_run
 from ident.telemetry.report import joints_at
+from ident.telemetry.settings import USUAL_EFFORT, EffortSettings
 from ident.untrusted_files import toml_key
 
 # Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
 TRANSITION_RAD_S = 0.02
-# A joint is tested if it moves. At rest its torque can be anything within friction, which is 20 N m at most on arms
-# of this size; gravity that changes by this much (standard deviation) shows through.
-MOVING_RAD_S, STATIC_NM = 0.02, 10.0
-# Sign. On 17 UR10e, two Panda and one UR10 logs, moving joints reach at least 0.59 with the right sign and at most
-# 0.27 with the wrong one (a wrist on which friction and a mass error compensate).
-SIGN_EXPLAINS, SIGN_BETTER = 0.5, 0.3
-# Scale. Gravity's coefficient a_g was 0.84 to 1.44 on the heavy joints of these logs, 1.84 with an unknown payload of
-# 2.6 kg. Payloads can't lower it. Raw currents lie near 0.1, per cent of a rated torque near 0.3, N mm at 1000.
-SCALE_LOW, SCALE_HIGH = 0.5, 4.0
-# A joint is heavy if gravity changes on it by this share of the most loaded joint's change, and by 0.5 N m.
-HEAVY_SHARE, HEAVY_NM = 0.2, 0.5
-# Heavy joints reach 0.97 in these logs; a torque of which the model explains less than this is something else.
-FOLLOWS = 0.3
-# How many standard errors out of that range it must lie, and pieces of the session that these come from.
-SURE, PIECES = 3.0, 12
-# A model of itself. Friction terms lower the residual's variance by at least 22 % on every joint of these logs, and
-# by 2.6 % at most on the UR10e controller's own rigid model, which its logs hold as last columns.
-FRICTION_GAIN, RIGID_EXPLAINS, FRICTION_SHARE = 0.05, 0.99, 0.005
 ORIGIN_STATES = 2000
 
 
@@ -56,16 +39,17 @@ class States:
     tau: Float[Array, "T n"]
     gravity: Float[Array, "T n"]
     inertial: Float[Array, "T n"]
+    settings: EffortSettings = USUAL_EFFORT
 
     @property
     def moving(self) -> Bool[Array, " n"]:
         """Joints that move."""
-        return np.sqrt(np.mean(self.dq**2, axis=0)) > MOVING_RAD_S
+        return np.sqrt(np.mean(self.dq**2, axis=0)) > self.settings.moving_rad_s
 
     @property
     def telling(self) -> Bool[Array, " n"]:
         """Joints whose torque the model can be held against."""
-        return self.moving | (self.gravity.std(axis=0) > STATIC_NM)
+        return self.moving | (self.gravity.std(axis=0) > self.settings.static_Nm)
 
     @property
     def alive(self) -> Bool[Array, " n"]:
@@ -77,7 +61,7 @@ class States:
     def heavy(self) -> Bool[Array, " n"]:
         """Joints on which gravity changes much."""
         change = self.gravity.std(axis=0)
-        return (change > HEAVY_SHARE * change.max()) & (change > HEAVY_NM)
+        return (change > self.settings.heavy_share * change.max()) & (change > self.settings.heavy_Nm)
 
 
 @dataclass(frozen=True)
@@ -95,14 +79,14 @@ class SignedFit:
     inertia: float
 
 
-def collect_states(session: Session, arm: ArmModel) -> States | None:
+def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> States | None:
     """The filtered motion of all runs; None where every run is too short."""
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
         return None
     q, dq, ddq, tau = (_stack(motions, name) for name in ("q", "dq", "ddq", "tau"))
     gravity = arm.gravity(q)
-    return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity)
+    return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity, settings)
 
 
 def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
@@ -151,18 +135,19 @@ def _surely_off(states: States, joint: int) -> bool:
 
     Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
     """
-    terms, steps = _terms(states, joint), np.arange(len(states.q)) * PIECES // len(states.q)
+    held, pieces = states.settings, states.settings.pieces
+    terms, steps = _terms(states, joint), np.arange(len(states.q)) * pieces // len(states.q)
     bare = [terms, np.ones(len(terms))]
     for columns in (bare, [*bare, states.q[:, joint]]):
         table = np.column_stack([*columns, states.tau[:, joint]])
-        pieces = np.stack([table[steps == k].T @ table[steps == k] for k in range(PIECES)])
+        each = np.stack([table[steps == k].T @ table[steps == k] for k in range(pieces)])
         whole, *parts = (
             float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
-            for sums in [pieces.sum(axis=0), *(pieces.sum(axis=0) - piece for piece in pieces)]
+            for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
         )
-        doubt = SURE * np.sqrt((PIECES - 1) / PIECES * np.sum((np.array(parts) - np.mean(parts)) ** 2))
+        doubt = held.sure * np.sqrt((pieces - 1) / pieces * np.sum((np.array(parts) - np.mean(parts)) ** 2))
         size = abs(whole)
-        if size + doubt > SCALE_LOW and size - doubt < SCALE_HIGH:
+        if size + doubt > held.scale_low and size - doubt < held.scale_high:
             return False
     return True
 
@@ -187,13 +172,14 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         arm: The robot with the session's payload.
         states: The recordings' motion, of `collect_states`.
     """
+    held = states.settings
     tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
     right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
     wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
     flipped = [
         joint
         for joint in tested
-        if wrong[joint].explained > SIGN_EXPLAINS and wrong[joint].explained > right[joint].explained + SIGN_BETTER
+        if wrong[joint].explained > max(held.sign_explains, right[joint].explained + held.sign_better)
     ]
     upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
     issues = _tell_flipped(session, flipped, right, wrong)
@@ -221,15 +207,15 @@ def _tell_flipped(
 def _check_scale(
     session: Session, states: States, fits: dict[int, SignedFit], sprung: dict[int, SignedFit]
 ) -> list[TelemetryIssue]:
-    heavy = [joint for joint in fits if states.heavy[joint]]
+    held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
     remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
     compensated = 'if the driver takes gravity out, write effort_kind = "gravity_compensated" in session.toml'
-    deaf = [joint for joint in heavy if sprung[joint].explained < FOLLOWS]
+    deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
     off = [
         joint
         for joint in heavy
         if joint not in deaf
-        and all(not SCALE_LOW < fit[joint].gravity < SCALE_HIGH for fit in (fits, sprung))
+        and all(not held.scale_low < fit[joint].gravity < held.scale_high for fit in (fits, sprung))
         and _surely_off(states, joint)
     ]
     issues = []
@@ -264,7 +250,7 @@ def _check_origin(session: Session, arm: ArmModel, states: States) -> list[Telem
     for joint in moving:
         rigid = np.column_stack([regressor[:, joint], states.ddq[rows, joint]])
         found = fit_rigid(rigid, states.dq[rows, joint], states.tau[rows, joint])
-        if found.is_computed:
+        if found.is_computed(states.settings):
             models.append((found, int(joint)))
     # One joint without friction may be a fine gear; most joints without are a computer.
     if len(models) < max(1.0, 0.5 * len(moving)):
@@ -295,11 +281,11 @@ class RigidFit:
     gain: float
     friction: float
 
-    @property
-    def is_computed(self) -> bool:
+    def is_computed(self, settings: EffortSettings = USUAL_EFFORT) -> bool:
         """Whether the torque shows no friction although the rigid columns explain it."""
-        explained = self.left**2 < 1.0 - RIGID_EXPLAINS and self.friction < FRICTION_SHARE * self.spread
-        return self.left < 1e-6 or (explained and self.gain < FRICTION_GAIN)
+        explained = self.left**2 < 1.0 - settings.rigid_explains
+        without = self.friction < settings.friction_share * self.spread and self.gain < settings.friction_gain
+        return self.left < 1e-6 or (explained and without)
 
 
 def fit_rigid(rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"]) -> RigidFit:

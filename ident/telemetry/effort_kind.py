@@ -17,7 +17,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry.effort import SIGN_EXPLAINS, TRANSITION_RAD_S, States, collect_states, fit_signed
+from ident.telemetry.effort import TRANSITION_RAD_S, States, collect_states, fit_signed
 from ident.telemetry.report import JointEffort, joints_at
 
 # a_g counts as known if its standard error over pieces of the recordings is below this: 1 is then five errors off 0.
@@ -119,7 +119,7 @@ def _is_compensated(states: States | None, known: dict[int, GravityFit]) -> bool
     if states is None or not known or not all(fit.lacks_gravity for fit in known.values()):
         return False
     rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
-    return all(right > SIGN_EXPLAINS and right > wrong for right, wrong in rest)
+    return all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
 
 
 def _with_gravity(run: Recording, arm: ArmModel) -> Recording:

@@ -13,12 +13,8 @@ from ident.robot.arm import ArmModel
 from ident.telemetry.effort import collect_states
 from ident.telemetry.filtered_run import filter_run
 from ident.telemetry.independence import Independence
+from ident.telemetry.settings import USUAL_EXCITATION, ExcitationSettings
 
-# An error of the torque becomes up to this many times larger in the base parameters. Optimised exciting motion
-# reaches 10 to 60; above 100 a torque error of 1 % can double a parameter.
-LARGEST_CONDITION = 100.0
-# Below this travel a joint shows neither its friction nor its part of gravity [rad or m].
-LEAST_TRAVEL = 0.05
 STATES = 800
 
 
@@ -27,10 +23,11 @@ class Amount:
 
     Args:
         most: States that are kept of each, where there may be very many sessions; None for all of them.
+        settings: How much is enough.
     """
 
-    def __init__(self, most: int | None = None) -> None:
-        self._most = most
+    def __init__(self, most: int | None = None, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
+        self._most, self._settings = most, settings
         self._name = ""
         self._joints: tuple[str, ...] = ()
         self._runs, self._seconds, self._blocks = 0, 0.0, 0
@@ -38,7 +35,7 @@ class Amount:
         self._high: Array = np.array(-np.inf)
         self._states: list[Float[Array, "4 T n"]] = []
         self._arm: ArmModel | None = None
-        self._independence = Independence(LEAST_TRAVEL)
+        self._independence = Independence(settings)
 
     def take(self, session: Session, arm: ArmModel | None) -> None:
         """Counts one more session, mended, with the robot as it needs it.
@@ -81,7 +78,7 @@ class Amount:
     def _check_excitation(self) -> list[TelemetryIssue]:
         """Whether the motion moves every joint and tells the base parameters apart."""
         travel = self._high - self._low
-        still = np.flatnonzero(travel < LEAST_TRAVEL)
+        still = np.flatnonzero(travel < self._settings.least_travel)
         remedy = "record motion of all joints over wide poses (`plan excite` proposes one)"
         issues = []
         if len(still):
@@ -94,7 +91,7 @@ class Amount:
         if self._arm is None or not self._states or len(still) == len(self._joints):
             return issues
         condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
-        if condition > LARGEST_CONDITION:
+        if condition > self._settings.largest_condition:
             what = f"the base parameters' regressor has a condition number of {condition:.3g}"
             issues.append(TelemetryIssue("insufficient_excitation", (), "warning", f"{self._name}: {what}", remedy))
         return issues

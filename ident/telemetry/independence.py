@@ -2,6 +2,9 @@
 
 In one sinusoid the acceleration is the angle times a constant: rotor and link inertia, a spring and gravity's slope are
 then one figure, however long it was recorded, and no held-out part of it says otherwise.
+Optimised and everyday motion shows shares of 0.3 to 0.95.
+
+Source: Marquardt, Generalized inverses, ridge regression, biased linear estimation (1970): inflation beyond ten.
 """
 
 from __future__ import annotations
@@ -12,13 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.telemetry.settings import USUAL_EXCITATION, ExcitationSettings
 
-# Share of the acceleration's variance that must not follow from the angle: below it, the variance of an estimated
-# inertia is more than ten times what it would be by itself. Optimised and everyday motion shows 0.3 to 0.95.
-# Source: Marquardt, Generalized inverses, ridge regression, biased linear estimation (1970): inflation beyond ten.
-LEAST_SHARE = 0.1
-# A direction of motion is repeated if it is shown so many times.
-LEAST_STROKES = 2
 # Parts of a single recording that are left out in turn, as the held-out splits do.
 PARTS = 5
 
@@ -31,31 +29,33 @@ class MotionShown:
         share: Of the acceleration's variance that does not follow from the angle, the least over what is left where
             one recording is left out; NaN where the joint does not move.
         strokes: Strokes in the positive and in the negative direction.
+        settings: How much is enough.
     """
 
     share: Float[Array, " n"]
     strokes: Int[Array, "2 n"]
+    settings: ExcitationSettings = USUAL_EXCITATION
 
     @property
     def one_sinusoid(self) -> Bool[Array, " n"]:
         """Joints whose acceleration follows from their angle."""
-        return self.share < LEAST_SHARE
+        return self.share < self.settings.least_share
 
     @property
     def once(self) -> Bool[Array, " n"]:
         """Joints that move, but in one direction less often than it takes to repeat it."""
-        return np.isfinite(self.share) & (self.strokes.min(axis=0) < LEAST_STROKES)
+        return np.isfinite(self.share) & (self.strokes.min(axis=0) < self.settings.least_strokes)
 
 
 class Independence:
     """Sums over recordings, each taken and none kept.
 
     Args:
-        travel: Least travel of a joint by which it moves [rad or m].
+        settings: How much is enough.
     """
 
-    def __init__(self, travel: float) -> None:
-        self._travel = travel
+    def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
+        self._settings, self._travel = settings, settings.least_travel
         self._sums: list[list[Float[Array, "5 5"]]] = []
         self._strokes: Int[Array, "2 n"] = np.zeros((2, 0), dtype=int)
 
@@ -72,7 +72,7 @@ class Independence:
 
     def shown(self) -> MotionShown:
         """All that was taken, together."""
-        return MotionShown(np.array([_least_share(sums) for sums in self._sums]), self._strokes)
+        return MotionShown(np.array([_least_share(sums) for sums in self._sums]), self._strokes, self._settings)
 
 
 def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) -> tuple[int, int]:

@@ -20,6 +20,7 @@ from ident.telemetry.excitation import Amount
 from ident.telemetry.motion import mend_time_base, mend_time_unit, mend_velocity
 from ident.telemetry.repeated import find_repeated
 from ident.telemetry.report import TelemetryReport
+from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.telemetry.spikes import mend_absurd, mend_channel_spikes
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
@@ -41,12 +42,14 @@ def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
     return inspect_sessions([session], arm)[0]
 
 
-def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -> tuple[TelemetryReport, ...]:
+def inspect_sessions(
+    sessions: Sequence[Session], arm: ArmModel | None = None, settings: TelemetrySettings = USUAL_TELEMETRY
+) -> tuple[TelemetryReport, ...]:
     """Checks sessions that are to be used together: whether there is enough motion is asked of all of them at once."""
     # The checks' matrices are small: threads of the linear algebra only get into each other's way.
     with threadpool_limits(limits=1, user_api="blas"):
-        reports = [inspect_alone(session, arm) for session in sessions]
-        amount = Amount()
+        reports = [inspect_alone(session, arm, settings) for session in sessions]
+        amount = Amount(settings=settings.excitation)
         for report in reports:
             amount.take(report.session, report.arm)
         also = (*amount.issues(), *find_repeated(sessions))
@@ -54,7 +57,9 @@ def inspect_sessions(sessions: Sequence[Session], arm: ArmModel | None = None) -
         return (first, *reports[1:])
 
 
-def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
+def inspect_alone(
+    session: Session, arm: ArmModel | None, settings: TelemetrySettings = USUAL_TELEMETRY
+) -> TelemetryReport:
     """All checks but those that ask for the amount of data."""
     issues = list(session.issues())
     if arm is not None:
@@ -91,7 +96,7 @@ def inspect_alone(session: Session, arm: ArmModel | None) -> TelemetryReport:
     issues += check_clipping(session) + check_commands(session)
     if arm is None:
         return TelemetryReport(session, tuple(issues), arm)
-    states = collect_states(session, arm)
+    states = collect_states(session, arm, settings.effort)
     issues += check_effort(session, arm, states) if states is not None else []
     return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
 

@@ -13,9 +13,12 @@ from ident.robot.arm import ArmModel
 from ident.telemetry.excitation import STATES, Amount
 from ident.telemetry.inspection import inspect_alone
 from ident.telemetry.report import TelemetryReport
+from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
 
-def inspect_parts(parts: Iterable[Session], arm: ArmModel) -> Iterator[TelemetryReport]:
+def inspect_parts(
+    parts: Iterable[Session], arm: ArmModel, settings: TelemetrySettings = USUAL_TELEMETRY
+) -> Iterator[TelemetryReport]:
     """Reports of consecutive parts of sessions that are to be used together, each made when its turn comes.
 
     A part is checked and mended by itself. What an earlier part of its session showed is not told again, unless it is
@@ -24,7 +27,7 @@ def inspect_parts(parts: Iterable[Session], arm: ArmModel) -> Iterator[Telemetry
     Raises:
         RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
     """
-    check = _Check(arm)
+    check = _Check(arm, settings)
     # A map holds on to nothing that it has handed out.
     return chain(map(check.inspect, parts), check.close())
 
@@ -32,9 +35,9 @@ def inspect_parts(parts: Iterable[Session], arm: ArmModel) -> Iterator[Telemetry
 class _Check:
     """What the parts so far have shown."""
 
-    def __init__(self, arm: ArmModel) -> None:
-        self._arm = arm
-        self._amount = Amount(STATES)
+    def __init__(self, arm: ArmModel, settings: TelemetrySettings) -> None:
+        self._arm, self._settings = arm, settings
+        self._amount = Amount(STATES, settings.excitation)
         self._told: set[tuple[str, str, tuple[str, ...], str]] = set()
         self._last: TelemetryReport | None = None
 
@@ -42,7 +45,7 @@ class _Check:
         """The report of one more part."""
         # The checks' matrices are small: threads of the linear algebra only get into each other's way.
         with threadpool_limits(limits=1, user_api="blas"):
-            report = inspect_alone(part, self._arm)
+            report = inspect_alone(part, self._arm, self._settings)
             self._amount.take(report.session, report.arm)
         self._last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
         where = str(part.path or part.name)

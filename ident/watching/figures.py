@@ -19,7 +19,7 @@ from scipy.special import stdtrit
 from ident.arrays import Array, Float, Int
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from ident.telemetry.effort import HEAVY_NM, HEAVY_SHARE
+from ident.telemetry.settings import USUAL_EFFORT
 
 # Figure -> unit.
 UNITS = {
@@ -71,7 +71,7 @@ def compute_figures(motions: Sequence[Motion], reference: ArmModel) -> tuple[Ses
         rigid.append(motion.filtered(arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)))
         gravity.append(arm.gravity(motion.q[motion.coarse]))
     change = np.concatenate(gravity).std(axis=0)
-    heavy = (change > HEAVY_SHARE * change.max()) & (change > HEAVY_NM)
+    heavy = (change > USUAL_EFFORT.heavy_share * change.max()) & (change > USUAL_EFFORT.heavy_Nm)
     found: list[SessionFigure] = []
     for j, joint in enumerate(motions[0].joints):
         found += _of_joint(motions, rigid, j, joint, bool(heavy[j]))

@@ -13,6 +13,7 @@ from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport, inspect, inspect_sessions
 from ident.telemetry.channels import stuck_positions
+from ident.telemetry.settings import EffortSettings, ExcitationSettings, TelemetrySettings
 
 
 def found(report: TelemetryReport) -> dict[str, str]:
@@ -39,6 +40,19 @@ def test_a_flipped_sign_is_found_on_every_joint(joint: int, clean: Session, arm:
 def test_a_flipped_convention_is_found_on_all_joints(clean: Session, arm: ArmModel) -> None:
     report = inspect(spoil(clean, lambda run: run.replace(effort=-run.effort)), arm)
     assert_refused(report, "effort_sign_flipped", arm.joint_names)
+
+
+def test_a_refusal_obeys_the_settings_that_it_was_given(clean: Session, arm: ArmModel) -> None:
+    """Law: where more is asked than any torque explains, no sign is called flipped; where nothing is motion enough,
+
+    clean recordings are too little.
+    """
+    flipped = spoil(clean, lambda run: run.replace(effort=-run.effort))
+    (report,) = inspect_sessions([flipped], arm, TelemetrySettings(effort=EffortSettings(sign_explains=1.0)))
+    assert "effort_sign_flipped" not in found(report)
+    asked = TelemetrySettings(excitation=ExcitationSettings(least_travel=100.0))
+    (report,) = inspect_sessions([clean], arm, asked)
+    assert found(report) == {"insufficient_excitation": "fatal"}
 
 
 SCALES = {

@@ -8,7 +8,7 @@ import pytest
 from ident.arrays import Array
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry.excitation import LEAST_TRAVEL, Amount
+from ident.telemetry.excitation import Amount
 from ident.telemetry.independence import Independence
 from tests.ident.made_up import two_joint_arm
 
@@ -88,7 +88,7 @@ def test_the_share_is_that_of_the_acceleration_alone() -> None:
     """Law: independent of units, offsets and length: two equal tones of one amplitude share the variance by w^4."""
     shares = []
     for scale in (1.0, 3.0):
-        found = Independence(LEAST_TRAVEL)
+        found = Independence()
         t = np.arange(0.0, 40.0 * np.pi, 0.01)
         q = scale * 0.05 * (np.sin(t) + np.sin(2 * t))
         dq, ddq = scale * 0.05 * (np.cos(t) + 2 * np.cos(2 * t)), -scale * 0.05 * (np.sin(t) + 4 * np.sin(2 * t))
