@@ -32,7 +32,7 @@ def load_friction(share: float) -> Callable[[ArmModel, Array, Array, Array], Arr
     return law
 
 
-@pytest.mark.parametrize(("multiple", "is_named"), [(0.4, False), (2.0, True)])
+@pytest.mark.parametrize(("multiple", "is_named"), [(0.2, False), (1.2, True)])
 def test_what_lies_beyond_the_limit_is_named(
     short_arm: ArmModel, healthy: Analysis, multiple: float, is_named: bool
 ) -> None:
