@@ -11,8 +11,11 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay
 from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.selection.agreement import measure_agreement
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.intervals import Estimate
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval, SessionContext
 from ident.effects.plausible import impossible, undefined
@@ -76,6 +79,29 @@ def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: 
         return outside
     weakest = min(open_ones, key=lambda k: candidates[k][0].gates.evidence)
     return {weakest: open_ones[weakest]}
+
+
+def find_uneven(search: Search, groups: Sequence[Group], asked: Sequence[int]) -> dict[int, str]:
+    """The name whose size differs most from run to run, if one's does by much, and beyond chance.
+
+    Args:
+        search: The search that gave the names.
+        groups: All names.
+        asked: Which of them are asked about; events and what grows in a run have no one size.
+    """
+    held = search.settings
+    constant = [k for k in asked if not (groups[k].effect.event or groups[k].effect.by_run)]
+    found = {k: measure_agreement(search, groups, k) for k in constant}
+    uneven = {k: one for k, one in found.items() if one.spread > held.most_uneven and one.p_value < held.uneven_chance}
+    if not uneven:
+        return {}
+    worst = max(uneven, key=lambda k: uneven[k].spread)
+    one = uneven[worst]
+    reason = (
+        f"its size differs between runs by {100 * one.spread:.0f} %, from {one.least:.2g} to {one.most:.2g} of what "
+        "it is over all: a constant of the arm is the same in each"
+    )
+    return {worst: reason}
 
 
 def doubt_replay(

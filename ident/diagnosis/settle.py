@@ -13,7 +13,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.regression.wandering import chance_of_law
-from ident.diagnosis.reservations import Reservation, find_implausible
+from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import measure_tolerance
@@ -152,6 +152,7 @@ def _sure(
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
+        refused = refused or find_uneven(search, groups, kept)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         if refused and len(doubted) <= held.most_doubted:
             keys = {groups[k].key for k in refused}

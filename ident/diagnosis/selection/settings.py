@@ -42,6 +42,13 @@ class SelectionSettings(Settings):
         "calibrated: remains of causes whose law is not quite the catalogue's",
     )
     most_effects: int = number(5, "1", "most names that a search gives", "chosen: work; no cause of six was tried")
+    most_uneven: float = number(
+        0.3,
+        "1",
+        "share by which a constant's size may differ between runs",
+        "calibrated: right names of three blind runs",
+    )
+    uneven_chance: float = number(0.01, "1", "chance below which such a difference is none", "law: the usual 1 %")
     absorbed_below: float = number(
         0.25,
         "1",

@@ -1,0 +1,92 @@
+"""Is a name's size the same in all runs? A constant of the arm is; what stands in for something else often is not.
+
+With x the torque of a name at its estimate, seen after the model beside it, and e what the whole model leaves, the size
+in a fold f, as a share of the whole, is s_f = 1 + Σ_f x e / Σ_f x x, of variance k / Σ_f x x, where k is how much more
+than noise the scores of the fold's own blocks vary. Cochran's Q asks whether the s_f agree within that; DerSimonian and
+Laird's τ is by how much they truly differ.
+
+Source: Cochran 1954; DerSimonian and Laird 1986, both on combining experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.selection.search import Search
+
+# A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
+LEAST_SEEN = 1e-6
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """By how much a name's size differs between runs.
+
+    Attributes:
+        spread: Standard deviation of the size beyond chance, as a share of the size.
+        p_value: Chance that a size which is the same everywhere would seem to differ so much.
+        least, most: Smallest and largest size, as a share.
+    """
+
+    spread: float
+    p_value: float
+    least: float
+    most: float
+
+
+def measure_agreement(search: Search, groups: Sequence[Group], slot: int) -> Agreement:
+    """How well the folds of a session agree on the size of one of several names.
+
+    Args:
+        search: The session's sums and the belief about the URDF.
+        groups: The names.
+        slot: Which of them is asked about.
+    """
+    along, power = _scores(search, groups, slot)
+    folds = search.evidence.fold_of_block
+    parts = [folds == fold for fold in np.unique(folds)]
+    least = LEAST_SEEN * float(power.sum())
+    parts = [part for part in parts if power[part].sum() > least]
+    if len(parts) < 2:
+        return Agreement(0.0, 1.0, 1.0, 1.0)
+    seen = np.array([power[part].sum() for part in parts])
+    size = np.array([along[part].sum() for part in parts]) / seen
+    own = sum(_own_variation(along[part] - s * power[part], power[part]) for part, s in zip(parts, size, strict=True))
+    weight = seen / max(1.0, own / float(seen.sum()))
+    mean = float(weight @ size / weight.sum())
+    q, freedom = float(weight @ (size - mean) ** 2), len(parts) - 1
+    beyond = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
+    told = 1.0 + size
+    return Agreement(float(np.sqrt(beyond)), float(chi2.sf(q, freedom)), float(told.min()), float(told.max()))
+
+
+def _own_variation(score: Array, power: Array) -> float:
+    """Sum of a fold's squared scores, what its own mean took away given back; that of noise where it has one block."""
+    blocks = len(score)
+    return float(power.sum()) if blocks < 2 else float(score @ score) * blocks / (blocks - 1)
+
+
+def _scores(search: Search, groups: Sequence[Group], slot: int) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+    """For each block Σ x e and Σ x x of a name."""
+    evidence, gram = search.evidence, search.evidence.gram()
+    whole = project(gram, evidence, search.prior, groups)
+    left = np.zeros(evidence.layout.size + 1)
+    left[whole.inside], left[-1] = -whole.estimate, 1.0
+    beside = project(gram, evidence, search.prior, [other for k, other in enumerate(groups) if k != slot])
+    torque = np.zeros_like(left)
+    for column in groups[slot].columns:
+        size = float(whole.estimate[np.flatnonzero(whole.inside == column)[0]])
+        torque[column] += size
+        torque[beside.inside] -= size * beside.slopes[:, column]
+    along, power = np.zeros((2, len(evidence.fold_of_block)))
+    for local, sums in zip(evidence.layout.local, evidence.white, strict=True):
+        along += np.einsum("a,bac,c->b", torque[local], sums, left[local])
+        power += np.einsum("a,bac,c->b", torque[local], sums, torque[local])
+    return along, np.maximum(power, 0.0)

@@ -1,0 +1,55 @@
+"""A constant of the arm is the same in every run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.reservations import find_uneven
+from ident.diagnosis.selection.agreement import measure_agreement
+from ident.diagnosis.selection.search import Search
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import analyse, stribeck_on_1
+
+
+@pytest.fixture(scope="module")
+def analysis(short_arm: ArmModel) -> Analysis:
+    return analyse(short_arm, stribeck_on_1)
+
+
+def search_of(analysis: Analysis) -> Search:
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    return Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+
+
+def test_what_is_in_every_run_agrees(analysis: Analysis) -> None:
+    """Law: of a cause that is there the sizes differ by little, around that of the whole."""
+    search, groups = search_of(analysis), [item.group for item in analysis.search.named]
+    found = measure_agreement(search, groups, 0)
+    assert found.spread < 0.15
+    assert found.least < 1.0 < found.most
+    assert not find_uneven(search, groups, [0])
+
+
+def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
+    """Law: a size that is there in some runs and not in others is no constant, and is told so in words."""
+    search, group = search_of(analysis), analysis.search.named[0].group
+    evidence = search.evidence
+    whole = project(evidence.gram(), evidence, search.prior, [group])
+    local, sums = list(evidence.layout.local[group.joint]), evidence.white[group.joint].copy()
+    without = evidence.fold_of_block < evidence.fold_of_block.max() / 2
+    for column in group.columns:
+        at, size = local.index(column), whole.estimate[np.flatnonzero(whole.inside == column)[0]]
+        sums[without, :, -1] -= size * sums[without, :, at]
+        sums[without, -1, :] -= size * sums[without, at, :]
+    white = tuple(sums if j == group.joint else one for j, one in enumerate(evidence.white))
+    other = replace(search, evidence=replace(evidence, white=white))
+    found = measure_agreement(other, [group], 0)
+    assert found.p_value < 1e-6
+    assert found.spread > 0.5
+    assert "differs between runs" in find_uneven(other, [group], [0])[0]
