@@ -1,11 +1,13 @@
 """One bad sample anywhere: what a session is after mending, and what it is diagnosed as, against the clean session.
 
-    python tests/bench/bench_bad_sample.py FOLDER [--draws 1000] [--diagnoses 12] [--seed 0]
+    python tests/bench/bench_bad_sample.py FOLDER [--draws 1000] [--diagnoses 12] [--first 0] [--seed 0]
 
 FOLDER holds sessions, and `robot.urdf` or sessions that name their robot. A draw spoils one cell of one run: channel,
-joint, row and size (a millionth to a million millions of the channel's spread, either sign, NaN or infinite). Laws: the
-mended session differs from the clean one at the spoilt row and its neighbours only, and nothing is refused; and the
-diagnosis has the verdict and the named set of the clean one.
+joint, row and size. Laws: the mended session differs from the clean one at the spoilt row and its neighbours only, and
+nothing is refused (a millionth to a million millions of the channel's spread, either sign, NaN or infinite); and the
+diagnosis has the verdict and the named set of the clean one (from three times the channel's noise to a million times
+its spread, NaN or infinite). Draw k of the diagnoses depends on the seed and on k alone: a long run may be made in
+pieces.
 """
 
 from __future__ import annotations
@@ -28,9 +30,16 @@ CHANNELS = ("effort", "position", "velocity", "time")
 # Rows on each side of the spoilt one that may be different too: a spike's neighbours stand out with it.
 NEIGHBOURS = 2
 SMALLEST, LARGEST = -6.0, 12.0
+# Of the diagnoses: times the channel's noise, and times its spread.
+LEAST_NOISES, MOST_SPREADS = 3.0, 1e6
 
 
-def spoil(session: Session, rng: np.random.Generator) -> tuple[Session, str, int, int]:
+def noise_of(values: np.ndarray) -> float:
+    """Standard deviation of what changes from sample to sample, by the median of the second differences."""
+    return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * np.sqrt(6.0))
+
+
+def spoil(session: Session, rng: np.random.Generator, visibly: bool = False) -> tuple[Session, str, int, int]:
     """A session with one bad cell, what it is, and in which run and row."""
     at = int(rng.integers(len(session.runs)))
     run = session.runs[at]
@@ -39,7 +48,12 @@ def spoil(session: Session, rng: np.random.Generator) -> tuple[Session, str, int
     values = np.array(run.time if channel == "time" else run.channels()[channel])
     cell = row if channel == "time" else (row, joint)
     spread = float(np.std(values[:, joint] if values.ndim == 2 else np.diff(values)))
-    size = float(rng.choice([-1.0, 1.0])) * 10.0 ** rng.uniform(SMALLEST, LARGEST) * max(spread, 1e-9)
+    spread = max(spread, 1e-9)
+    decades = SMALLEST, LARGEST
+    if visibly:
+        noise = noise_of(values[:, joint] if values.ndim == 2 else values)
+        decades = np.log10(max(LEAST_NOISES * noise, 1e-6 * spread) / spread), np.log10(MOST_SPREADS)
+    size = float(rng.choice([-1.0, 1.0])) * 10.0 ** rng.uniform(*decades) * spread
     kind = rng.random()
     values[cell] = np.nan if kind < 0.05 else np.inf if kind < 0.1 else values[cell] + size
     spoilt = run.replace(**{channel: values})
@@ -79,14 +93,14 @@ def difference(clean: Session, mended: Session, run: int, row: int) -> str:
     return ""
 
 
-def check_mending(sessions: list[Session], arm: ArmModel, draws: int, rng: np.random.Generator) -> None:
-    cleans = [inspect_alone(session, arm) for session in sessions]
+def check_mending(sessions: list[Session], arms: list[ArmModel], draws: int, rng: np.random.Generator) -> None:
+    cleans = [inspect_alone(session, arm) for session, arm in zip(sessions, arms, strict=True)]
     told: Counter[str] = Counter()
     bad = 0
     for _ in range(draws):
         k = int(rng.integers(len(sessions)))
         spoilt, words, run, row = spoil(sessions[k], rng)
-        report = inspect_alone(spoilt, arm)
+        report = inspect_alone(spoilt, arms[k])
         fatal = [issue.issue for issue in report.fatal if issue not in cleans[k].fatal]
         why = f"refused: {fatal[0]}" if fatal else difference(cleans[k].session, report.session, run, row)
         channel = words.split()[1]
@@ -97,18 +111,20 @@ def check_mending(sessions: list[Session], arm: ArmModel, draws: int, rng: np.ra
     print(f"mending: {draws - bad} of {draws} draws leave all else as it is; {dict(told)}")
 
 
-def check_diagnoses(sessions: list[Session], arm: ArmModel, count: int, rng: np.random.Generator) -> None:
-    same = 0
-    names: dict[str, tuple[str, list[str]]] = {}
-    for _ in range(count):
-        session = sessions[int(rng.integers(len(sessions)))]
-        if session.name not in names:
-            names[session.name] = outcome(session, arm)
-        spoilt, words, _, _ = spoil(session, rng)
-        found = outcome(spoilt, arm)
-        same += found == names[session.name]
-        print(f"{words}: {found}, clean {names[session.name]}", flush=True)
-    print(f"diagnoses: {same} of {count} draws have the clean session's verdict and named set")
+def check_diagnoses(sessions: list[Session], arms: list[ArmModel], numbers: range, seed: int) -> None:
+    same, channels = 0, Counter[str]()
+    clean: dict[int, tuple[str, list[str]]] = {}
+    for number in numbers:
+        rng = np.random.default_rng([seed, number])
+        k = int(rng.integers(len(sessions)))
+        if k not in clean:
+            clean[k] = outcome(sessions[k], arms[k])
+        spoilt, words, _, _ = spoil(sessions[k], rng, visibly=True)
+        found = outcome(spoilt, arms[k])
+        same += found == clean[k]
+        channels[words.split()[1]] += 1
+        print(f"{number} {words}: {'same' if found == clean[k] else f'{found}, clean {clean[k]}'}", flush=True)
+    print(f"diagnoses: {same} of {len(numbers)} draws have the clean session's verdict and named set; {dict(channels)}")
 
 
 def outcome(session: Session, arm: ArmModel) -> tuple[str, list[str]]:
@@ -122,15 +138,17 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--diagnoses", type=int, default=12)
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw that is diagnosed")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     urdf = options.folder / "robot.urdf"
     places = sorted(path for path in options.folder.iterdir() if path.is_dir())
     sessions = [load_session(path) for path in places]
-    arm = load_robot(urdf if urdf.is_file() else None, sessions)
-    rng, begun = np.random.default_rng(options.seed), time.process_time()
-    check_mending(sessions, arm, options.draws, rng)
-    check_diagnoses(sessions, arm, options.diagnoses, rng)
+    arms = [load_robot(urdf if urdf.is_file() else None, [session]) for session in sessions]
+    begun = time.process_time()
+    check_mending(sessions, arms, options.draws, np.random.default_rng(options.seed))
+    numbers = range(options.first, options.first + options.diagnoses)
+    check_diagnoses(sessions, arms, numbers, options.seed)
     print(f"{time.process_time() - begun:.0f} s of processor time")
 
 
