@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bag_topics import join_topics, load_topics
 from ident.recordings.columns import TIME
-from ident.recordings.dialect import SNIFF_BYTES, is_number, sniff
+from ident.recordings.dialect import SNIFF_BYTES, is_number, sniff, text_lines
 from ident.recordings.lerobot import INFO, REMEDY, is_dataset, load_columns, load_features
 from ident.recordings.load import BAGS, METADATA, TEXTS, require_readable_size
 from ident.recordings.matlab import load_mat
@@ -97,7 +97,7 @@ def _read_dataset(path: Path) -> ForeignTable:
 def _read_text(path: Path) -> ForeignTable:
     layout = sniff(path)
     with path.open("rb") as stream:
-        head = stream.read(SNIFF_BYTES).decode(errors="replace").splitlines()[layout.first_line :][:LOOKED_AT]
+        head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
     rows = [cells for line in head if len(cells := layout.split(line)) == len(layout.names)]
     filled = [sum(is_number(row[i]) for row in rows) > len(rows) / 2 for i in range(len(layout.names))]
     numbered = {str(i + 1): f"column_{i}/position" for i, one in enumerate(filled) if one}

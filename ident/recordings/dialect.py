@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +35,16 @@ class TextLayout:
 
 
 def split_cells(line: str, separator: str) -> list[str]:
-    cells = line.split() if separator == " " else line.split(separator)
-    return [cell.strip().strip('"') for cell in cells]
+    """Cells of a line, quotes taken off; within quotes a separator is text, and two quotes are one."""
+    if '"' not in line or separator == " " or len(line) > csv.field_size_limit():
+        cells = line.split() if separator == " " else line.split(separator)
+        return [cell.strip().strip('"') for cell in cells]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+
+
+def text_lines(data: bytes) -> list[str]:
+    """The lines of a table as its readers count them: other control characters, and bytes, stay in their line."""
+    return re.split("\r\n|\n|\r", data.decode("utf-8-sig", errors="backslashreplace"))
 
 
 def is_number(cell: str) -> bool:
@@ -55,7 +64,7 @@ def sniff(path: Path) -> TextLayout:
     """
     with path.open("rb") as stream:
         head = stream.read(SNIFF_BYTES)
-    lines = head.decode("utf-8-sig", errors="replace").splitlines()
+    lines = text_lines(head)
     if len(head) == SNIFF_BYTES and len(lines) > 1:
         lines.pop()  # cut short by the limit
     numbered = [(number, line) for number, line in enumerate(lines) if line.strip()]

@@ -128,3 +128,21 @@ def test_bad_input_is_refused_in_one_line(case: str, lines: list[str], tmp_path:
     assert "run.csv" in message or "session.toml" in message
     assert caught.value.remedy
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a, b", 'say "arm"', "[/x] $(id) {0} %s \\\\", "\x1b[31m \x1c \x85 \u2028 \u202e", "ü 関節", "épaule \\xff"],
+    ids=lambda name: ascii(name),
+)
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_names_come_back_as_they_stand(tmp_path: Path, name: str, separator: str) -> None:
+    """Law: separators, quotes, control characters and bytes that are not UTF-8 in a header's cell are its text."""
+    path = tmp_path / "run.csv"
+    names = ["time", f"{name}/position", f"{name}/effort"]
+    header = separator.join('"' + cell.replace('"', '""') + '"' for cell in names).encode()
+    rows = "\n".join(separator.join((f"{k / 100}", f"{k / 7}", f"{k / 3}")) for k in range(20))
+    path.write_bytes(header.replace(b"\\xff", b"\xff") + b"\n" + rows.encode() + b"\n")
+    run = load_session(path).runs[0]
+    assert run.joints == (name,)
+    np.testing.assert_allclose(run.effort[:, 0], np.arange(20) / 3)
