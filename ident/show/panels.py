@@ -27,15 +27,10 @@ def as_html(lines: str, figure: Figure) -> str:
     return f'<div class="armgap"><pre>{escape(lines)}</pre>{to_svg(figure, title)}</div>'
 
 
-def as_text(write: Callable[[Console], None], markup: bool = False) -> str:
-    """What is printed, as text without colours.
-
-    Args:
-        write: Prints it.
-        markup: Whether it prints rich's markup, with all names escaped; else square brackets are what they are.
-    """
+def as_text(write: Callable[[Console], None]) -> str:
+    """What is printed, as text without colours."""
     stream = StringIO()
-    write(PlainConsole(file=stream, width=WIDE, color_system=None, markup=markup, emoji=False, highlight=False))
+    write(PlainConsole(file=stream, width=WIDE, color_system=None, markup=False, emoji=False, highlight=False))
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines())
 
 

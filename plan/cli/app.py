@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
+from ident.console import make_console
 from ident.ownership import check_outputs
 from ident.process import run_command
-from plan.show.console import make_console, print_comparison, print_result, progress_bar
+from plan.show.console import print_comparison, print_result, progress_bar
 
 app = typer.Typer(
     name="plan",
@@ -184,7 +185,9 @@ def excite(
         Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
     ] = None,
     joint: Annotated[str | None, typer.Option(help="The joint in question: its name or number.")] = None,
-    catalogue: Annotated[Path | None, typer.Option(help="A Python file with further effects.")] = None,
+    catalogue: Annotated[
+        Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
+    ] = None,
     minutes: Annotated[
         float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
     ] = None,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.markup import escape
 
+from ident.console import styled
 from ident.effects.informative_motions import describe_motion
 from plan.experiment.result import Excitation, minutes_to_odds, odds_of
 from plan.geometry.scene import limits_of_proof
@@ -14,22 +14,18 @@ AIMS = {"separate": "tells {effects} apart", "show": "shows {effects}", "identif
 
 def print_excitation(console: Console, found: Excitation) -> None:
     """The set-up where it must change, the motion, what it tells, and what random motion would."""
-    console.print(f"{escape(found.robot)}: {escape(', '.join(found.noise))}", soft_wrap=True, highlight=False)
+    console.print(f"{found.robot}: {', '.join(found.noise)}", soft_wrap=True, highlight=False)
     effects = " and ".join(found.effects)
-    set_up = escape(found.set_up or "")
+    set_up = found.set_up or ""
     if found.status == "needs_set_up":
-        console.print(f"[bold]no motion tells {effects} apart[/]: {set_up}", soft_wrap=True)
+        console.print(styled((f"no motion tells {effects} apart", "bold"), f": {set_up}"), soft_wrap=True)
         console.print("a motion of all joints to be recorded before and after:", soft_wrap=True)
     for true, rivals in _untold(found).items():
-        console.print(
-            f"[bold]if it is {true}, no motion tells: {' and '.join(rivals)} can fit as well[/]: {set_up}",
-            soft_wrap=True,
-        )
+        told = f"if it is {true}, no motion tells: {' and '.join(rivals)} can fit as well"
+        console.print(styled((told, "bold"), f": {set_up}"), soft_wrap=True)
     words = describe_motion(found.programme.family, found.joint)
-    console.print(
-        f"[bold]{words}[/]: {found.duration / 60:.1f} min in {len(found.runs)} runs; {_aim(found, effects)}",
-        soft_wrap=True,
-    )
+    length = f"{found.duration / 60:.1f} min in {len(found.runs)} runs"
+    console.print(styled((words, "bold"), f": {length}; {_aim(found, effects)}"), soft_wrap=True)
     figures = ", ".join(f"{name} {value:.3g}" for name, value in found.programme.figures.items())
     console.print(f"  {figures}", highlight=False, soft_wrap=True)
     for (true, rival), value in found.distances.items():
@@ -43,9 +39,9 @@ def print_excitation(console: Console, found: Excitation) -> None:
     console.print(f"  noise: {found.sources['noise']}", soft_wrap=True)
     clear = "nothing was looked at" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
     around = " and ".join(["itself", *found.obstacles]) if found.obstacles else "itself; no obstacle was named"
-    console.print(f"  distance of the arm from {escape(around)}: {clear}", soft_wrap=True)
+    console.print(f"  distance of the arm from {around}: {clear}", soft_wrap=True)
     for line in limits_of_proof(found.shapes, found.unchecked):
-        console.print(f"  {escape(line)}", soft_wrap=True)
+        console.print(f"  {line}", soft_wrap=True)
 
 
 def _untold(found: Excitation) -> dict[str, list[str]]:

@@ -9,9 +9,10 @@ from math import degrees
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+
+from ident.console import styled
 
 if TYPE_CHECKING:  # a help text needs none of them
     from plan.planners.base import Progress as Callback
@@ -19,12 +20,6 @@ if TYPE_CHECKING:  # a help text needs none of them
     from plan.solving.compare import Comparison
 
 UNITS = {"energy": "J", "time": "s"}
-
-
-def make_console() -> Console:
-    """Standard output; wide where it is no terminal, since a file has no edge."""
-    console = Console()
-    return console if console.is_terminal else Console(width=160)
 
 
 @contextmanager
@@ -40,7 +35,12 @@ def progress_bar(console: Console, label: str) -> Iterator[Callback]:
 
         yield line
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.completed}"),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(label, total=None)
 
@@ -54,12 +54,12 @@ def print_result(console: Console, result: PlanResult) -> None:
     """A plan and its certificate, or why there is none."""
     colour = "green" if result.solved else "red"
     spent = f"{result.evaluations} evaluations, {result.seconds:.2f} s"
-    console.print(f"[{colour}]{result.status}[/] by {result.method}, {spent}")
+    console.print(styled((result.status, colour), f" by {result.method}, {spent}"))
     held = ", ".join(f"{name} at {value:g}" for name, value in result.held.items())
     moved = f"{result.robot}: {', '.join(result.joints)}" + (f"; held: {held}" if held else "")
-    console.print(escape(moved), soft_wrap=True, highlight=False)
+    console.print(moved, soft_wrap=True, highlight=False)
     if result.reason:
-        console.print(f"reason: {escape(result.reason)}", soft_wrap=True)
+        console.print(f"reason: {result.reason}", soft_wrap=True)
     _print_starts(console, result)
     certificate, splines = result.certificate, result.splines
     if not result.solved or certificate is None or splines is None:
@@ -80,7 +80,7 @@ def print_result(console: Console, result: PlanResult) -> None:
         for stamp, via in zip(stamps, splines.points[0, 1:-1], strict=True):
             console.print(f"  via at {stamp:.4f} s: {', '.join(f'{degrees(angle):.2f}' for angle in via)} deg")
     for note in result.notes:
-        console.print(f"note: {escape(note)}", soft_wrap=True)
+        console.print(f"note: {note}", soft_wrap=True)
 
 
 def _print_trust(console: Console, certificate: Certificate) -> None:
@@ -98,7 +98,7 @@ def _print_trust(console: Console, certificate: Certificate) -> None:
         known = ", ".join(f"{value:.2f}" for value in certificate.reserve)
         console.print(f"torque set aside for the model's doubt [N m]: {known}", soft_wrap=True)
     for one in certificate.extrapolation or ():
-        console.print(f"beyond the model's training: {escape(str(one))}", soft_wrap=True)
+        console.print(f"beyond the model's training: {one!s}", soft_wrap=True)
 
 
 def _print_clearance(console: Console, certificate: Certificate) -> None:
@@ -109,10 +109,10 @@ def _print_clearance(console: Console, certificate: Certificate) -> None:
     else:
         place = f"({clearance.pair}, {clearance.time:.3f} s)"
         console.print(
-            f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too {escape(place)}", soft_wrap=True
+            f"clearance: {1000 * clearance.proven:.1f} mm, proven between samples too {place}", soft_wrap=True
         )
     for line in certificate.limits_of_proof:
-        console.print(f"  {escape(line)}", soft_wrap=True)
+        console.print(f"  {line}", soft_wrap=True)
 
 
 def _print_starts(console: Console, result: PlanResult) -> None:

@@ -36,7 +36,7 @@ def draw(result: Result) -> Figure:
 
 @summary.register(PlanResult)
 def _(result: PlanResult) -> str:
-    return as_text(lambda console: print_result(console, result), markup=True)
+    return as_text(lambda console: print_result(console, result))
 
 
 @draw.register(PlanResult)
@@ -54,7 +54,7 @@ def _(result: PlanResult) -> Figure:
 
 @summary.register(Comparison)
 def _(result: Comparison) -> str:
-    return as_text(lambda console: print_comparison(console, result), markup=True)
+    return as_text(lambda console: print_comparison(console, result))
 
 
 @draw.register(Comparison)
@@ -66,7 +66,7 @@ def _(result: Comparison) -> Figure:
 
 @summary.register(Excitation)
 def _(result: Excitation) -> str:
-    return as_text(lambda console: print_excitation(console, result), markup=True)
+    return as_text(lambda console: print_excitation(console, result))
 
 
 @draw.register(Excitation)

@@ -7,12 +7,13 @@ joint, row and size. Laws: the mended session differs from the clean one at the 
 nothing is refused (a millionth to a million millions of the channel's spread, either sign, NaN or infinite); and the
 diagnosis has the verdict and the named set of the clean one (from three times the channel's noise to a million times
 its spread, NaN or infinite). Draw k of the diagnoses depends on the seed and on k alone: a long run may be made in
-pieces.
+pieces, and the clean sessions' outcomes wait for the next one in FOLDER/clean.json (remove it where the code changed).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections import Counter
 from pathlib import Path
@@ -111,26 +112,29 @@ def check_mending(sessions: list[Session], arms: list[ArmModel], draws: int, rng
     print(f"mending: {draws - bad} of {draws} draws leave all else as it is; {dict(told)}")
 
 
-def check_diagnoses(sessions: list[Session], arms: list[ArmModel], numbers: range, seed: int) -> None:
+def check_diagnoses(sessions: list[Session], arms: list[ArmModel], numbers: range, seed: int, kept: Path) -> None:
     same, channels = 0, Counter[str]()
-    clean: dict[int, tuple[str, list[str]]] = {}
+    clean: dict[str, list[object]] = json.loads(kept.read_text()) if kept.is_file() else {}
     for number in numbers:
         rng = np.random.default_rng([seed, number])
         k = int(rng.integers(len(sessions)))
-        if k not in clean:
-            clean[k] = outcome(sessions[k], arms[k])
+        name = sessions[k].name
+        if name not in clean:
+            clean[name] = outcome(sessions[k], arms[k])
+            kept.write_text(json.dumps(clean))
         spoilt, words, _, _ = spoil(sessions[k], rng, visibly=True)
         found = outcome(spoilt, arms[k])
-        same += found == clean[k]
+        same += found == clean[name]
         channels[words.split()[1]] += 1
-        print(f"{number} {words}: {'same' if found == clean[k] else f'{found}, clean {clean[k]}'}", flush=True)
+        print(f"{number} {words}: {'same' if found == clean[name] else f'{found}, clean {clean[name]}'}", flush=True)
     print(f"diagnoses: {same} of {len(numbers)} draws have the clean session's verdict and named set; {dict(channels)}")
 
 
-def outcome(session: Session, arm: ArmModel) -> tuple[str, list[str]]:
+def outcome(session: Session, arm: ArmModel) -> list[object]:
     """Verdict and named set."""
     diagnosis = diagnose(session, arm)
-    return diagnosis.verdict, sorted(f"{one['effect']} {one['joints']}" for one in diagnosis.to_dict()["findings"])
+    named = sorted(f"{one['effect']} {one['joints']}" for one in diagnosis.to_dict()["findings"])
+    return [diagnosis.verdict, named]
 
 
 def main() -> None:
@@ -148,7 +152,7 @@ def main() -> None:
     begun = time.process_time()
     check_mending(sessions, arms, options.draws, np.random.default_rng(options.seed))
     numbers = range(options.first, options.first + options.diagnoses)
-    check_diagnoses(sessions, arms, numbers, options.seed)
+    check_diagnoses(sessions, arms, numbers, options.seed, options.folder / "clean.json")
     print(f"{time.process_time() - begun:.0f} s of processor time")
 
 

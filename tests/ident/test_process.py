@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,8 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
 
+from ident.cli import app as ident_app
 from ident.errors import visible
+from plan.cli import app as plan_app
 
 APP = """
 import sys, typer
@@ -93,6 +97,27 @@ def test_names_are_shown_as_they_are(tmp_path: Path) -> None:
     name = "[bold]x[/] :smile: $(id) \x1b[31m \u202e ]"
     ended = subprocess.run(command(tmp_path, "--name", name), capture_output=True, text=True, check=False)
     assert ended.stdout.count("[bold]x[/] :smile: $(id) \\x1b[31m \\u202e ]") == 2
+
+
+def test_there_is_one_console_and_it_knows_no_markup() -> None:
+    """Law: whatever either command prints goes through `PlainConsole`; nothing else would have to escape names."""
+    root = Path(__file__).parents[2]
+    for path in [*(root / "ident").rglob("*.py"), *(root / "plan").rglob("*.py")]:
+        text = path.read_text(encoding="utf-8")
+        assert "rich.markup" not in text, path
+        assert "TextColumn" not in text or text.count('TextColumn("{task.description}", markup=False)') == 1, path
+        if path.name != "console.py" or path.parent.name != "ident":
+            assert not re.search(r"(?<!Plain)\bConsole\(", text), path
+
+
+def test_commands_that_run_python_say_so() -> None:
+    """Law: every `--catalogue`, in its help; and the README."""
+    commands = {**typer.main.get_command(ident_app.app).commands, **typer.main.get_command(plan_app.app).commands}  # type: ignore[attr-defined]
+    helps = [one.help for command in commands.values() for one in command.params if one.name == "catalogue"]
+    assert len(helps) >= 3
+    assert all("is run" in text for text in helps)
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    assert re.search(r"--catalogue.*runs that file as Python", readme)
 
 
 def test_bytes_that_are_not_utf8_are_shown_as_bytes() -> None:
