@@ -12,6 +12,7 @@ from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_names
 from ident.robot.urdf import gripper_joints, matrix_to_rpy, rpy_to_matrix
+from ident.robot.xacro_files import HarmfulExpression, expand, require_harmless
 from tests.ident.made_up import joint, link, urdf
 
 angles = st.floats(-np.pi, np.pi)
@@ -95,6 +96,72 @@ def test_a_xacro_file_is_the_urdf_that_it_expands_to(tmp_path: Path) -> None:
     (tmp_path / "bad.xacro").write_text(text.replace('value="2.0"', 'value="$(arg mass)"'))
     with pytest.raises(RobotError, match=r"can't be expanded.*xacro bad.xacro"):
         ArmModel.load(tmp_path / "bad.xacro")
+
+
+HARMFUL = [
+    "${__import__('os').system('touch RUN')}",
+    "${[c for c in [1] if [b for b in (1).__class__.__mro__]]}",
+    "${(lambda: ().__class__)()}",
+    "${'{0.__class__}'.format(1)}",
+    "${open('secret.yaml').read()}",
+    "$(eval open('secret.yaml').read())",
+    "$(eval exec('imp' + 'ort os; os.system(\"touch RUN\")'))",
+    "$(eval getattr(1, '_' + '_class_' + '_'))",
+    "${xacro.load_yaml('../../secret.yaml')}",
+    "${xacro.load_yaml('/etc/hostname')}",
+]
+
+
+@pytest.mark.parametrize("text", HARMFUL)
+@pytest.mark.parametrize("nested", [False, True])
+def test_nothing_of_a_xacro_file_is_run_or_read_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, nested: bool
+) -> None:
+    """Law: its expressions compute; they reach neither Python nor files outside of the description's package."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "secret.yaml").write_text("mine: 1")
+    folder = tmp_path / "pack/urdf"
+    folder.mkdir(parents=True)
+    inner = f'<link name="a {text.replace(chr(34), "&quot;")}"/>'
+    if nested:
+        inner = f'<xacro:macro name="part">{inner}</xacro:macro><xacro:part/>'
+    path = folder / "arm.xacro"
+    path.write_text(f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">{inner}</robot>')
+    with pytest.raises(RobotError, match=r"arm\.xacro: can't be expanded"):
+        expand(path)
+    assert not list(tmp_path.rglob("RUN"))
+
+
+@pytest.mark.parametrize("text", ["9 ** 9 ** 9", "2 ** n", "1.0 ** -17"])
+def test_powers_without_end_are_refused_before_they_are_computed(text: str) -> None:
+    with pytest.raises(HarmfulExpression, match="power"):
+        require_harmless(text)
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../../other.xacro", "/etc/host*", "/proc/self/environ"])
+def test_a_xacro_file_includes_none_from_elsewhere(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "pack/urdf"
+    folder.mkdir(parents=True)
+    (tmp_path / "other.xacro").write_text("<robot/>")
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'
+    (folder / "arm.xacro").write_text(f'{head}<xacro:include filename="{name}"/></robot>')
+    with pytest.raises(RobotError, match="outside of its package"):
+        expand(folder / "arm.xacro")
+
+
+def test_a_xacro_file_reads_its_package(tmp_path: Path) -> None:
+    """Macros beside it, figures of its config folder, functions of mathematics."""
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/size.yaml").write_text("length: 0.5\nangles: [1, 2, 3]\n")
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'
+    macro = '<xacro:macro name="p" params="m"><link name="${m}"/></xacro:macro>'
+    (tmp_path / "urdf/part.xacro").write_text(f"{head}{macro}</robot>")
+    figures = '<xacro:property name="c" value="${xacro.load_yaml(\'../config/size.yaml\')}"/>'
+    sums = "2 * c['length'] + round(cos(0)) + max(c['angles']) ** 2 + len([k for k in range(3)])"
+    body = f'<xacro:include filename="part.xacro"/>{figures}<xacro:p m="${{{sums}}}"/>'
+    (tmp_path / "urdf/arm.xacro").write_text(f"{head}{body}</robot>")
+    assert '<link name="14.0"/>' in expand(tmp_path / "urdf/arm.xacro")
 
 
 def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
