@@ -67,7 +67,7 @@ def inspect_alone(
         issues += matching
         absent = [name for name in arm.joint_names if name not in session.joints]
         arm = (arm.locked(absent) if absent else arm).with_payload(session.payload)
-    session = session.replace(runs=[_without_nan(run) for run in session.runs])
+    session = _without_empty(session.replace(runs=[_without_nan(run) for run in session.runs]))
     if not session.samples:
         return TelemetryReport(session, tuple(issues), arm)
     steps: tuple[Mending, ...] = (
@@ -90,6 +90,7 @@ def inspect_alone(
     )
     for step in steps:
         session, found = step(session)
+        session = _without_empty(session)
         issues += found
         if not session.samples:
             return TelemetryReport(session, tuple(issues), arm)
@@ -99,6 +100,11 @@ def inspect_alone(
     states = collect_states(session, arm, settings.effort)
     issues += check_effort(session, arm, states) if states is not None else []
     return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
+
+
+def _without_empty(session: Session) -> Session:
+    """Runs of which no row is left are none."""
+    return session if all(map(len, session.runs)) else session.replace(runs=[run for run in session.runs if len(run)])
 
 
 def _without_nan(run: Recording) -> Recording:

@@ -12,6 +12,7 @@ from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry.excitation import STATES, Amount
 from ident.telemetry.inspection import inspect_alone
+from ident.telemetry.repeated import Repeats
 from ident.telemetry.report import TelemetryReport
 from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
@@ -22,7 +23,8 @@ def inspect_parts(
     """Reports of consecutive parts of sessions that are to be used together, each made when its turn comes.
 
     A part is checked and mended by itself. What an earlier part of its session showed is not told again, unless it is
-    fatal. Whether there is enough motion is asked of all parts at once: if not, a last report without runs says so.
+    fatal. Whether there is enough motion, and every run but once, is asked of all parts at once: if not, a last report
+    without runs says so.
 
     Raises:
         RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
@@ -37,7 +39,7 @@ class _Check:
 
     def __init__(self, arm: ArmModel, settings: TelemetrySettings) -> None:
         self._arm, self._settings = arm, settings
-        self._amount = Amount(STATES, settings.excitation)
+        self._amount, self._repeats = Amount(STATES, settings.excitation), Repeats()
         self._told: set[tuple[str, str, tuple[str, ...], str]] = set()
         self._last: TelemetryReport | None = None
 
@@ -45,6 +47,7 @@ class _Check:
         """The report of one more part."""
         # The checks' matrices are small: threads of the linear algebra only get into each other's way.
         with threadpool_limits(limits=1, user_api="blas"):
+            self._repeats.take(part)
             report = inspect_alone(part, self._arm, self._settings)
             self._amount.take(report.session, report.arm)
         self._last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
@@ -52,8 +55,8 @@ class _Check:
         return replace(report, issues=tuple(issue for issue in report.issues if self._is_news(where, issue)))
 
     def close(self) -> Iterator[TelemetryReport]:
-        """What all parts lack together, once the last of them has come."""
-        issues = self._amount.issues()
+        """What all parts lack together, or hold twice, once the last of them has come."""
+        issues = [*self._amount.issues(), *self._repeats.issues()]
         if issues and self._last is not None:
             yield replace(self._last, issues=tuple(issues))
 

@@ -265,3 +265,20 @@ def test_a_later_session_may_name_the_robot(session: Session, tmp_path: Path) ->
     assert arm.name == inspect_paths([tmp_path / "first", tmp_path / "second"], None)[0].name
     with pytest.raises(RecordingError, match="no robot is named"):
         inspect_in_parts([tmp_path / "first"], None)
+
+
+def test_a_run_that_comes_again_parts_later_is_told(session: Session, tmp_path: Path, long_from_2_runs: None) -> None:
+    """Law: a held-out run is no copy of a fitted one, however far between they were read."""
+    write_session(session.replace(runs=[*session.runs, session.runs[1].replace(name="again")]), tmp_path / "twice")
+    _, reports = inspect_in_parts([tmp_path / "twice"], load_arm())
+    fatal = [issue for report in reports for issue in report.fatal]
+    assert [issue.issue for issue in fatal if issue.issue == "repeated_session"] == ["repeated_session"]
+    _, reports = inspect_in_parts([write_again(session, tmp_path), tmp_path / "linked"], load_arm())
+    assert any(issue.issue == "repeated_session" for report in reports for issue in report.fatal)
+
+
+def write_again(session: Session, folder: Path) -> Path:
+    """A session, and a link to it under another name."""
+    write_session(session, folder / "once")
+    (folder / "linked").symlink_to(folder / "once")
+    return folder / "once"

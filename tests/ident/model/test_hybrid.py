@@ -1,5 +1,6 @@
 """Laws of the hybrid model and of its folder."""
 
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file, save_file
 
 from ident.arrays import Array
 from ident.errors import InputError, ModelError
@@ -190,6 +192,16 @@ def _cut(name: str) -> Callable[[Path], None]:
     return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-200])
 
 
+def _spoil_weight(folder: Path, value: float) -> None:
+    """One number of the net's weights becomes another."""
+    path = folder / "residual.safetensors"
+    weights = load_file(path)
+    first = min(weights)
+    weights[first] = np.array(weights[first])
+    weights[first].flat[0] = value
+    save_file(weights, path)
+
+
 DAMAGES: dict[str, Callable[[Path], None]] = {
     "no folder": shutil.rmtree,
     "empty folder": lambda folder: [path.unlink() for path in folder.iterdir()],
@@ -212,6 +224,9 @@ DAMAGES: dict[str, Callable[[Path], None]] = {
     "an unknown figure": _rewrite("model.toml", ("joint = ", "gelenk = ")),
     "no weights": lambda folder: (folder / "residual.safetensors").unlink(),
     "cut weights": _cut("residual.safetensors"),
+    "weights are NaN": lambda folder: _spoil_weight(folder, math.nan),
+    "a weight is infinite": lambda folder: _spoil_weight(folder, math.inf),
+    "scale is NaN": _rewrite("residual.json", ('"input_std":', '"input_std": NaN, "spare":')),
     "no net record": lambda folder: (folder / "residual.json").unlink(),
     "cut net record": _cut("residual.json"),
 }

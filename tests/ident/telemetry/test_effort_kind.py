@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.api.inspecting import inspect as inspect_files
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
@@ -136,3 +137,55 @@ def test_an_unknown_kind_is_refused(clean: Session, tmp_path: Path) -> None:
     (tmp_path / "session/session.toml").write_text('effort_kind = "gravity"\n')
     with pytest.raises(RecordingError, match=r"effort_kind = 'gravity'.*write"):
         load_session(tmp_path / "session")
+
+
+def commanded(run: Recording) -> Recording:
+    return run.replace(effort_command=run.effort)
+
+
+def currents(run: Recording) -> Recording:
+    return run.replace(current=run.effort / 12.0)
+
+
+def frictionless(run: Recording, arm: ArmModel) -> Recording:
+    """As a sensor behind the gear has it, with its noise: what a model explains to the last is no measurement."""
+    ddq = np.gradient(np.asarray(run.velocity), run.time, axis=0)
+    torque = arm.inverse_dynamics(run.position, np.asarray(run.velocity), ddq)
+    bearings = 0.04 * torque.std(axis=0) * np.tanh(np.asarray(run.velocity) / 0.01)
+    noise = 0.1 * torque.std(axis=0) * np.random.default_rng(0).normal(size=torque.shape)
+    return run.replace(effort=torque + bearings + noise)
+
+
+def at_rest(run: Recording) -> Recording:
+    """The last joint stands still."""
+    position, velocity = np.array(run.position), np.array(run.velocity)
+    position[:, 5], velocity[:, 5] = 0.4, 0.0
+    return run.replace(position=position, velocity=velocity)
+
+
+KINDS = {
+    "motor_torque": lambda run, arm: run,
+    "joint_torque": frictionless,
+    "motor_current": lambda run, arm: currents(run),
+    "gravity_compensated": lambda run, arm: run.replace(effort=run.effort - arm.gravity(run.position)),
+    "external_torque": lambda run, arm: run.replace(effort=np.random.default_rng(3).normal(size=run.effort.shape)),
+    "commanded": lambda run, arm: commanded(run),
+    "unknown": lambda run, arm: at_rest(run),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_joints_effort_has_a_verdict_with_evidence(
+    kind: str, clean: Session, arm: ArmModel, tmp_path: Path
+) -> None:
+    """Law: `inspect` says of each joint what its effort is, and from which figures; so do its JSON and its lines."""
+    write_session(spoil(clean, lambda run: KINDS[kind](run, arm)), tmp_path / "session")
+    found = inspect_files(tmp_path / "session", arm)
+    (record,) = found.to_dict()["sessions"]
+    told = {one["joint"]: one for one in record["effort"]}
+    assert tuple(told) == arm.joint_names
+    chosen = ("joint_6",) if kind == "unknown" else ("joint_2",) if kind == "external_torque" else arm.joint_names
+    for name in chosen:
+        assert told[name]["kind"] == kind, told[name]
+        assert any(letter.isdigit() for letter in told[name]["evidence"]) or kind == "unknown"
+        assert f"effort of {name}: {kind}" in found.summary()

@@ -1,0 +1,112 @@
+"""One bad sample, a hundred, a thousand: figures, verdict and names of the clean recordings, or one line of refusal."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ident.diagnosis.diagnose import Diagnosis
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.effects.catalogue import find_effect
+from ident.errors import RecordingError
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.opening import open_sessions
+from ident.recordings.recording import Session
+from ident.telemetry import inspect_sessions
+from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
+from tests.ident.made_up import made_session
+
+SIZE = 1e4  # N m
+FIT = FitOptions(inertia="nominal", net="none")
+
+
+@cache
+def clean() -> Session:
+    """Six runs of 8 s at 125 Hz, with a spring across joint 3."""
+    arm = load_arm()
+    return made_session(
+        arm, lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + spring_on_3(arm, q, dq, ddq), range(6), 8.0, 125.0
+    )
+
+
+def spoil(count: int, run: int = 2, joint: int = 1, size: float = SIZE) -> Session:
+    """So many torques of one run are wild, wherever they lie."""
+    session = clean()
+    effort = np.array(session.runs[run].effort)
+    effort[np.random.default_rng(count).choice(len(effort), count, replace=False), joint] = size
+    runs = [one.replace(effort=effort) if k == run else one for k, one in enumerate(session.runs)]
+    return session.replace(runs=runs)
+
+
+def fit(session: Session) -> HybridModel:
+    opened = open_sessions([session], load_arm())
+    return fit_hybrid(opened.motions, opened.arm, FIT, opened.data_records()).model
+
+
+def diagnose(session: Session) -> Diagnosis:
+    """With a catalogue of one: the search's own speed is no matter here."""
+    arm = load_arm()
+    return diagnose_reports(inspect_sessions([session], arm), arm, (find_effect("spring_torque"),))[0]
+
+
+@cache
+def clean_fit() -> HybridModel:
+    return fit(clean())
+
+
+@cache
+def clean_diagnosis() -> Diagnosis:
+    return diagnose(clean())
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_a_fit_keeps_its_figures(count: int) -> None:
+    """Law: to a few thousandths of what they were; and no library warns of anything."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fit(spoil(count))
+    for name in ("motor_inertia", "viscous", "coulomb"):
+        expected = getattr(clean_fit().loss, name)
+        np.testing.assert_allclose(getattr(found.loss, name), expected, rtol=0.02, atol=0.02 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_a_diagnosis_keeps_its_verdict_and_its_names(count: int) -> None:
+    found, expected = diagnose(spoil(count)), clean_diagnosis()
+    assert found.verdict == expected.verdict == "named"
+    record, clean_record = found.to_dict(), expected.to_dict()
+    names, clean_names = (
+        [(one["effect"], one["joints"]) for one in each["findings"]] for each in (record, clean_record)
+    )
+    assert names == clean_names == [("spring_torque", ["joint_3"])]
+    for joint, figures in clean_record["gap"].items():
+        assert record["gap"][joint]["rms_Nm"] == pytest.approx(figures["rms_Nm"], rel=0.5)
+
+
+def test_a_thousand_are_refused_by_name() -> None:
+    """Law: a channel that can't be trusted is told so, with its joint and the first of its cells."""
+    with pytest.raises(RecordingError, match=r"effort_spike.*joint_2 in row.*1e\+04.*repair the channel"):
+        fit(spoil(1000))
+    assert diagnose(spoil(1000)).verdict == "refused"
+
+
+@pytest.mark.parametrize("size", [1e5, 1e130, 1e282])
+def test_garbage_in_the_first_rows_is_cut_out_before_the_rest_is_judged(size: float) -> None:
+    """Law: no figure beyond physics is told, no other fault is made up, nothing warns."""
+    session, rng = clean(), np.random.default_rng(0)
+    first = session.runs[0]
+    spoilt = {name: np.array(values) for name, values in first.channels().items()}
+    for values in spoilt.values():
+        values[:3] = size * rng.normal(size=values[:3].shape)
+    spoilt_runs = [first.replace(**spoilt), *session.runs[1:]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (report,) = inspect_sessions([session.replace(runs=spoilt_runs)], load_arm())
+    assert report.is_fit
+    assert {issue.issue for issue in report.issues} <= {"garbage_cells", "effort_spike"}
+    assert report.session.samples == session.samples - 3
+    if size > 1e12:
+        assert not any("e+" in issue.evidence for issue in report.issues)
