@@ -1,0 +1,168 @@
+"""Files of a stranger, used as the commands use them: nothing of them is run, nothing elsewhere is read or written.
+
+An audit hook of Python's own hears every file that is opened and every program that is started.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from ident.api.inspecting import inspect
+from ident.errors import InputError
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.opening import open_sessions
+from ident.patches.change import Diagnosed
+from ident.patches.command import write_patch
+from ident.patches.export import write_export
+from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
+from plan.api.tasks import open_task
+from plan.geometry.arm_shapes import arm_shapes
+from plan.problem.task_file import load_surroundings
+from tests.fuzz.guard import Guard
+from tests.ident.patches.diagnoses import write_diagnosis
+from tests.ident.patches.test_patch_hostile import hostile_arm
+
+ROOT = Path(__file__).parents[1]
+# Runs as Python, in a shell, in a template, in a macro, in a page; leaves a text of its language.
+TEXT = (
+    "\"\"\"'''{__import__('os').system('touch RUN')}$(touch RUN)`touch RUN`${().__class__}{{ 7 * 7 }}<script>[/x] %s \\"
+)
+SECRET = "secret.txt"
+Folder = Path
+
+
+@pytest.fixture(scope="module")
+def guard() -> Guard:
+    return Guard()
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """What a stranger gave: a robot, its session, model, diagnosis and scene, all called after hostile text."""
+    folder = tmp_path_factory.mktemp("given")
+    arm = hostile_arm(folder, TEXT)
+    names = dict(zip(ArmModel.load("tm5-900").joint_names, arm.joint_names, strict=True))
+    (folder / "session").mkdir()
+    for file in sorted((Path(data_path("logs/tm5_900")) / "E1").glob("*.parquet")):
+        table = pq.read_table(file)
+        columns = [
+            names[head] + "/" + tail if tail else head
+            for head, _, tail in (c.partition("/") for c in table.column_names)
+        ]
+        pq.write_table(table.rename_columns(columns), folder / "session" / file.name)
+    opened = open_sessions([folder / "session"], arm)
+    fit_hybrid(opened.motions, opened.arm, FitOptions(net="none"), opened.data_records()).model.save(folder / "model")
+    write_diagnosis(folder / "diagnosis.json", arm, "stribeck_friction", "payload")
+    (folder / "scene.toml").write_text(
+        f"""robot = {json.dumps(str(folder / "robot.urdf"))}
+[task]
+start_deg = [50, 0, -120]
+goal_deg = [80, 30, -90]
+duration_s = 0.65
+[[obstacle]]
+name = {json.dumps(TEXT)}
+size_m = [0.1, 0.1, 0.1]
+xyz_m = [0.04, -0.9, 0.56]
+""",
+        encoding="utf-8",
+    )
+    return folder
+
+
+def use_urdf(given: Folder, out: Folder) -> None:
+    arm_shapes(ArmModel.load(given / "robot.urdf"))
+
+
+def use_session(given: Folder, out: Folder) -> None:
+    inspect(given / "session", given / "robot.urdf").reports[0].mend(out / "mended")
+
+
+def use_model(given: Folder, out: Folder) -> None:
+    write_export(HybridModel.load(given / "model"), out / "export")
+
+
+def use_diagnosis(given: Folder, out: Folder) -> None:
+    write_patch(Diagnosed.load(given / "diagnosis.json"), ArmModel.load(given / "robot.urdf"), out / "patch")
+
+
+def use_scene(given: Folder, out: Folder) -> None:
+    open_task(given / "scene.toml", given / "model", "energy", "absolute", None, None, 1)
+
+
+USES: dict[str, Callable[[Folder, Folder], None]] = {
+    "URDF": use_urdf,
+    "session": use_session,
+    "model": use_model,
+    "diagnosis": use_diagnosis,
+    "scene": use_scene,
+}
+
+
+def foreign(guard: Guard, *homes: Path) -> list[str]:
+    """What was read that is neither given nor installed, and no figure of the system's own."""
+    own = [
+        ROOT,
+        Path(sys.prefix).resolve(),
+        Path(sys.base_prefix).resolve(),
+        *(Path(one).resolve() for one in sys.path if one),
+    ]
+    resolved = {one: Path(one).resolve() for one in guard.read if not one.startswith(("/proc", "/sys"))}
+    return [one for one, path in resolved.items() if not any(path.is_relative_to(home) for home in (*own, *homes))]
+
+
+@pytest.mark.parametrize("kind", USES)
+def test_hostile_names_are_text_all_the_way(
+    kind: str, given: Folder, guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: what a command makes of each kind of file runs nothing, and touches its output's folder and a temporary one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "own"))
+    USES[kind](given, tmp_path / "warm")  # what is loaded lazily is loaded here
+    with guard.watching(tmp_path / "out", tmp_path / "own"):
+        USES[kind](given, tmp_path / "out")
+    assert guard.done == []
+    assert foreign(guard, given.resolve(), tmp_path.resolve()) == []
+    assert not [*tmp_path.rglob("RUN"), *given.rglob("RUN"), *(tmp_path / "own").iterdir()]
+
+
+REACHING = {
+    "entity of a URDF": ("robot.urdf", '<!DOCTYPE r [<!ENTITY x SYSTEM "{secret}">]><robot name="&x;"/>'),
+    "parameter entity of a URDF": ("robot.urdf", '<!DOCTYPE r [<!ENTITY % x SYSTEM "{secret}"> %x;]><robot name="r"/>'),
+    "include of a xacro file": (
+        "robot.xacro",
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r"><xacro:include filename="{secret}"/></robot>',
+    ),
+    "expression of a xacro file": (
+        "robot.xacro",
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="$(eval open(\'{secret}\').read())"/>',
+    ),
+    "mesh of a scene": ("scene.toml", '[[obstacle]]\nfile = "{secret}"\nxyz_m = [0, 0, 0]\n'),
+}
+
+
+@pytest.mark.parametrize("way", REACHING)
+def test_no_file_names_another_to_be_read(way: str, guard: Guard, tmp_path: Path) -> None:
+    """Law: a file elsewhere that a stranger's file names is not even opened."""
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "given").mkdir()
+    secret = tmp_path / "elsewhere" / SECRET
+    secret.write_text("mine")
+    name, text = REACHING[way]
+    path = tmp_path / "given" / name
+    path.write_text(text.format(secret=secret))
+    use = load_surroundings if path.suffix == ".toml" else ArmModel.load
+    arguments = (path, 6) if path.suffix == ".toml" else (path,)
+    with guard.watching(), pytest.raises(InputError) as told:
+        use(*arguments)
+    assert guard.done == []
+    assert str(secret) not in guard.read
+    assert "mine" not in str(told.value)
