@@ -122,7 +122,7 @@ def foreign(guard: Guard, *homes: Path) -> list[str]:
 def test_hostile_names_are_text_all_the_way(
     kind: str, given: Folder, guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Law: what a command makes of each kind of file runs nothing, and touches its output's folder and a temporary one."""
+    """Law: what a command makes of each kind of file runs nothing; its output and temporary folders alone change."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "own"))

@@ -103,8 +103,8 @@ def inspect_alone(
 
 
 def _without_empty(session: Session) -> Session:
-    """Runs of which no row is left are none."""
-    return session if all(map(len, session.runs)) else session.replace(runs=[run for run in session.runs if len(run)])
+    """Runs of which no row is left are none; where nothing is left at all, the first still tells the joints."""
+    return session.replace(runs=[run for run in session.runs if len(run)] or session.runs[:1])
 
 
 def _without_nan(run: Recording) -> Recording:

@@ -5,9 +5,9 @@
 FOLDER holds sessions, and `robot.urdf` or sessions that name their robot. A draw spoils one cell of one run: channel,
 joint, row and size. Laws: the mended session differs from the clean one at the spoilt row and its neighbours only, and
 nothing is refused (a millionth to a million millions of the channel's spread, either sign, NaN or infinite); and the
-diagnosis has the verdict and the named classes of the clean one (from three times the channel's noise to a million times
-its spread, NaN or infinite). Draw k of the diagnoses depends on the seed and on k alone: a long run may be made in
-pieces, and the clean sessions' outcomes wait for the next one in FOLDER/clean.json (remove it where the code changed).
+diagnosis has the verdict and the named classes of the clean one (from three times the channel's noise to a million
+times its spread, NaN or infinite). Draw k of the diagnoses depends on the seed and on k alone: a long run may be made
+in pieces; the clean sessions' outcomes wait for the next one in FOLDER/clean.json (remove it where the code changed).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.opening import open_sessions
-from ident.recordings.recording import Session
+from ident.recordings.recording import Recording, Session
 from ident.telemetry import inspect_sessions
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
@@ -83,7 +83,7 @@ def test_a_diagnosis_keeps_its_verdict_and_its_names(count: int) -> None:
     )
     assert names == clean_names == [("spring_torque", ["joint_3"])]
     for joint, figures in clean_record["gap"].items():
-        assert record["gap"][joint]["rms_Nm"] == pytest.approx(figures["rms_Nm"], rel=0.5)
+        assert record["gap"][joint]["rms_Nm"] == pytest.approx(figures["rms_Nm"], rel=0.1, abs=0.05)
 
 
 def test_a_thousand_are_refused_by_name() -> None:
@@ -110,3 +110,17 @@ def test_garbage_in_the_first_rows_is_cut_out_before_the_rest_is_judged(size: fl
     assert report.session.samples == session.samples - 3
     if size > 1e12:
         assert not any("e+" in issue.evidence for issue in report.issues)
+
+
+@pytest.mark.parametrize("runs", [1, 6])
+def test_runs_of_which_nothing_is_left(runs: int) -> None:
+    """Law: some of them, or all: told, and refused where nothing can be used; never a fault of ours."""
+
+    def empty(run: Recording) -> Recording:
+        return run.replace(effort=np.full(run.effort.shape, np.nan))
+
+    session = clean().replace(runs=[empty(run) if k < runs else run for k, run in enumerate(clean().runs)])
+    (report,) = inspect_sessions([session], load_arm())
+    assert report.session.samples == 1000 * (6 - runs)
+    assert report.session.joints == clean().joints
+    assert len(report.session.runs) == max(6 - runs, 1)
