@@ -16,11 +16,13 @@ from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
+from ident.motion.settings import USUAL_MOTION
 from ident.opening import inspect_in_parts, inspect_paths
 from ident.recordings.load import load_parts, load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session
 from ident.telemetry import TelemetryReport, inspect_parts, streaming
+from ident.telemetry.settings import USUAL_TELEMETRY
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
 
@@ -203,7 +205,7 @@ def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path
 
 def test_a_graver_form_of_a_told_fault_is_told() -> None:
     """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
-    check = streaming._Check(load_arm())
+    check = streaming._Check(load_arm(), USUAL_TELEMETRY)
     mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
     grave = replace(mild, severity="fatal")
     assert [check._is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
@@ -243,7 +245,7 @@ def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: 
     _, reports = inspect_in_parts([tmp_path / "aborted"], None)
     found = list(reports)
     assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
-    motions = list(command._prepare_in_turn(found, command._Heard(), 25.0))
+    motions = list(command._prepare_in_turn(found, command._Heard(), 25.0, USUAL_MOTION))
     assert [motion.name for motion in motions] == [f"run_{k}" for k in range(6)]
 
 

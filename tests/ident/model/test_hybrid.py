@@ -202,7 +202,7 @@ def _spoil_weight(folder: Path, value: float) -> None:
     save_file(weights, path)
 
 
-DAMAGES: dict[str, Callable[[Path], object]] = {
+DAMAGES: dict[str, Callable[[Path], None]] = {
     "no folder": shutil.rmtree,
     "empty folder": lambda folder: [path.unlink() for path in folder.iterdir()],
     "no URDF": lambda folder: (folder / "robot.urdf").unlink(),
