@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,3 +59,26 @@ def test_no_scheduler_at_the_address_is_the_users_error(monkeypatch: pytest.Monk
     monkeypatch.setattr("ident.workers.PATIENCE_S", 0.5)
     with pytest.raises(InputError, match="--scheduler"):
         run_tasks(run_errand, [Errand(Path("never"))], scheduler="tcp://127.0.0.1:1")
+
+
+PARENT = """
+import os, sys, time
+from ident.workers import end_with
+if not os.fork():
+    end_with(os.getppid())
+    print(os.getpid(), flush=True)
+    time.sleep(600)
+time.sleep(600)
+"""
+
+
+def test_a_worker_does_not_outlive_its_parent() -> None:
+    """Law: a check that is killed outright leaves no process behind, whatever its worker is busy with."""
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    worker = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    # The pipe closes when the last process that holds it has ended.
+    assert parent.stdout.read() == ""
+    assert not Path(f"/proc/{worker}/cmdline").exists() or not Path(f"/proc/{worker}/cmdline").read_bytes()
