@@ -115,8 +115,9 @@ class HeldOut:
             places, into = _spots(local, found.columns)
             for fold, weights in enumerate(found.values):
                 w = weights[into]
-                misfit[fold, j] = w @ self._parts[j][1][fold][np.ix_(places, places)] @ w
-                squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
+                with np.errstate(over="ignore"):  # what a fold knows nothing of may run away: as bad as can be
+                    misfit[fold, j] = w @ self._parts[j][1][fold][np.ix_(places, places)] @ w
+                    squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:

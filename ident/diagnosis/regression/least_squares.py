@@ -24,6 +24,10 @@ from ident.diagnosis.regression.settings import RegressionSettings
 RIDGE = 1e-9
 
 
+# Whitened squares of a column below which it is zero but for rounding.
+LEAST_POWER = 1e-100
+
+
 @dataclass(frozen=True, eq=False)
 class Prior:
     """Information that lies in the URDF, on the scaled base parameters.
@@ -85,8 +89,9 @@ class Projection:
         return np.diag(self.rest).copy()
 
     def visibility(self, columns: Int[Array, " k"]) -> Float[Array, " k"]:
-        """Share of each column's power that the model can't absorb."""
-        return self._left[columns] / np.maximum(self._power[columns], 1e-300)
+        """Share of each column's power that the model can't absorb; nothing of a column without power."""
+        left, power = self._left[columns], self._power[columns]
+        return np.divide(left, power, out=np.zeros_like(left), where=power > LEAST_POWER)
 
     def gain_without(self, group: Group, columns: Sequence[int]) -> float:
         """What a group gains without some of its columns."""
