@@ -39,7 +39,7 @@ from tests.fuzz.corpus import KEY, OPTIONS, training_data
 
 # Of nanoseconds since 1970, in seconds or metres no figure of an arm; and no figure that is told has more digits.
 BEYOND = 1e12
-# A control character of a name is shown by its code, \\x1e say, which begins no figure.
+# A control character of a name is shown by its code, \x1e say, which begins no figure.
 UNTOLD = re.compile(r"(?<!\\x)\d[eE]\+?(\d{2,})")
 LARGEST_TOLD = 20
 Read = Callable[[Path], object]
