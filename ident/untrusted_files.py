@@ -86,6 +86,18 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     return record
 
 
+def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
+    """The object in a JSON file of a schema of ours.
+
+    Raises:
+        InputError: As `read_json`; or of another schema.
+    """
+    record = read_json(path, remedy)
+    if record.get("schema") != schema:
+        raise InputError(path, f"its schema is {record.get('schema')!r}, not {schema!r}", remedy)
+    return record
+
+
 def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, Any]:
     """The tables of a TOML file.
 

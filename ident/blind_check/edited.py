@@ -14,9 +14,9 @@ from ident.patches.bodies import tuned_arm
 from ident.patches.change import Diagnosed
 from ident.patches.command import known_effects
 from ident.patches.module import describe_arm
-from ident.patches.standalone.laws import acting_torque
-from ident.patches.standalone.log import Effect, read_log
-from ident.patches.standalone.motion import Losses, MovingArm
+from ident.patches.simulator_models import LawModel, log_error
+from ident.patches.standalone.log import Effect
+from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
 
 
@@ -53,18 +53,11 @@ class EditedModel:
         plain = {**record, "findings": [], "baseline": record["baseline_alone"]}
         return cls.of(plain, arm)
 
-    def log(self, motion: Motion) -> Float[Array, "T n"]:
-        """The torque log that it foretells of a run [N m]."""
-        arm = describe_arm(self.arm.with_payload(motion.payload))
-        states = MovingArm(arm, self.losses, motion.q, motion.dq, motion.ddq, motion.interval)
-        torque = states.rigid + self.losses.torque(states.dq, states.ddq, states.direction)
-        return np.asarray(read_log(self.effects, torque + acting_torque(self.effects, states), motion.interval))
-
     def rms(self, motions: Sequence[Motion]) -> Float[Array, " n"]:
         """Error of the filtered torque where joints move steadily, by joint [N m]."""
         squares, counts = np.zeros(motions[0].n), np.zeros(motions[0].n)
         for motion in motions:
-            left = motion.tau_filtered - motion.filtered(self.log(motion))
-            squares += np.sum(np.where(motion.settled, left, 0.0) ** 2, axis=0)
+            model = LawModel(describe_arm(self.arm.with_payload(motion.payload)), self.losses, self.effects)
+            squares += np.sum(log_error(model, motion) ** 2, axis=0)
             counts += motion.settled.sum(axis=0)
         return np.sqrt(squares / np.maximum(counts, 1.0))

@@ -11,7 +11,7 @@ import numpy as np
 from ident.closing.exciting import Exciter, KindsExciter
 from ident.closing.gap import measure_floors
 from ident.closing.loop import MOST_ROUNDS, Closed, Say, close_gap
-from ident.closing.models import SimulatorModel, as_randomised, as_tuned, as_urdf
+from ident.closing.models import as_randomised, as_tuned, as_urdf
 from ident.closing.recorder import Recorder
 from ident.closing.result import ArmClosed
 from ident.effects.catalogue import CATALOGUE
@@ -20,6 +20,7 @@ from ident.files import atomic_write
 from ident.motion.motion import prepare
 from ident.patches.change import Diagnosed
 from ident.patches.command import write_patch
+from ident.patches.simulator_models import SimulatorModel
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions
 from ident.trajectories.kinds import plan_motions

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float
-from ident.closing.models import SimulatorModel
 from ident.motion.motion import Motion
+from ident.patches.simulator_models import SimulatorModel, log_error
 
 # A gap within so much of the noise counts as closed.
 MARGIN = 1.10
@@ -53,9 +53,7 @@ def measure_floors(model: SimulatorModel, motions: Sequence[Motion], floors: Flo
     """
     squares, counts = [], []
     for run in motions:
-        torque = model.joint_torque(run.q, run.dq, run.ddq, run.interval)
-        left = (run.tau_filtered - run.filtered(model.read_log(torque, run.interval))) / floors
-        squares.append(np.sum(np.where(run.settled, left, 0.0) ** 2, axis=0))
+        squares.append(np.sum((log_error(model, run) / floors) ** 2, axis=0))
         counts.append(run.settled.sum(axis=0))
     return pool_runs(np.array(squares), np.array(counts, dtype=float))
 

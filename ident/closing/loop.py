@@ -16,12 +16,13 @@ import numpy as np
 
 from ident.closing.exciting import Exciter
 from ident.closing.gap import GapFloors, measure_floors
-from ident.closing.models import LawModel, as_diagnosed, as_urdf
+from ident.closing.models import as_diagnosed, as_urdf
 from ident.closing.recorder import Recorder
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.base import Effect
 from ident.errors import InputError
 from ident.motion.motion import Motion, prepare
+from ident.patches.simulator_models import LawModel
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions

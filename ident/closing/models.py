@@ -1,63 +1,22 @@
-"""Models that a simulator could hold: torque of the joints along a motion, and what a log reads of it."""
+"""The models that the loop compares: the URDF as it is, tuned, as a diagnosis has it, and randomised widely."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from ident.effects.base import Effect as Kind
 from ident.patches.bodies import change_links, tuned_arm
 from ident.patches.change import Diagnosed, Tuning
 from ident.patches.command import known_effects
 from ident.patches.module import describe_arm
-from ident.patches.standalone.chain import Arm
-from ident.patches.standalone.laws import acting_torque
-from ident.patches.standalone.log import Effect, read_log
-from ident.patches.standalone.motion import Losses, MovingArm
+from ident.patches.simulator_models import LawModel
+from ident.patches.standalone.motion import Losses
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque
-
-
-class SimulatorModel(Protocol):
-    """What a controller is designed with, and what a log is compared with."""
-
-    def joint_torque(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
-    ) -> Float[Array, "T n"]:
-        """Torque that the motors deliver along a run [N m]."""
-        ...
-
-    def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
-        """What the log says of it [N m]."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class LawModel:
-    """Rigid body, losses, and laws of named effects: what a patch holds.
-
-    Attributes:
-        arm: The chain, its links tuned.
-        losses: Rotor inertia and friction.
-        effects: Named effects; those without a law in torque are left out.
-    """
-
-    arm: Arm
-    losses: Losses
-    effects: tuple[Effect, ...] = ()
-
-    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        states = MovingArm(self.arm, self.losses, q, dq, ddq, interval)
-        plain = states.rigid + self.losses.torque(dq, ddq, states.direction)
-        return np.asarray(plain + acting_torque(self.effects, states))
-
-    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
-        return read_log(self.effects, torque, interval)
 
 
 def as_urdf(arm: ArmModel, payload: Payload | None = None) -> LawModel:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.closing.models import SimulatorModel
+from ident.patches.simulator_models import SimulatorModel
 from ident.plant.causes import CATALOGUE, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.record import Channels, draw_pauses, no_progress, record_runs

@@ -255,15 +255,11 @@ class _Look:
         return group.effect.asked(self.session)
 
     def _is_absorbed(self, group: Group) -> bool:
-        """Whether tuning hides it, so that it would be judged with the URDF held fast."""
-        held = self.search.settings
-        tuned, fast = (float(view.visibility(group.columns).max()) for view in self.views)
-        return group.effect.inertia_like and tuned < held.absorbed_below and fast > held.absorbed_ratio * tuned
+        return self.search.is_absorbed(*self.views, group)
 
     def _is_buried(self, columns: Int[Array, " k"]) -> bool:
         """Whether encoder noise lets nobody see some of the columns."""
-        tuned = self.views[0]
-        return bool((np.diag(tuned.rest)[columns] <= tuned.settings.least_over_noise * tuned.noise[columns]).any())
+        return bool(self.views[0].buried(columns).any())
 
     def _nats(self, group: Group, absorbed: bool) -> float:
         """Nats that a name needs: what its freedom and grid cost, and more than chance gives to any candidate."""

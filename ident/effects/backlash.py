@@ -13,7 +13,6 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.gear_twist import FINE_FACTORS, deflect, felt_torque, mean_inertia
 from ident.effects.knowledge import Expression, Range, Typical, not_at_all
 from ident.effects.typical_sizes import coefficient_interval, rated_torque
-from ident.motion.out_of_core import choose_runs
 
 # Full widths of play [rad]. The link is through a narrow gap before the filter sees it: what is left is proportional
 # to the width. It falls through a wide one for so long that each width looks different.
@@ -61,8 +60,7 @@ class Backlash(Effect):
     }
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
-        chosen = choose_runs(len(session.runs), session.every)
-        some = [leftover[k] for k in chosen]
+        some = session.surveyed(leftover)
         found = tuple(
             () if self.untestable(session, joint) else _widths(session.survey, some, joint)
             for joint in range(session.n)

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
 from ident.robot.arm import ArmModel
+
+T = TypeVar("T")
 
 __all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]
 
@@ -105,10 +107,11 @@ class SessionContext:
     @cached_property
     def survey(self) -> SessionContext:
         """The session itself, or an even choice of its runs, held in memory, where there are very many."""
-        if self.every == 1:
-            return self
-        chosen = choose_runs(len(self.runs), self.every)
-        return replace(self, runs=tuple(self.runs[k] for k in chosen), every=1)
+        return self if self.every == 1 else replace(self, runs=tuple(self.surveyed(self.runs)), every=1)
+
+    def surveyed(self, of_runs: Sequence[T]) -> Sequence[T]:
+        """Of what there is one of for each run, those of the survey's runs."""
+        return [of_runs[k] for k in choose_runs(len(of_runs), self.every)]
 
 
 @dataclass(frozen=True)

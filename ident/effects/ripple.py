@@ -23,7 +23,6 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, not_at_all
 from ident.effects.typical_sizes import rated_torque, travel, wave, wave_figures
-from ident.motion.out_of_core import choose_runs
 
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
@@ -80,8 +79,7 @@ class TorqueRipple(Effect):
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
         # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
-        chosen = choose_runs(len(session.runs), session.every)
-        some = [leftover[k] for k in chosen]
+        some = session.surveyed(leftover)
         found = [find_lines(session.survey, some, joint) for joint in range(session.n)]
         looked = round(float(np.mean([one.looked for one in found])))
         return replace(self, lines=tuple(one.turns for one in found), screens=max(1, looked))

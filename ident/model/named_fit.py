@@ -14,7 +14,7 @@ from ident.model.inertia import Mode
 from ident.model.named_laws import KINDS, NamedLaw
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from ident.untrusted_files import read_json
+from ident.untrusted_files import read_record
 
 DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
 # Shape of a law where a diagnosis tells none beside its reported figures.
@@ -54,10 +54,7 @@ def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
     Raises:
         InputError: Not a diagnosis, one of another robot, damaged, or one that names nothing.
     """
-    record = read_json(path, "give the JSON of `ident diagnose`")
-    if record.get("schema") != DIAGNOSIS_SCHEMA:
-        what = f"its schema is {record.get('schema')!r}, not {DIAGNOSIS_SCHEMA!r}"
-        raise InputError(path, what, "give the JSON of `ident diagnose`")
+    record = read_record(path, DIAGNOSIS_SCHEMA, "give the JSON of `ident diagnose`")
     try:
         found = _take(record, arm, path)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:

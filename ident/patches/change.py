@@ -23,7 +23,7 @@ from ident.patches.standalone.chain import Array
 from ident.patches.standalone.laws import KNOWN
 from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
-from ident.untrusted_files import read_json, require_finite
+from ident.untrusted_files import read_record, require_finite
 
 WHOLE_ARM = -1
 # Ends of names of figures that no body or gear has below zero.
@@ -142,7 +142,8 @@ class Diagnosed:
         Raises:
             InputError: No such file, not a diagnosis, or one that names nothing.
         """
-        return cls.of_record(_read(path), catalogue, path)
+        record = read_record(path, SCHEMA, "give the JSON of `ident diagnose`")
+        return cls.of_record(record, catalogue, path)
 
     @classmethod
     def of_record(
@@ -205,14 +206,6 @@ def _cutoff(record: dict[str, Any]) -> float:
     if not 0.0 < cutoff < np.inf:
         raise ValueError(f"its cutoff_hz is {cutoff:g}")
     return cutoff
-
-
-def _read(path: Path) -> dict[str, Any]:
-    record = read_json(path, "give the JSON of `ident diagnose`")
-    schema = record.get("schema")
-    if schema != SCHEMA:
-        raise InputError(path, f"its schema is {schema!r}, not {SCHEMA!r}", "give the JSON of `ident diagnose`")
-    return record
 
 
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:

@@ -9,8 +9,8 @@ from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
-from ident.motion.motion import Motion, no_motion, whole_band
-from ident.motion.out_of_core import choose_runs
+from ident.motion.motion import Motion, no_motion
+from ident.motion.out_of_core import choose_runs, within_band
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
@@ -54,12 +54,12 @@ def compare_reports(
     # What one set's filter passes and the other's does not would be a change.
     slowest = min(1.0 / run.sample_interval for report in reports for run in report.session.runs if len(run) > 1)
     corner = min(cutoff or FOR_DIAGNOSIS.cutoff_hz, FOR_DIAGNOSIS.cutoff_share * slowest)
-    sets = [_motions(side, corner) for side in (before, after)]
+    earlier, later = (_motions(side, corner) for side in (before, after))
+    motions: Sequence[Motion] = [*earlier, *later]
     if cutoff is None:
-        corner = min(corner, whole_band(motion for motions in sets for motion in motions))
-        sets = [[motion.below(corner) for motion in motions] for motions in sets]
-    found = compare(sets[0], sets[1], arm.keeping(joints), sides, seed)
-    return replace(found, telemetry=issues, cutoff=corner)
+        motions = within_band(motions)
+    found = compare(motions[: len(earlier)], motions[len(earlier) :], arm.keeping(joints), sides, seed)
+    return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
 
 
 def _motions(reports: Sequence[TelemetryReport], cutoff: float) -> list[Motion]:

@@ -106,9 +106,11 @@ class Projection:
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
         power, left = self._power[columns], self._left[columns]
-        held = self.settings
-        through = left > held.least_over_noise * self.noise[columns]
-        return (left > held.least_visible * power) & (power > 0) & through
+        return (left > self.settings.least_visible * power) & (power > 0) & ~self.buried(columns)
+
+    def buried(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
+        """Of which columns the model leaves no more than some of their encoder noise."""
+        return np.asarray(self._left[columns] <= self.settings.least_over_noise * self.noise[columns])
 
     def solve(self, columns: Int[Array, " k"], signed: Bool[Array, " k"]) -> Float[Array, " k"]:
         """Scaled coefficients of further columns; those marked are not negative, those that can't be seen are zero."""

@@ -66,7 +66,9 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     # does to the coefficients is little, and what it adds to the residual is known.
     gram = x.T @ x
     ridge = np.diag(NOISE_RIDGE * np.diag(gram)[:-1] + 1e-9)
-    ridge += np.diag(HELD_AT_ZERO * np.diag(gram)[:-1] * _mostly_noise(j, held, np.diag(gram)[:-1]))
+    ridge += np.diag(
+        HELD_AT_ZERO * np.diag(gram)[:-1] * _mostly_noise(j, held, settings.mostly_noise * np.diag(gram)[:-1])
+    )
     inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
     estimate = inverse @ gram[:-1, -1]
     # Every coefficient takes a share of the noise with it.
@@ -84,17 +86,17 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
 
 
-def _mostly_noise(j: int, held: Sequence[Rows], power: Float[Array, " p"]) -> Bool[Array, " p"]:
-    """Which candidates' columns are more encoder noise than motion.
+def _mostly_noise(j: int, held: Sequence[Rows], most: Float[Array, " p"]) -> Bool[Array, " p"]:
+    """Which candidates' columns have more encoder noise than they may.
 
     Made of the same positions as the baseline's, they know its encoder noise, and would pass for what explains it.
     """
-    noise = np.zeros(len(power))
+    noise = np.zeros(len(most))
     for rows in held:
         if rows.noise is not None:
             noise += np.sum(rows.noise[j][rows.counts[:, j], :-1] ** 2, axis=0)
     noise[: held[0].rank + LOSS_FIGURES] = 0.0
-    return np.asarray(noise > 0.5 * power)
+    return np.asarray(noise > most)
 
 
 def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array, " t"]:

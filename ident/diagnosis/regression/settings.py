@@ -76,6 +76,12 @@ class RegressionSettings(Settings):
         "share of a residual's mean square that is the torque's own noise, whatever encoders add",
         "chosen: some is",
     )
+    mostly_noise: float = number(
+        0.5,
+        "1",
+        "share of a candidate's column that may be encoder noise for it to explain any of the torque's noise",
+        "law: more of it is noise than motion",
+    )
     least_visible: float = number(
         1e-4, "1", "share of a column's power that a model must leave for it to be seen", "chosen: far above rounding"
     )

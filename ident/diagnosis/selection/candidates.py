@@ -98,14 +98,29 @@ class Candidates:
     def best_by_key(self, projection: Projection, without: Sequence[Group] = ()) -> dict[Key, tuple[float, Group]]:
         """For each effect and joint its best inner figures and their log evidence."""
         taken = {group.key for group in without} | self.barred
+        return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key not in taken])
+
+    def best_absurd(self, projection: Projection) -> dict[Key, tuple[float, Group]]:
+        """The same of what has figures that no arm has."""
+        return self._best_of(projection, [group for group in self.evidence.layout.groups if group.key in self.absurd])
+
+    def _best_of(self, projection: Projection, groups: Sequence[Group]) -> dict[Key, tuple[float, Group]]:
         best: dict[Key, tuple[float, Group]] = {}
-        for group in self.evidence.layout.groups:
-            if group.key in taken:
-                continue
+        for group in groups:
             score = self.score_of(projection, group)
             if group.key not in best or score > best[group.key][0]:
                 best[group.key] = (score, group)
         return best
+
+    def score_beside(self, gram: Array, group: Group, others: Sequence[Group]) -> float:
+        """Log evidence that a group adds to a model of others."""
+        return self.score_of(project(gram, self.evidence, self.prior, others), group)
+
+    def is_absorbed(self, tuned: Projection, held_fast: Projection, group: Group) -> bool:
+        """Whether tuning the inertias hides a group, so that it is judged with the URDF held fast."""
+        seen, fast = (float(view.visibility(group.columns).max()) for view in (tuned, held_fast))
+        hidden = seen < self.settings.absorbed_below and fast > self.settings.absorbed_ratio * seen
+        return group.effect.inertia_like and hidden
 
     def least_seen(self, projection: Projection, group: Group) -> bool:
         """Whether the tuned baseline leaves next to nothing of a group."""
@@ -129,12 +144,7 @@ class Candidates:
         without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
         found = []
         for score, group in short:
-            seen, fast = (float(p.visibility(group.columns).max()) for p in (tuned, held_fast))
-            absorbed = (
-                group.effect.inertia_like
-                and seen < self.settings.absorbed_below
-                and fast > self.settings.absorbed_ratio * seen
-            )
+            absorbed = self.is_absorbed(tuned, held_fast, group)
             scorer = self.fixed if absorbed else self.held_out
             if absorbed not in without:
                 without[absorbed] = scorer.score(), scorer.score(chosen)

@@ -225,11 +225,10 @@ def _beside(
 
     What explains something else is no rival: both may be there.
     """
-    evidence, gram = search.evidence, search.evidence.gram()
-    found = []
+    gram, found = search.evidence.gram(), []
     for rival in ahead:
         if rival.key != group.key:
-            left = search.score_of(project(gram, evidence, search.prior, [*others, rival]), group) / spare
+            left = search.score_beside(gram, group, [*others, rival]) / spare
             if left > 0.0:
                 found.append(scores[rival.key] + left)
     return found
@@ -242,19 +241,8 @@ def _without_name(
 
     Where one of them explains it better by far, something of that shape is there that the catalogue lacks.
     """
-    evidence, gram = search.evidence, search.evidence.gram()
-    best: dict[Key, tuple[float, Group]] = {}
-    for rival in evidence.layout.groups:
-        if rival.key in search.absurd:
-            score = search.score_of(projection, rival)
-            if score > best.get(rival.key, (-np.inf, rival))[0]:
-                best[rival.key] = score, rival
-    found = []
-    for score, rival in best.values():
-        left = search.score_of(project(gram, evidence, search.prior, [*others, rival]), group)
-        if left <= 0.0:
-            found.append(score / spare)
-    return found
+    gram, best = search.evidence.gram(), search.best_absurd(projection).values()
+    return [score / spare for score, rival in best if search.score_beside(gram, group, [*others, rival]) <= 0.0]
 
 
 def weigh_rivals(
