@@ -1,15 +1,30 @@
-"""Array types and the read-only copies that frozen dataclasses hold."""
+"""Array types and the read-only copies that frozen dataclasses hold.
+
+Type checkers see jaxtyping's annotations. At run time nothing reads them, and loading jaxtyping costs a tenth of a
+second of processor time in every command: names that stand for an array of any kind take their place.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 __all__ = ["Array", "Bool", "Float", "Int", "freeze"]
 
 Array = np.ndarray
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+else:
+
+    class _AnyArray:
+        """`Float[Array, "T n"]` and the like: an array, whatever its shape."""
+
+        def __class_getitem__(cls, _: Any) -> type[np.ndarray]:
+            return np.ndarray
+
+    Bool = Float = Int = _AnyArray
 
 
 def freeze(values: Any) -> Float[Array, "..."]:

@@ -1,7 +1,8 @@
 """Inertial numbers that a real arm could have: the nearest ones in the sense of the data.
 
 Every link must be a body that can exist: its 4 × 4 pseudo-inertia is positive semidefinite. Rotor inertia and friction
-are not negative. Given normal equations that is a small convex program, solved by Clarabel.
+are not negative. Given normal equations that is a small convex program; where its own search finds no end, Clarabel
+solves it.
 
 Source: Wensing, Kim and Slotine 2018, eq. 12 (pseudo-inertia).
 """
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.model.barrier import Bodies, minimise
 
 # Row and column of each entry of a symmetric 4 × 4 matrix, in the order of Clarabel's triangles.
 TRIANGLE = [(row, column) for column in range(4) for row in range(column + 1)]
@@ -58,8 +60,31 @@ def solve_bounded(
         bodies = None if links is None else links + (1.0 if scale is None else scale) * inside[: len(links)]
         if bodies is None or is_consistent(bodies):
             return inside
-    # Slow to load (with it come SciPy's LAPACK bindings), and only where a bound binds.
-    import clarabel
+    if inside is not None:
+        found = minimise(information, score, inside, bounded, None if links is None else _bodies(links, scale))
+        if found is not None:
+            return found
+    return _solve_in_general(information, score, bounded, links, scale)
+
+
+def _bodies(links: Float[Array, " 10n"], scale: Float[Array, " 10n"] | None) -> Bodies:
+    steps = (np.ones(len(links)) if scale is None else scale).reshape(-1, 10)
+    return Bodies(pseudo_inertia(links.reshape(-1, 10)), steps[:, :, None, None] * pseudo_inertia(np.eye(10)))
+
+
+def _solve_in_general(
+    information: Float[Array, "m m"],
+    score: Float[Array, " m"],
+    bounded: Array,
+    links: Float[Array, " 10n"] | None,
+    scale: Float[Array, " 10n"] | None,
+) -> Float[Array, " m"]:
+    """The same by a general solver, for what the data leave open.
+
+    Raises:
+        ArithmeticError: It found no solution.
+    """
+    import clarabel  # slow to load: with it come SciPy's LAPACK bindings
 
     size = len(score)
     rows, right = np.zeros((len(bounded), size)), np.zeros(len(bounded))
@@ -118,7 +143,7 @@ def nearest_consistent(parameters: Float[Array, " 10n"], scale: Float[Array, " 1
     if is_consistent(parameters):
         return parameters
     size = len(parameters)
-    change = solve_bounded(np.eye(size), np.zeros(size), np.arange(0), parameters, scale)
+    change = _solve_in_general(np.eye(size), np.zeros(size), np.arange(0), parameters, scale)
     return np.asarray(parameters + scale * change)
 
 
