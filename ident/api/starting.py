@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ident.errors import RecordingError
+from ident.errors import InputError, RecordingError
 from ident.files import atomic_folder
 from ident.guessing.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.ownership import SESSION_KIND
@@ -37,13 +37,25 @@ def new(
         with atomic_folder(path, SESSION_KIND) as folder:
             for table in tables:
                 _copy(Path(table), folder)
-            found = _guess(folder, robot)
+            try:
+                found = _guess(folder, robot)
+            except InputError as error:
+                raise _of_the_users(error, folder, tables) from None
             (folder / NAME).write_text(found.text, encoding="utf-8")
         return replace(found, file=path / NAME)
     require_own_guess(place_of(path))
     found = _guess(path, robot)
     found.write()
     return found
+
+
+def _of_the_users(error: InputError, folder: Path, tables: Sequence[str | Path]) -> InputError:
+    """An error about a copy that is gone by now, told of the table that was copied."""
+    for table in map(Path, tables):
+        copy = str(folder / table.name)
+        if error.where.startswith(copy):
+            return type(error)(f"{table}{error.where.removeprefix(copy)}", error.what, error.remedy)
+    return error
 
 
 def _copy(table: Path, folder: Path) -> None:

@@ -25,9 +25,12 @@ EVEN, NEARLY_ALL = 3.0, 0.99
 SAME_MOTION = 0.9
 # Steps over which a derivative is taken: noise of encoders weighs less over several samples.
 STRIDE = 5
+# Position, its derivative, and what follows the model: without names there is no telling of fewer.
+FEWEST_CHANNELS = 3
 # Two torques of which the model explains nearly the same share are the same one, commanded and measured.
 AS_GOOD = 0.05
 HINT = "name its columns in [columns] of session.toml yourself"
+ONE_TABLE = "put them side by side in one table, or in one .npz as arrays time, position, velocity and effort"
 
 
 def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
@@ -42,6 +45,10 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
     start = 0 if clock is None else clock + 1
     count = (len(names) - start) // arm.n
     blocks = [np.arange(start + k * arm.n, start + (k + 1) * arm.n) for k in range(count)]
+    if count < FEWEST_CHANNELS:
+        least = FEWEST_CHANNELS * arm.n
+        what = f"columns of numbers: {len(names)}; position, velocity and torque of {arm.n} joints are {least}"
+        raise RecordingError(table.source, what, ONE_TABLE)
     pair = _find_motion(values, blocks, time)
     if pair is None:
         what = f"no {arm.n} columns are the derivative of {arm.n} others"

@@ -13,7 +13,8 @@ from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.until import RepeatedLooks
 from ident.show.limits import describe_limits
-from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, is_small
+from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, first_action, is_small
+from ident.show.report.numbers import pair, significant
 from ident.show.report.words import axis_name, interval_words
 from ident.show.silence import group_silent
 from ident.show.timeline import Curve, Mark
@@ -45,12 +46,14 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
-        console.print(describe(finding), soft_wrap=True, highlight=False)
+        console.print(describe(finding, facts["runs"]), soft_wrap=True, highlight=False)
         console.print(f"    do: {finding.action}", soft_wrap=True, highlight=False, markup=False)
     for line in describe_reservations(record):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
     if unnamed := describe_unnamed(record):
         console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
+    if diagnosis.verdict in ("not_testable", "none_of_catalogue") and (action := first_action(record)):
+        console.print(f"  do: {action}", soft_wrap=True, highlight=False, markup=False)
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap.unexplained} but unnamed" if gap.unexplained else ""
         console.print(f"  {name}: {gap.rms:.3f} N m against {gap.noise_floor:.3f} of noise{left}")
@@ -68,19 +71,20 @@ def print_looks(console: Console, looks: RepeatedLooks) -> None:
         console.print(f"  record next: {following['motion']}", soft_wrap=True, highlight=False, markup=False)
 
 
-def describe(finding: Finding) -> str:
-    """One finding in one line: where, what, how sure, how large, how far."""
+def describe(finding: Finding, runs: int) -> str:
+    """One finding in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
     estimate = finding.estimate
     name = estimate.group.effect.id
     rivals = f"; can't be told from {', '.join(estimate.rivals[1:])}" if len(estimate.rivals) > 1 else ""
     figures = ", ".join(
         f"{key} {value.value:.3g} [{value.low:.3g}, {value.high:.3g}]" for key, value in estimate.parameters.items()
     )
-    before, after = finding.energy_std
-    energy = f"energy error {finding.energy_before:.2f} ± {before:.2f} → {finding.energy_after:.2f} ± {after:.2f} J"
+    before, after = finding.energy_std if runs > 1 else (None, None)
+    energy = f"energy error {pair(finding.energy_before, before)} → {pair(finding.energy_after, after)} J"
     return (
         f"  {', '.join(finding.joints)}: {name} ({estimate.probability:.0%}{rivals}), {figures}; "
-        f"explains {finding.gain:.2f} N m (rms) on unseen runs, {finding.shrink:.0%} of what can be closed; {energy}"
+        f"explains {significant(finding.gain)} N m (rms) on unseen runs, {finding.shrink:.0%} of what can be closed; "
+        f"{energy}"
     )
 
 

@@ -160,6 +160,17 @@ def test_positions_alone_are_refused(run: Recording, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 
 
+def test_channels_in_files_of_their_own_are_told_so(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
+    """Position in one file and torque in another are no table: the user's own file is named, and what to do."""
+    files = [text_table(tmp_path / f"{name}.txt", [], getattr(run, name)) for name in ("position", "effort")]
+    with pytest.raises(
+        InputError, match=r"columns of numbers: 6; .* of 6 joints are 18; put them side by side"
+    ) as told:
+        new(tmp_path / "session", arm, tables=files)
+    assert told.value.where in [str(one) for one in files]
+    assert not (tmp_path / "session").exists()
+
+
 def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: Path) -> None:
     """`ident new SESSION TABLE`: the foreign file stays where it is; the record says what was guessed and why."""
     names = ["t", *(f'q"{i}' for i in range(6)), *(f"tau_{i}" for i in range(6))]

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ident.diagnosis.verdict import above_noise
-from ident.show.report.numbers import DASH, fixed, glue, pair, percent
+from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
-from ident.show.report.words import effect_name, join_words
+from ident.show.report.words import effect_name, join_words, with_units
+
+# Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
+OVERTUNED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +43,11 @@ class DiagnosisVerdictSection(Section):
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
-    """The verdict as a sentence."""
+    """The verdict as a sentence, with the size of a gap that has no name."""
     if is_small(record):
         return "There is a small gap: more than chance, and too little for a name."
+    loudest = _loudest(record)
+    size = f": {loudest}" if loudest else ""
     named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
     more = len(record.get("findings", [])) - 3
     named += f", and {more} more" if more > 0 else ""
@@ -50,21 +55,61 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
         "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
         "named": f"The gap has a name: {named}.",
         "partial": f"Part of the gap has a name: {named}.",
-        "none_of_catalogue": "There is a gap, and no effect of the catalogue explains it.",
+        "none_of_catalogue": f"There is a gap, and no effect of the catalogue explains it{size}.",
         "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
         "refused": "Refused: the recordings are unfit for a diagnosis.",
     }.get(record["verdict"], record["verdict"].replace("_", " "))
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: about what gains most, else what to record next."""
-    for finding in record.get("findings", []):
-        if action := finding.get("action", ""):
-            return f"{action[0].upper()}{action[1:]}."
-    following = record.get("next_experiment") or {}
-    if record["verdict"] in ("not_testable", "none_of_catalogue") and following.get("motion"):
-        return f"Record this next: {following['motion']}."
-    return ""
+    """What to do first: about what gains most, where that is most of the gap; else what to give or to record."""
+    if record["verdict"] not in ("not_testable", "none_of_catalogue"):
+        actions = (finding.get("action", "") for finding in record.get("findings", []))
+        action = next(filter(None, actions), "")
+        return f"{action[0].upper()}{action[1:]}." if action else ""
+    if overtuned_joints(record):
+        return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
+    if tuned_away_joints(record):
+        return OWN_INERTIAS
+    motion = (record.get("next_experiment") or {}).get("motion", "").removeprefix(NO_MOTION)
+    return f"Record this next: {motion}." if motion else ""
+
+
+# What a motion's words begin with where it takes more than motion.
+NO_MOTION = "Motion alone hardly tells these apart. "
+OWN_INERTIAS = (
+    "Give what the flange carries as [payload] of session.toml; if it carries nothing, fit the arm's own inertias "
+    "(`ident fit`) and give them with `--model`."
+)
+
+
+def tuned_away_joints(record: Mapping[str, Any]) -> list[str]:
+    """Joints whose torque only inertias beyond the URDF's tolerance explain, the loudest first."""
+    hidden = {
+        joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
+        for joint, gap in record.get("gap", {}).items()
+        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]
+    }
+    return sorted(hidden, key=lambda joint: -hidden[joint])
+
+
+def overtuned_joints(record: Mapping[str, Any]) -> list[str]:
+    """Joints that the tuned model foretells worse, on runs that it was not tuned on, than the model as it was given."""
+    return [
+        joint
+        for joint, gap in record.get("gap", {}).items()
+        if gap["rms_Nm"] > OVERTUNED * gap.get("fixed_rms_Nm", float("inf"))
+    ]
+
+
+def _loudest(record: Mapping[str, Any]) -> str:
+    """How far off the model is at the joint where it is furthest off beyond noise."""
+    beyond = {joint: gap["rms_Nm"] ** 2 - gap["noise_floor_Nm"] ** 2 for joint, gap in record.get("gap", {}).items()}
+    if not beyond:
+        return ""
+    joint = max(beyond, key=lambda name: beyond[name])
+    rms, noise = (significant(record["gap"][joint][key]) for key in ("rms_Nm", "noise_floor_Nm"))
+    return f"{joint} is off by {rms} N m, of which noise is {noise} N m"
 
 
 def is_small(record: Mapping[str, Any]) -> bool:
@@ -80,7 +125,7 @@ def describe_findings(record: Mapping[str, Any]) -> str:
     if not record.get("findings") or "shrink" not in heldout:
         return ""
     parts = [
-        f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))}"
+        f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))}"
         for joint, before in heldout.get("rms_before_Nm", {}).items()
         if joint in _named_joints(record)
     ]
@@ -94,7 +139,8 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
     for one in record.get("reservations", []):
         if one["effect"]:
             where = join_words(one["joints"])
-            lines.append(f"Not believed: {effect_name(one['effect'])} in {where} would fit, but {one['reason']}.")
+            what = f"{effect_name(one['effect'])} in {where}"
+            lines.append(f"Not believed: {what} would fit, but {with_units(one['reason'])}.")
         else:
             lines.append(f"Doubt: {one['reason']}.")
     return lines
@@ -103,19 +149,20 @@ def describe_reservations(record: Mapping[str, Any]) -> list[str]:
 def describe_unnamed(record: Mapping[str, Any]) -> str:
     """What speaks for a gap beside, or without, any name: inertias tuned too far, a candidate that came near."""
     parts = []
-    hidden = {
-        joint: gap["tuned_away_Nm"] / max(gap["noise_floor_Nm"], 1e-12)
-        for joint, gap in record.get("gap", {}).items()
-        if gap.get("tuned_away_Nm", 0.0) > gap["noise_floor_Nm"]
-    }
-    if hidden:
-        most = join_words(sorted(hidden, key=lambda joint: -hidden[joint])[:2])
+    if worse := overtuned_joints(record):
+        joint = max(worse, key=lambda name: record["gap"][name]["rms_Nm"])
+        before, after = (significant(record["gap"][joint][key]) for key in ("fixed_rms_Nm", "rms_Nm"))
+        parts.append(
+            f"These recordings are too few to tune a model on: tuned on one part of them it is further off on the rest "
+            f"than as it was given ({joint}: {before} → {after} N m), so little can be told."
+        )
+    if hidden := tuned_away_joints(record):
         parts.append(
             "The tuned inertias lie farther from the given ones than their tolerance allows; what they hide acts most "
-            f"on {most}. Wrong links in the URDF, a load or a wrong gain look like this: give the payload in "
-            "session.toml; if the flange carries nothing, fit the arm's own inertias (`ident fit`) and give them with "
-            "--model."
+            f"on {join_words(hidden[:2])}. Wrong links in the URDF, a load or a wrong gain look like this."
         )
+        if first_action(record) != OWN_INERTIAS:
+            parts.append(OWN_INERTIAS)
     nearest = record.get("nearest")
     if nearest:
         parts.append(
@@ -157,26 +204,34 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     joules, spread = (heldout.get(f"energy_error_after_{what}", {}) for what in ("J", "std_J"))
     top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
     scale = 100.0 / top if top > 0 else 0.0
+    named = bool(record.get("findings"))
     rows = []
     for joint, gap in gaps.items():
         energy = gap.get("energy_error_J") or {}
+        places = row_places([gap["rms_Nm"], gap["noise_floor_Nm"]])
         rows.append(
             {
                 "joint": joint,
+                "places": places,
                 "model": gap.get("model_rms_Nm", gap.get("fixed_rms_Nm")),
                 "rms": gap["rms_Nm"],
-                "after": after.get(joint) if record.get("findings") else None,
+                "after": after.get(joint) if named else None,
                 "trees": trees.get(joint),
                 "noise": gap["noise_floor_Nm"],
-                "energy": f"{fixed(energy.get('mean'))} ± {fixed(energy.get('std'))}",
-                "energy_after": pair(joules.get(joint), spread.get(joint)) if record.get("findings") else DASH,
+                "energy": pair(energy.get("mean"), _spread(record, energy.get("std"))),
+                "energy_after": pair(joules.get(joint), _spread(record, spread.get(joint))) if named else DASH,
                 "trees_bar": round(scale * trees[joint], 1) if joint in trees else None,
                 "rms_bar": round(scale * gap["rms_Nm"], 1),
                 "noise_bar": round(scale * gap["noise_floor_Nm"], 1),
-                "after_bar": round(scale * after[joint], 1) if joint in after and record.get("findings") else None,
+                "after_bar": round(scale * after[joint], 1) if joint in after and named else None,
             }
         )
     return rows
+
+
+def _spread(record: Mapping[str, Any], std: float | None) -> float | None:
+    """A spread over the runs; a single run has none."""
+    return None if record.get("session", {}).get("runs", 0) < 2 else std
 
 
 def _named_joints(record: Mapping[str, Any]) -> set[str]:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.show.report.numbers import fixed, pair, percent, significant
+from ident.show.report.numbers import pair, percent, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words, parameter_name
@@ -34,11 +34,12 @@ class FindingsSection(Section):
         findings, pictures = self.source.record["findings"], self.source.pictures
         drawn = [*pictures, *[None] * (len(findings) - len(pictures))]
         cards = zip(findings, drawn, strict=False)
-        return {"findings": [{**finding_card(finding), "picture": picture} for finding, picture in cards]}
+        runs = self.source.record.get("session", {}).get("runs", 2)
+        return {"findings": [{**finding_card(finding, runs), "picture": picture} for finding, picture in cards]}
 
 
-def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
-    """A finding as text."""
+def finding_card(finding: Mapping[str, Any], runs: int) -> dict[str, Any]:
+    """A finding as text; of a single run its energy error has no spread."""
     heldout = finding["heldout"]
     twins = [effect_name(effect) for effect in finding.get("class", []) if effect != finding["effect"]]
     return {
@@ -47,15 +48,15 @@ def finding_card(finding: Mapping[str, Any]) -> dict[str, Any]:
         "probability": percent(finding.get("probability")),
         "twins": join_words(twins),
         "action": _sentence(finding.get("action", "")),
-        "gain": fixed(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
+        "gain": significant(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
         "shrink": percent(heldout["shrink"]),
         "share": percent(heldout.get("share")) if "share" in heldout else "",
         "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
         "torque": [
-            f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'].get(joint))} N m"
+            f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))} N m"
             for joint, before in heldout["rms_before_Nm"].items()
         ],
-        "energy": f"{_energy(heldout, 'before')} → {_energy(heldout, 'after')} J",
+        "energy": f"{_energy(heldout, 'before', runs)} → {_energy(heldout, 'after', runs)} J",
         "parameters": [parameter_row(name, value) for name, value in finding.get("parameters", {}).items()],
     }
 
@@ -64,9 +65,10 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _energy(heldout: Mapping[str, Any], when: str) -> str:
-    """Mean energy error of a run, with its spread over the runs where that is known."""
-    return pair(heldout.get(f"energy_error_{when}_J"), heldout.get(f"energy_error_{when}_std_J"))
+def _energy(heldout: Mapping[str, Any], when: str, runs: int) -> str:
+    """Mean energy error of a run, with its spread over the runs where there are several."""
+    spread = heldout.get(f"energy_error_{when}_std_J") if runs > 1 else None
+    return pair(heldout.get(f"energy_error_{when}_J"), spread)
 
 
 def parameter_row(name: str, value: Any) -> dict[str, str]:

@@ -48,6 +48,13 @@ def places_for(values: Iterable[float]) -> int:
     return 0 if largest >= 1000 else 1 if largest >= 100 else 2 if largest >= 0.5 else 3
 
 
+def row_places(values: Iterable[float]) -> int:
+    """Decimals of a row of torques: two, three where its smallest would else have no digit."""
+    sizes = np.abs(np.asarray(list(values), dtype=float))
+    smallest = float(np.min(sizes[np.isfinite(sizes) & (sizes > 0.0)], initial=np.inf))
+    return 3 if smallest < 0.05 else 2
+
+
 def glue(text: str) -> str:
     """Units kept on the line of their numbers."""
     return UNITS.sub(lambda found: found[0].replace(" ", "\u00a0"), text)

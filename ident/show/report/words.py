@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
-from ident.show.report.numbers import significant
+from ident.show.report.numbers import MINUS, significant
 
 # Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.
 SUFFIXES = {
@@ -22,6 +23,8 @@ SUFFIXES = {
     "_m": "m",
     "_s": "s",
 }
+# Parameters whose own names say too little.
+WORDS = {"mu": ("friction per load", "N m per N m"), "gain": ("reads too much by", "of what it is")}
 AXES = {
     "speed": ("speed", "rad/s"),
     "direction": ("direction", ""),
@@ -47,10 +50,24 @@ def effect_name(effect: str) -> str:
 
 def parameter_name(name: str) -> tuple[str, str]:
     """A parameter's name as words, and its unit."""
+    if name in WORDS:
+        return WORDS[name]
     for suffix, unit in SUFFIXES.items():
         if name.endswith(suffix):
             return effect_name(name.removesuffix(suffix)), unit
     return effect_name(name), ""
+
+
+def with_units(text: str) -> str:
+    """A sentence whose figures go by their words and units instead of their keys: `stiffness -0.05 N m/rad lies …`."""
+
+    def told(found: re.Match[str]) -> str:
+        words, unit = parameter_name(found["key"])
+        number = found["number"] or ""
+        return f"{words}{number.replace('-', MINUS)} {unit}" if number else words
+
+    keys = "|".join(sorted(SUFFIXES, key=len, reverse=True))
+    return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", told, text)
 
 
 def axis_name(axis: str) -> str:

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report
-from ident.show.report.diagnosis_verdict import diagnosis_headline
+from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
 from ident.show.report.where import describe_place, shade
-from ident.show.report.words import parameter_name
+from ident.show.report.words import parameter_name, with_units
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -68,7 +68,7 @@ def test_page_tells_the_whole_record(tmp_path: Path) -> None:
         "Probability 97 %",
         "can't tell it from nonlinear viscous friction",
         "0.0600 to 0.110",
-        "joint_2 1.10 → 0.47 N m",
+        "joint_2 1.1 → 0.47 N m",
         "−3.10 → −0.20 J",
         "71 %",
         "too short",
@@ -104,6 +104,38 @@ def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
     assert "Nearest to a name came torque delay in joint_2 and joint_3: more than chance (p = 0.001)" in text
     assert "by 1.2 %" in text
     assert "no effect of the catalogue explains it" in text
+
+
+def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
+    """Not of a name that closes little: rather of inertias beyond their tolerance, or of too few recordings."""
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue"}
+    record["findings"][0]["action"] = "look at the gear"
+    assert first_action({**record, "verdict": "named"}) == "Look at the gear."
+    assert first_action(record).startswith("Record this next: ")
+    record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
+    assert "fit the arm's own inertias" in first_action(record)
+    record["gap"]["joint_2"]["fixed_rms_Nm"] = 0.2 * record["gap"]["joint_2"]["rms_Nm"]
+    assert first_action(record).startswith("Record this again")
+    text = written(tmp_path, record).replace("\xa0", " ")
+    assert "further off on the rest than as it was given (joint_2: " in text
+    assert "(ident fit)" in text
+
+
+def test_one_run_has_no_spread(tmp_path: Path) -> None:
+    """Of a single run the energy error stands alone: ± 0 would say that it is known to the last digit."""
+    record = copy.deepcopy(RECORD)
+    record["gap"]["joint_2"]["energy_error_J"] = {"mean": 1.25, "std": 0.0}
+    record["findings"][0]["heldout"] |= {"energy_error_before_std_J": 0.0, "energy_error_after_std_J": 0.0}
+    assert "± 0.00" in written(tmp_path, record)
+    record["session"]["runs"] = 1
+    assert "± 0.00" not in written(tmp_path, record)
+
+
+def test_doubts_tell_figures_by_words_and_units() -> None:
+    """Keys of figures become words, numbers get their units; other words with underscores stay."""
+    text = with_units("wrist_2 would fit, but com_x_m -6.84 lies outside -0.48 to 0.48")
+    assert text == "wrist_2 would fit, but com x −6.84 m lies outside -0.48 to 0.48"
+    assert with_units("the 95 % interval of stiffness_Nm_rad holds zero") == "the 95 % interval of stiffness holds zero"
 
 
 def test_a_gap_is_small_where_nothing_else_speaks_for_it(tmp_path: Path) -> None:
@@ -199,7 +231,7 @@ def test_places_in_words() -> None:
         ("drift_Nm_s", ("drift", "N m/s")),
         ("mass_kg", ("mass", "kg")),
         ("delay_s", ("delay", "s")),
-        ("mu", ("mu", "")),
+        ("mu", ("friction per load", "N m per N m")),
     ],
 )
 def test_parameters_have_units(name: str, words: tuple[str, str]) -> None:
