@@ -46,7 +46,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
-        console.print(describe(finding, facts["runs"]), soft_wrap=True, highlight=False)
+        console.print(describe(finding, int(facts["runs"])), soft_wrap=True, highlight=False)
         console.print(f"    do: {finding.action}", soft_wrap=True, highlight=False, markup=False)
     for line in describe_reservations(record):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
