@@ -33,7 +33,7 @@ def test_an_unknown_kind_lists_the_known_ones() -> None:
 
 
 def test_a_missing_key_and_a_wrong_type_are_found() -> None:
-    good = {"schema": "ident.view/1", "runs": ["a"], "provenance": EMPTY}
+    good = {"schema": "ident.view/1", "robot": "arm", "joints": ["a"], "runs": ["a"], "provenance": EMPTY}
     assert check_record(good) == good
     with pytest.raises(AssertionError, match="provenance"):
         check_record({"schema": "ident.view/1", "runs": ["a"]})

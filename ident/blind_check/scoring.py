@@ -101,6 +101,8 @@ class Outcome:
     refusal_score: float | None = None
     oracle: float | None = None
     edit: Mapping[str, float] | None = None
+    robot: str = ""
+    joints: tuple[str, ...] = ()
 
     @property
     def false_names(self) -> list[bool]:
@@ -162,7 +164,7 @@ def score_case(
     amplitude = _amplitude(slot, answer)
     truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
     if "error" in result:
-        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"])
+        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"], robot=answer.robot)
     record = result["diagnosis"]
     findings = record["findings"]
     matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
@@ -196,6 +198,8 @@ def score_case(
         urdf_wrong=urdf_is_wrong(answer.world),
         excused=tuple(excused),
         refusal_score=_refusal_score(record),
+        robot=answer.robot,
+        joints=tuple(record["joints"]),
     )
 
 

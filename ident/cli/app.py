@@ -178,6 +178,8 @@ def evaluate(
     results = [score(data, loaded, name=name) for (name, loaded), data in pairs]
     record = {
         "schema": "ident.evaluations/1",
+        "robot": results[0].robot,
+        "joints": list(results[0].pooled.joints),
         "models": [result.to_dict() for result in results],
         "provenance": results[0].provenance.to_dict(),
     }
@@ -319,7 +321,13 @@ def view(
     else:
         opened = open_sessions(sessions, robot, topic, session_file, cutoff, learning=False)
     origin = Provenance("ident view", settings={"model": model}, sessions=opened.stamps).to_dict()
-    record = {"schema": "ident.view/1", "runs": [motion.name for motion in opened.motions], "provenance": origin}
+    record = {
+        "schema": "ident.view/1",
+        "robot": opened.arm.name,
+        "joints": list(opened.arm.joint_names),
+        "runs": [motion.name for motion in opened.motions],
+        "provenance": origin,
+    }
 
     def show() -> None:
         if rrd is None:

@@ -66,6 +66,8 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
     diagnoses = [_diagnose(folder / name, out / f"diagnosis_{name}.html", console) for name in SEALED]
     return {
         "schema": "ident.demo/1",
+        "robot": training.arm.name,
+        "joints": list(training.arm.joint_names),
         "models": [result.to_dict() for result in results],
         "diagnoses": diagnoses,
         "provenance": Provenance("ident demo", sessions=(*training.stamps, *held_out.stamps)).to_dict(),

@@ -12,6 +12,7 @@ from ident.errors import visible
 from ident.exit_status import NOT_PASSED
 from ident.files import deliver
 from ident.ownership import check_outputs
+from ident.provenance import Provenance
 
 Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
 
@@ -40,8 +41,11 @@ def export(
 
     check_outputs([model, *(on or ()), session_file, into], {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
     loaded = HybridModel.load(model)
-    motions = open_for_model(on, loaded, topic, session_file).motions if on else ()
-    record = write_export(loaded, out, tuple(form or FILES), nearest, motions, into)
+    opened = open_for_model(on, loaded, topic, session_file) if on else None
+    stamps = () if opened is None else opened.stamps
+    origin = Provenance("ident export", settings={"model": model, "nearest": nearest}, sessions=stamps)
+    motions = () if opened is None else opened.motions
+    record = write_export(loaded, out, tuple(form or FILES), nearest, motions, into, origin)
 
     def show() -> None:
         for name, found in record["loaded_back"].items():
@@ -109,7 +113,17 @@ def verify(
     scores = evaluate(loaded, opened.groups, model.name).sessions
     checks = [check for score in scores for check in wanted.check(score)]
     passed = all(check.passed for check in checks)
-    record = {"schema": SCHEMA, "model": model.name, "passed": passed, "checks": [check.to_dict() for check in checks]}
+    record = {
+        "schema": SCHEMA,
+        "model": model.name,
+        "robot": loaded.robot.name,
+        "joints": list(loaded.joint_names),
+        "passed": passed,
+        "checks": [check.to_dict() for check in checks],
+        "provenance": Provenance(
+            "ident verify", settings={"model": model, "limits": limits}, sessions=opened.stamps
+        ).to_dict(),
+    }
 
     def show() -> None:
         for check in checks:

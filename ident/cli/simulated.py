@@ -92,6 +92,8 @@ def simulate(
     settings = {"effects": effect or [], "robot": robot, "world": world, "seed": seed, "recipe": recipe}
     record = {
         "schema": "ident.simulation/1",
+        "robot": written[0].robot,
+        "joints": list(written[0].joints),
         "sessions": [{**vars(one), "folder": str(one.folder)} for one in written],
         "provenance": Provenance("ident simulate", settings=settings).to_dict(),
     }

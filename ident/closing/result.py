@@ -40,6 +40,8 @@ class ArmClosed:
         loop, joints = self.loop, list(self.loop.record["joints"])
         found = {
             "seed": self.seed,
+            "robot": loop.record["robot"],
+            "joints": joints,
             "effects": list(self.effects),
             "closed": loop.closed,
             "reason": loop.reason,

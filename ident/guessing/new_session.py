@@ -64,6 +64,8 @@ class NewSession(Result):
         return {
             "schema": SCHEMA,
             "file": str(self.file),
+            "robot": self.provenance.settings.get("robot") or self.guess.settings.get("robot"),
+            "joints": sorted({name.rpartition("/")[0] for name in self.guess.columns.values() if "/" in name}),
             "columns": self.guess.columns,
             "settings": self.guess.settings,
             "reasons": [reason.to_dict() for reason in self.guess.reasons],

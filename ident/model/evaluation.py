@@ -136,6 +136,7 @@ class Evaluation(Result):
     """Scores of one model on several sessions; `pooled` takes those without payload together."""
 
     model: str
+    robot: str
     sessions: tuple[SessionScore, ...]
     pooled: SessionScore
     traces: tuple[RunTrace, ...]
@@ -144,6 +145,8 @@ class Evaluation(Result):
         return {
             "schema": SCHEMA,
             "model": self.model,
+            "robot": self.robot,
+            "joints": list(self.pooled.joints),
             "sessions": [score.to_dict() for score in self.sessions],
             "pooled": self.pooled.to_dict(),
             "provenance": self.provenance.to_dict(),
@@ -168,7 +171,7 @@ def evaluate(model: HybridModel, sessions: Sequence[tuple[str, Sequence[Motion]]
     scores = tuple(score_runs(session, traces) for session, traces in traced)
     free = [(session, traces) for session, traces in traced if traces[0].motion.payload is None] or traced
     pooled = score_runs(" + ".join(session for session, _ in free), [trace for _, traces in free for trace in traces])
-    return Evaluation(name, scores, pooled, tuple(trace for _, traces in traced for trace in traces))
+    return Evaluation(name, model.robot.name, scores, pooled, tuple(trace for _, traces in traced for trace in traces))
 
 
 def score_runs(name: str, traces: Sequence[RunTrace]) -> SessionScore:

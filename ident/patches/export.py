@@ -33,6 +33,7 @@ from ident.patches.ros2_limits import write_limits
 from ident.patches.standalone.motion import Losses
 from ident.patches.urdf import write_urdf
 from ident.patches.verify import WrittenPatch, load_module, random_states
+from ident.provenance import Provenance
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.export/1"
@@ -59,6 +60,7 @@ def write_export(
     nearest: bool = False,
     motions: Sequence[Motion] = (),
     into: Path | None = None,
+    origin: Provenance | None = None,
 ) -> dict[str, Any]:
     """Writes an identified arm.
 
@@ -69,6 +71,7 @@ def write_export(
         nearest: Whether links that no body could be are written as the nearest bodies.
         motions: Recordings on which each file's torque error is measured, before and after.
         into: The user's own MJCF of this arm, of which a copy gets what was identified.
+        origin: Where it comes from.
 
     Returns:
         What `export.json` holds.
@@ -101,6 +104,7 @@ def write_export(
             record["files"].append(MERGED)
         if motions:
             record["torque_rmse_Nm"] = _errors([name for name in formats if name in LOADED], written, model, motions)
+        record["provenance"] = (origin or Provenance("ident export")).to_dict()
         (folder / "export.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     return record
 

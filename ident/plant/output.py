@@ -13,6 +13,7 @@ from ident.ownership import SESSION_KIND, require_own_folder
 from ident.plant.answer import seal, write_answer
 from ident.plant.record import Progress, no_progress
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
+from ident.recordings.recording import Session
 from ident.recordings.save import fill_session
 from ident.trajectories.reference import ReferenceMotion
 
@@ -24,6 +25,7 @@ class WrittenSession:
     Attributes:
         folder: The session's folder.
         runs, samples, duration_s: Its size.
+        robot, joints: Their names.
         sha256: Of the envelope; empty without one.
         key: Hexadecimal key that opens the envelope; kept nowhere else.
     """
@@ -32,8 +34,16 @@ class WrittenSession:
     runs: int
     samples: int
     duration_s: float
+    robot: str
+    joints: tuple[str, ...]
     sha256: str = ""
     key: str = ""
+
+    @classmethod
+    def of(cls, session: Session, folder: Path, sha256: str = "", key: str = "") -> WrittenSession:
+        """A session as it was written into a folder."""
+        size = len(session.runs), session.samples, session.duration
+        return cls(folder, *size, session.robot or "", session.joints, sha256, key)
 
 
 def write_simulation(
@@ -65,8 +75,7 @@ def write_simulation(
             write_answer(simulation.answer, temporary)
         if sealed:
             digest = seal(simulation.answer, temporary, secret)
-    size = len(session.runs), session.samples, session.duration
-    return WrittenSession(target, *size, sha256=digest, key=secret.hex() if sealed else "")
+    return WrittenSession.of(session, target, sha256=digest, key=secret.hex() if sealed else "")
 
 
 def simulate_to(

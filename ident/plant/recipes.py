@@ -144,7 +144,7 @@ def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[Wri
     written = []
     for session in paper_sessions(progress):
         write_session(session, folder / session.name)
-        written.append(WrittenSession(folder / session.name, len(session.runs), session.samples, session.duration))
+        written.append(WrittenSession.of(session, folder / session.name))
     return written
 
 

@@ -23,6 +23,8 @@ class ClosedArmRecord(TypedDict):
     """One arm; gaps are of torque on runs that the model never saw, in noise floors, root mean square over joints."""
 
     seed: int | None
+    robot: str
+    joints: list[str]
     effects: list[str]
     closed: bool
     reason: str

@@ -22,6 +22,8 @@ class NewSessionRecord(TypedDict):
 
     schema: Literal["ident.new/1"]
     file: str
+    robot: str | None
+    joints: list[str]
     columns: dict[str, str]
     settings: dict[str, Any]
     reasons: list[ReasonRecord]
@@ -54,12 +56,15 @@ class WatchedSessionRecord(TypedDict):
     duration_s: float | None
     stamp: str
     path: str
+    robot: NotRequired[str | None]
 
 
 class WatchedArmRecord(TypedDict):
-    """An arm through time; figures by `joint/figure`."""
+    """An arm through time; figures by `joint/figure`. No robot, no joints where no session could be read."""
 
     arm: str
+    robot: str | None
+    joints: list[str]
     sessions: list[WatchedSessionRecord]
     figures: dict[str, list[FigurePointRecord]]
     effects: list[dict[str, Any]]

@@ -28,6 +28,7 @@ class InspectedRecord(TypedDict):
     runs: int
     samples: int
     duration_s: float
+    robot: str | None
     joints: list[str]
     common_clock: bool
     fit: bool
@@ -108,6 +109,8 @@ class EvaluationRecord(TypedDict):
 
     schema: Literal["ident.evaluation/1"]
     model: str
+    robot: str
+    joints: list[str]
     sessions: list[SessionScoreRecord]
     pooled: SessionScoreRecord
     provenance: ProvenanceRecord
@@ -117,6 +120,8 @@ class EvaluationsRecord(TypedDict):
     """Scores of several models on the same recordings."""
 
     schema: Literal["ident.evaluations/1"]
+    robot: str
+    joints: list[str]
     models: list[EvaluationRecord]
     provenance: ProvenanceRecord
 
@@ -125,6 +130,8 @@ class ViewRecord(TypedDict):
     """Runs that a timeline shows."""
 
     schema: Literal["ident.view/1"]
+    robot: str
+    joints: list[str]
     runs: list[str]
     provenance: ProvenanceRecord
 
@@ -133,6 +140,8 @@ class DemoRecord(TypedDict):
     """The main job on the shipped recordings."""
 
     schema: Literal["ident.demo/1"]
+    robot: str
+    joints: list[str]
     models: list[EvaluationRecord]
     diagnoses: list[DiagnosisRecord]
     provenance: ProvenanceRecord

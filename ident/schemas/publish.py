@@ -22,7 +22,7 @@ from ident.schemas.models import (
 )
 from ident.schemas.ranges import RangesRecord
 from ident.schemas.servo import ServoRecord
-from ident.schemas.simulators import BlindRecord, PatchRecord, SimulationRecord
+from ident.schemas.simulators import BlindRecord, ExportRecord, PatchRecord, SimulationRecord, VerificationRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 RECORDS: dict[str, Any] = {
@@ -33,6 +33,7 @@ RECORDS: dict[str, Any] = {
     "diagnosis": DiagnosisRecord,
     "evaluation": EvaluationRecord,
     "evaluations": EvaluationsRecord,
+    "export": ExportRecord,
     "fit": FitRecord,
     "new": NewSessionRecord,
     "patch": PatchRecord,
@@ -40,6 +41,7 @@ RECORDS: dict[str, Any] = {
     "servo": ServoRecord,
     "simulation": SimulationRecord,
     "telemetry": TelemetryRecord,
+    "verification": VerificationRecord,
     "view": ViewRecord,
     "watch": WatchRecord,
 }

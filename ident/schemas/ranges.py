@@ -33,6 +33,7 @@ class RangesRecord(TypedDict):
 
     schema: Literal["ident.ranges/1"]
     robot: str
+    joints: list[str]
     days: list[str]
     ranges: dict[str, FigureRangeRecord]
     noise_Nm: dict[str, float]

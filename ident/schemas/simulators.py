@@ -1,4 +1,4 @@
-"""Files of `ident patch`, `simulate` and `blind` with --json."""
+"""Files of `ident patch`, `export`, `verify`, `simulate` and `blind` with --json."""
 
 from __future__ import annotations
 
@@ -36,6 +36,44 @@ class PatchRecord(TypedDict):
     merged: NotRequired[dict[str, Any]]
 
 
+class ExportRecord(TypedDict):
+    """Files of an identified arm, and how near each comes when it is loaded back."""
+
+    schema: Literal["ident.export/1"]
+    robot: str
+    joints: list[str]
+    files: list[str]
+    changed_links: list[str]
+    left_out: list[str]
+    loaded_back: dict[str, dict[str, Any]]
+    provenance: ProvenanceRecord
+    merged: NotRequired[dict[str, Any]]
+    torque_rmse_Nm: NotRequired[dict[str, dict[str, float]]]
+
+
+class CheckRecord(TypedDict):
+    """A limit, the figure of one session, and whether it keeps it."""
+
+    session: str
+    figure: str
+    joint: str
+    bound: float
+    value: float | None
+    passed: bool
+
+
+class VerificationRecord(TypedDict):
+    """A model against limits."""
+
+    schema: Literal["ident.verification/1"]
+    model: str
+    robot: str
+    joints: list[str]
+    passed: bool
+    checks: list[CheckRecord]
+    provenance: ProvenanceRecord
+
+
 class SimulatedRecord(TypedDict):
     """A session that was written."""
 
@@ -43,6 +81,8 @@ class SimulatedRecord(TypedDict):
     runs: int
     samples: int
     duration_s: float
+    robot: str
+    joints: list[str]
     sha256: str
     key: str
 
@@ -51,8 +91,20 @@ class SimulationRecord(TypedDict):
     """Sessions of the simulated arm."""
 
     schema: Literal["ident.simulation/1"]
+    robot: str
+    joints: list[str]
     sessions: list[SimulatedRecord]
     provenance: ProvenanceRecord
+
+
+class BlindOutcomeRecord(TypedDict):
+    """One case; further keys tell how it was scored."""
+
+    name: str
+    kind: str
+    robot: str
+    joints: list[str]
+    verdict: str
 
 
 class BlindRecord(TypedDict):
@@ -79,6 +131,6 @@ class BlindRecord(TypedDict):
     edits: NotRequired[dict[str, dict[str, Any]]]
     confidently_wrong: list[str]
     seconds_per_case: float | None
-    outcomes: list[dict[str, Any]]
+    outcomes: list[BlindOutcomeRecord]
     run: dict[str, Any]
     provenance: ProvenanceRecord

@@ -98,6 +98,7 @@ class TelemetryReport:
             "runs": len(self.session.runs),
             "samples": self.session.samples,
             "duration_s": self.session.duration,
+            "robot": self.session.robot if self.arm is None else self.arm.name,
             "joints": list(self.session.joints),
             "common_clock": self.session.common_clock,
             "fit": self.is_fit,

@@ -90,6 +90,7 @@ class Ranges(Result):
         return {
             "schema": SCHEMA,
             "robot": self.robot,
+            "joints": list(self.noise),
             "days": list(self.days),
             "ranges": {f"{one.joint}/{one.figure}": one.to_dict() for one in self.ranges},
             "noise_Nm": dict(self.noise),

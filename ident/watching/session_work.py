@@ -51,7 +51,7 @@ def examine_session(task: SessionTask) -> str:
     row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": str(found.path)}
     try:
         arm, (report,) = inspect_paths([found.path], task.robot, session_file=found.settings)
-        session = report.session
+        session, row["robot"] = report.session, arm.name
         row["date"] = date_of(found, _first_stamp(session))
         report.require_fit()
         model = None if task.model is None else HybridModel.load(Path(task.model))

@@ -2,7 +2,7 @@
 
     figures/ARM/SESSION.parquet   arm, session, date, joint, figure, unit, value, low, high, std
     effects/ARM/SESSION.parquet   arm, session, date, effect, joints, probability, shrink, action
-    sessions/ARM/SESSION.parquet  arm, session, date, status, verdict, reason, samples, duration_s, stamp, path
+    sessions/ARM/SESSION.parquet  arm, session, date, status, verdict, reason, samples, duration_s, stamp, path, robot
 
 The file below sessions/ is written last: where it is, the session is done. DuckDB: `from 'STORE/figures/*/*.parquet'`.
 """
@@ -35,7 +35,7 @@ SCHEMAS: dict[str, dict[str, pa.DataType]] = {
         **dict.fromkeys(("arm", "session", "date", "status", "verdict", "reason"), TEXT),
         "samples": pa.int64(),
         "duration_s": NUMBER,
-        **dict.fromkeys(("stamp", "path"), TEXT),
+        **dict.fromkeys(("stamp", "path", "robot"), TEXT),
     },
     "alarms": {
         **dict.fromkeys(("arm", "joint", "figure", "session", "since"), TEXT),

@@ -151,6 +151,8 @@ def tell_odd(one: OddSession) -> str:
 def _arm_record(arm: ArmHistory) -> dict[str, Any]:
     return {
         "arm": arm.arm,
+        "robot": next((row["robot"] for row in reversed(arm.sessions) if row.get("robot")), None),
+        "joints": list(dict.fromkeys(joint for joint, _ in arm.figures)),
         "sessions": [dict(row) for row in arm.sessions],
         "figures": {f"{joint}/{figure}": [vars(one) for one in own] for (joint, figure), own in arm.figures.items()},
         "effects": [dict(row) for row in arm.effects],

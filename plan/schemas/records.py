@@ -23,6 +23,9 @@ class ResultRecord(TypedDict):
     schema: Literal["plan.result/1"]
     status: Literal["solved", "infeasible", "budget_spent"]
     reason: str
+    robot: str
+    joints: list[str]
+    held: dict[str, float]
     method: str
     objective: Literal["energy", "time"]
     metric: str
@@ -41,9 +44,6 @@ class ResultRecord(TypedDict):
     peak_speed_share: NotRequired[list[float]]
     collision_free: NotRequired[bool]
     clearance_m: NotRequired[float | None]
-    robot: NotRequired[str]
-    joints: NotRequired[list[str]]
-    held: NotRequired[dict[str, float]]
     limits: NotRequired[dict[str, float | None]]
     execution: NotRequired[dict[str, float]]
     extrapolation: NotRequired[float | None]
@@ -62,6 +62,8 @@ class ComparisonRecord(TypedDict):
 
     schema: Literal["plan.comparison/1"]
     task: str
+    robot: str
+    joints: list[str]
     objective: Literal["energy", "time"]
     at_evaluations: int
     at_seconds: float
@@ -75,6 +77,7 @@ class ExcitationRecord(TypedDict):
 
     schema: Literal["plan.excite/1"]
     robot: str
+    joints: list[str]
     status: Literal["ready", "one_sided", "needs_set_up"]
     aim: Literal["separate", "show", "identify"]
     separates: list[str]

@@ -86,6 +86,8 @@ class Comparison(Result):
         return {
             "schema": SCHEMA,
             "task": self.name,
+            "robot": next((result.robot for result in self.results), ""),
+            "joints": list(next((result.joints for result in self.results), ())),
             "objective": self.objective,
             "at_evaluations": self.evaluations,
             "at_seconds": self.seconds,
