@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import lgamma, pi, sqrt
+from math import erf, lgamma, pi, sqrt
 
 import numpy as np
 
@@ -120,17 +120,16 @@ def student_quantile(probability: float, dof: Float[Array, "..."]) -> Float[Arra
     """Quantile above the median of Student's distribution.
 
     With t = √ν tan θ the distribution is ½ + c ∫₀^θ cos^(ν−1) φ dφ: smooth, rising and concave, so that Newton's steps
-    from zero never overshoot.
+    from below never overshoot. They begin at the normal distribution's quantile, below which Student's never lies.
 
     Args:
         probability: From a half to one.
         dof: Degrees of freedom ν, one or more.
     """
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
-    freedom = np.atleast_1d(np.asarray(dof, dtype=float))
-    scale = np.array([np.exp(lgamma(0.5 * (one + 1.0)) - lgamma(0.5 * one)) / sqrt(pi) for one in freedom.ravel()])
-    scale = scale.reshape(freedom.shape)
-    angle = np.zeros_like(freedom)
+    freedom, place = np.unique(np.asarray(dof, dtype=float), return_inverse=True)
+    scale = np.array([np.exp(lgamma(0.5 * (one + 1.0)) - lgamma(0.5 * one)) / sqrt(pi) for one in freedom])
+    angle = np.arctan(normal_quantile(probability) / np.sqrt(freedom))
     for _ in range(NEWTON_STEPS):
         inside = 0.5 * angle[..., None] * (nodes + 1.0)
         area = 0.5 * angle * (np.cos(inside) ** (freedom[..., None] - 1.0) @ weights)
@@ -138,4 +137,13 @@ def student_quantile(probability: float, dof: Float[Array, "..."]) -> Float[Arra
         angle = angle + step
         if np.all(np.abs(step) <= 1e-14 * angle):
             break
-    return np.asarray(np.sqrt(freedom) * np.tan(angle)).reshape(np.shape(dof))
+    return np.asarray((np.sqrt(freedom) * np.tan(angle))[place]).reshape(np.shape(dof))
+
+
+def normal_quantile(probability: float) -> float:
+    """Quantile above the median of the normal distribution, by halving where it may lie."""
+    low, high = 0.0, 40.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if 0.5 * (1.0 + erf(middle / sqrt(2.0))) >= probability else (middle, high)
+    return low

@@ -138,7 +138,7 @@ def _columns(motion: Motion, arm: ArmModel, base: BaseParameters) -> Float[Array
     at low speed (with a width of 0.02 rad/s Coulomb friction came out 0.6 % too high and viscous 0.6 % too low).
     """
     known = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    regressor = arm.regressor(motion.q, motion.dq, motion.ddq)[:, :, list(base.columns)]
+    regressor = arm.regressor(motion.q, motion.dq, motion.ddq, base.columns)
     loss = np.stack([motion.ddq, motion.dq, np.sign(motion.dq), motion.tau - known], axis=-1)
     filtered = motion.filtered(loss)
     ones = np.ones_like(filtered[..., :1])

@@ -189,7 +189,7 @@ def _assemble(
     size = base.rank + used
     information, score = np.zeros((n, size, size)), np.zeros((n, size))
     for motion in motions:
-        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq)[:, :, columns])
+        rows = motion.filtered(arm.regressor(motion.q, motion.dq, motion.ddq, columns))
         target = motion.tau_filtered - motion.filtered(_known_torque(arm, motion))
         friction, moving = loss_columns(motion, widths)[..., :used], motion.moving
         for j in range(n):

@@ -22,7 +22,7 @@ from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.named_laws import NamedLaw
-from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effect, wandering
+from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
@@ -165,14 +165,13 @@ class JointProblem:
 
     def _weigh(self, sums: list[RunSums], values: Array, noise: Array, spread: Array) -> _Weighted:
         information, score = np.zeros((self.size, self.size)), np.zeros(self.size)
-        effects = []
-        for j, own in enumerate(sums):
+        present = np.stack([values[self.index(j)] for j in range(self.n)])
+        effects = fit_run_effects(sums, present, self.friction, noise, spread)
+        for j, (own, effect) in enumerate(zip(sums, effects, strict=True)):
             index = self.index(j)
-            effect = fit_run_effect(own, values[index], self.friction, float(noise[j]), spread[j])
             part, right = effect.weigh(own)
             information[np.ix_(index, index)] += part
             score[index] += right
-            effects.append(effect)
         return _Weighted(information, score, effects)
 
     def _with_prior(self, information: Array) -> Array:

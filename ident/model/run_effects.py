@@ -85,42 +85,53 @@ class RunEffect:
         return np.einsum("gpe,gqe->pq", weighted, weighted)
 
 
-def fit_run_effect(
-    sums: RunSums, estimate: Float[Array, " p"], friction: tuple[int, int], noise: float, spread: Float[Array, " 2"]
-) -> RunEffect:
-    """Finds a joint's spread from run to run.
+def fit_run_effects(
+    sums: Sequence[RunSums],
+    estimates: Float[Array, "n p"],
+    friction: tuple[int, int],
+    noise: Float[Array, " n"],
+    spread: Float[Array, "n 2"],
+) -> list[RunEffect]:
+    """Finds each joint's spread from run to run.
 
     Args:
-        sums: Of the joint.
-        estimate: Its present figures.
+        sums: Of the joints.
+        estimates: Each joint's present figures.
         friction: Positions of viscous and Coulomb friction among them.
-        noise: σ² [N² m²].
-        spread: Present spread; zeros for recordings of one run, which can't tell.
+        noise: σ² of each joint [N² m²].
+        spread: Present spreads; zeros for recordings of one run, which can't tell.
     """
-    columns = np.zeros((len(estimate), 2))
+    columns = np.zeros((*estimates.shape, 2))
     for e, position in enumerate(friction):
-        columns[position, e] = estimate[position]
-    inner = columns.T @ sums.information @ columns / noise
-    score = (sums.score - sums.information @ estimate) @ columns / noise
-    runs = len(inner)
+        columns[:, position, e] = estimates[:, position]
+    through = [one.information @ own for one, own in zip(sums, columns, strict=True)]
+    inner = np.stack([own.T @ part for own, part in zip(columns, through, strict=True)]) / noise[:, None, None, None]
+    left = [one.score @ own for one, own in zip(sums, columns, strict=True)]
+    met = [values @ part for values, part in zip(estimates, through, strict=True)]
+    score = (np.stack(left) - np.stack(met)) / noise[:, None, None]
+    runs = inner.shape[1]
     if runs > 1 and spread.any():
         for _ in range(EM_STEPS):
             covariance = _posterior(inner, spread)
-            change = np.einsum("gef,gf->ge", covariance, score)
-            second = change**2 + np.diagonal(covariance, axis1=1, axis2=2)
-            spread = np.sqrt(second.sum(axis=0) / (runs - 1))
+            change = (covariance @ score[..., None])[..., 0]
+            second = change**2 + np.diagonal(covariance, axis1=-2, axis2=-1)
+            spread = np.sqrt(second.sum(axis=1) / (runs - 1))
     covariance = _posterior(inner, spread)
-    return RunEffect(columns, spread, noise, covariance / noise, np.einsum("gef,gf->ge", covariance, score))
+    change = (covariance @ score[..., None])[..., 0]
+    return [
+        RunEffect(columns[j], spread[j], float(noise[j]), covariance[j] / noise[j], change[j]) for j in range(len(sums))
+    ]
 
 
-def _posterior(inner: Float[Array, "g 2 2"], spread: Float[Array, " 2"]) -> Float[Array, "g 2 2"]:
-    """(Λ⁻¹ + H)⁻¹ for each run, also where a spread is zero."""
-    scaled = np.eye(2) + spread[:, None] * inner * spread
+def _posterior(inner: Float[Array, "n g 2 2"], spread: Float[Array, "n 2"]) -> Float[Array, "n g 2 2"]:
+    """(Λ⁻¹ + H)⁻¹ for each joint and run, also where a spread is zero."""
+    size = spread[:, None, :, None] * spread[:, None, None, :]
     # The inverse of two by two, written out: this runs some thousand times a fit.
-    a, b, c, d = scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 0], scaled[:, 1, 1]
-    inverse = np.empty_like(scaled)
-    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d, -b, -c, a
-    return spread[:, None] * inverse / (a * d - b * c)[:, None, None] * spread
+    scaled = inner * size
+    a, b, d = 1.0 + scaled[..., 0, 0], scaled[..., 0, 1], 1.0 + scaled[..., 1, 1]
+    inverse = np.empty_like(inner)
+    inverse[..., 0, 0], inverse[..., 0, 1], inverse[..., 1, 0], inverse[..., 1, 1] = d, -b, -b, a
+    return np.asarray(size * inverse / (a * d - b * b)[..., None, None])
 
 
 def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"]]:

@@ -107,12 +107,12 @@ def find_training_range(motions: Sequence[Motion], nominal: ArmModel, found: Ide
 def _torque_variance(
     states: Float[Array, "3 T n"], nominal: ArmModel, found: Identified
 ) -> Iterator[Float[Array, "t n"]]:
-    """Variance of each joint's torque at some states [N² m²], a hundred of them at a time."""
+    """Variance of each joint's torque at some states [N² m²], a thousand of them at a time."""
     figures, base = found.estimate, found.inertia.base
     kept = np.arange(figures.rank)
-    for part in np.array_split(states, max(1, states.shape[1] // 100), axis=1):
+    for part in np.array_split(states, -(-states.shape[1] // 1000), axis=1):
         q, dq, ddq = part
-        regressor = nominal.regressor(q, dq, ddq)[:, :, list(base.columns)]
+        regressor = nominal.regressor(q, dq, ddq, base.columns)
         sign = np.tanh(dq / np.maximum(found.loss.params.transition_speed, 1e-9))
         losses = np.stack([ddq, dq, sign, np.ones_like(dq)], axis=-1)[..., : figures.per_joint]
         out = np.empty(dq.shape)

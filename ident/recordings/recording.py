@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -125,7 +126,7 @@ class Recording:
         """Time from the first to the last sample [s]."""
         return float(self.time[-1] - self.time[0]) if len(self) else 0.0
 
-    @property
+    @cached_property
     def sample_interval(self) -> float:
         """Median sampling interval [s]."""
         return float(np.median(np.diff(self.time)))

@@ -158,10 +158,14 @@ class ArmModel:
         return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
 
     def regressor(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
-    ) -> Float[Array, "T n 10n"]:
-        """Y with τ = Y π, π the `inertial_parameters`."""
-        return compute_regressor(*self._chain, q, dq, ddq)
+        self,
+        q: Float[Array, "T n"],
+        dq: Float[Array, "T n"],
+        ddq: Float[Array, "T n"],
+        columns: Sequence[int] | None = None,
+    ) -> Float[Array, "T n k"]:
+        """Y with τ = Y π, π the `inertial_parameters`; all of its columns, or those asked for."""
+        return compute_regressor(*self._chain, q, dq, ddq, columns)
 
     def derivatives(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]

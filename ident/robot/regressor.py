@@ -1,9 +1,7 @@
-"""The joint torque regressor of a chain: τ = Y(q, dq, ddq) π, for whole batches of states.
+"""The joint torque regressor of a chain, compiled: τ = Y(q, dq, ddq) π, for whole batches of states.
 
-Pinocchio computes it for one state at a time; recordings have 10⁵ and more. Here every number of the recursion is a
-row of all states, so that NumPy goes through memory in order and nothing needs to be compiled. π holds ten numbers a
-link in Pinocchio's order: mass, first moments (m c), and the inertia about the joint frame's origin as xx, xy, yy, xz,
-yz, zz.
+Pinocchio computes it for one state at a time; recordings have 10⁵ and more. π holds ten numbers a link in Pinocchio's
+order: mass, first moments (m c), and the inertia about the joint frame's origin as xx, xy, yy, xz, yz, zz.
 
 The force and moment of link i act on joint j ≤ i through the joint's axis and lever, both seen from link i:
 
@@ -16,32 +14,13 @@ as in Khalil and Dombre, Modeling, Identification and Control of Robots (2002), 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 
-Vector = tuple[Array, Array, Array]
-# States that are worked on together: their rows stay in the processor's cache.
-CHUNK = 2048
-
-
-@dataclass(frozen=True, eq=False)
-class _Axis:
-    """A joint's screw seen from the link at hand: for a turning joint axis z and lever z × p, for a sliding one z."""
-
-    moment: Vector | None
-    force: Vector
-
-
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """Motion of a link in its own axes: angular velocity and acceleration, classical acceleration less gravity."""
-
-    omega: Vector
-    alpha: Vector
-    acc: Vector
+PER_LINK = 10
 
 
 def compute_regressor(
@@ -53,7 +32,8 @@ def compute_regressor(
     q: Float[Array, "T n"],
     dq: Float[Array, "T n"],
     ddq: Float[Array, "T n"],
-) -> Float[Array, "T n 10n"]:
+    columns: Sequence[int] | None = None,
+) -> Float[Array, "T n k"]:
     """Torque regressor of a chain.
 
     Args:
@@ -63,156 +43,130 @@ def compute_regressor(
         sliding: Whether each joint is prismatic.
         gravity: Gravity in the base frame [m/s²].
         q, dq, ddq: Joint states [rad, rad/s, rad/s²].
+        columns: Which of the 10 n columns are wanted, in this order; all of them if None.
 
     Returns:
         Y with τ = Y π [N m per unit of π].
     """
     samples, n = np.shape(q)
-    out = np.zeros((samples, n, 10 * n))
-    joints = [_Joint(rotations[i], offsets[i], np.asarray(axes[i], dtype=float), bool(sliding[i])) for i in range(n)]
-    for start in range(0, samples, CHUNK):
-        part = slice(start, min(start + CHUNK, samples))
-        states = [np.ascontiguousarray(np.asarray(values[part], dtype=float).T) for values in (q, dq, ddq)]
-        out[part] = _chunk(joints, np.asarray(gravity, dtype=float), *states)
+    chosen = range(PER_LINK * n) if columns is None else columns
+    place = np.full(PER_LINK * n, -1.0)
+    place[list(chosen)] = np.arange(len(chosen))
+    out = np.zeros((samples, n, len(chosen)))
+    chain = [_doubles(values) for values in (rotations, offsets, axes, sliding, gravity)]
+    _fill_regressor(*chain, _doubles(q), _doubles(dq), _doubles(ddq), place, np.empty((n, 6)), np.empty((3, 3)), out)
     return out
 
 
-def _chunk(
-    joints: Sequence[_Joint], gravity: Array, q: Float[Array, "n T"], dq: Float[Array, "n T"], ddq: Float[Array, "n T"]
-) -> Float[Array, "T n 10n"]:
-    n, samples = q.shape
-    rows = np.zeros((n, 10 * n, samples))
-    zero = np.zeros(samples)
-    body = _Body((zero, zero, zero), (zero, zero, zero), _constant(-gravity, zero))
-    acting: list[_Axis] = []
-    for i, joint in enumerate(joints):
-        turn, lever = joint.place(q[i])
-        body = joint.move(body, turn, lever, dq[i], ddq[i])
-        acting = [_carry(axis, turn, lever) for axis in acting]
-        acting.append(joint.axis_of_its_own(zero))
-        inertial = _inertial_columns(body)
-        for j, axis in enumerate(acting):
-            _fill(rows[j, 10 * i : 10 * i + 10], body, axis, inertial)
-    return np.ascontiguousarray(rows.transpose(2, 0, 1))
+def _doubles(values: Array) -> Float[Array, "..."]:
+    return np.ascontiguousarray(values, dtype=float)
 
 
-@dataclass(frozen=True, eq=False)
-class _Joint:
-    """One joint of the chain."""
+@compiled("f3 f2 f2 f1 f1 f2 f2 f2 f1 f2 f2 f3")
+def _fill_regressor(
+    rotations: Array,
+    offsets: Array,
+    axes: Array,
+    sliding: Array,
+    gravity: Array,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+    place: Array,
+    screw: Array,
+    turn: Array,
+    out: Array,
+) -> None:
+    """Walks down the chain with each state; `screw` (axis and z × p of each joint so far) and `turn` are room to work.
 
-    rotation: Float[Array, "3 3"]
-    offset: Float[Array, " 3"]
-    axis: Float[Array, " 3"]
-    slides: bool
-
-    def place(self, q: Float[Array, " T"]) -> tuple[list[Vector], Vector]:
-        """Rows of the link's axes in its parent's, and its origin there."""
-        if self.slides:
-            turn = [_constant(row, np.zeros_like(q)) for row in self.rotation]
-            along = self.rotation @ self.axis
-            x, y, z = (self.offset[k] + along[k] * q for k in range(3))
-            return turn, (x, y, z)
-        s, c = np.sin(q), np.cos(q)
-        x, y, z = self.axis
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        outer = np.outer(self.axis, self.axis)
-        # Rodrigues: outer + cos (1 − outer) + sin cross, in the parent's axes.
-        fixed, even, odd = (self.rotation @ part for part in (outer, np.eye(3) - outer, cross))
-        turn = []
-        for k in range(3):
-            a, b, d = (fixed[k, m] + even[k, m] * c + odd[k, m] * s for m in range(3))
-            turn.append((a, b, d))
-        return turn, _constant(self.offset, np.zeros_like(q))
-
-    def move(self, parent: _Body, turn: list[Vector], lever: Vector, dq: Array, ddq: Array) -> _Body:
-        """Motion of the link from its parent's."""
-        swing = _cross(parent.omega, lever)
-        acc = _add(parent.acc, _cross(parent.alpha, lever), _cross(parent.omega, swing))
-        omega, alpha, acc = (_into(turn, values) for values in (parent.omega, parent.alpha, acc))
-        axis = self.axis
-        if self.slides:
-            rate = _scaled(axis, dq)
-            coriolis = _cross(omega, rate)
-            return _Body(omega, alpha, _add(acc, _scaled(axis, ddq), coriolis, coriolis))
-        rate = _scaled(axis, dq)
-        alpha = _add(alpha, _scaled(axis, ddq), _cross(omega, rate))
-        return _Body(_add(omega, rate), alpha, acc)
-
-    def axis_of_its_own(self, zero: Array) -> _Axis:
-        """The joint's screw seen from its own link."""
-        axis = _constant(self.axis, zero)
-        return _Axis(None, axis) if self.slides else _Axis(axis, (zero, zero, zero))
-
-
-def _carry(axis: _Axis, turn: list[Vector], lever: Vector) -> _Axis:
-    """A screw seen from the next link: moments of forces grow by the lever."""
-    if axis.moment is None:
-        return _Axis(None, _into(turn, axis.force))
-    force = _add(axis.force, _cross(axis.moment, lever))
-    return _Axis(_into(turn, axis.moment), _into(turn, force))
-
-
-def _inertial_columns(body: _Body) -> tuple[Vector, ...]:
-    """d(moment)/dI of I α + ω × I ω for xx, xy, yy, xz, yz, zz."""
-    (wx, wy, wz), (ax, ay, az) = body.omega, body.alpha
-    xy, xz, yz = wx * wy, wx * wz, wy * wz
-    xx, yy, zz = wx * wx, wy * wy, wz * wz
-    return (
-        (ax, xz, -xy),
-        (ay - xz, ax + yz, xx - yy),
-        (-yz, ay, xy),
-        (az + xy, zz - xx, ax - yz),
-        (yy - zz, az - xy, ay + xz),
-        (yz, -xz, az),
-    )
-
-
-def _fill(out: Float[Array, "10 T"], body: _Body, axis: _Axis, inertial: tuple[Vector, ...]) -> None:
-    """Torque of a screw by each of a link's ten numbers: force = m a + (α× + ω×ω×) m c, moment = m c × a + I-terms."""
-    f, a = axis.force, body.acc
-    out[0] = _dot(f, a)
-    # f · (α × c + ω × (ω × c)) = c · (f × α + ω (ω · f) − f (ω · ω))
-    (wx, wy, wz), turned = body.omega, _cross(f, body.alpha)
-    along, square = _dot(body.omega, f), _dot(body.omega, body.omega)
-    for k, w in enumerate((wx, wy, wz)):
-        out[1 + k] = turned[k] + w * along - f[k] * square
-    if axis.moment is None:
-        return
-    # z · (c × a) = c · (a × z)
-    for k, value in enumerate(_cross(a, axis.moment)):
-        out[1 + k] += value
-    for k, column in enumerate(inertial):
-        out[4 + k] = _dot(axis.moment, column)
-
-
-def _constant(values: Float[Array, " 3"], zero: Array) -> Vector:
-    return zero + values[0], zero + values[1], zero + values[2]
-
-
-def _scaled(values: Float[Array, " 3"], by: Array) -> Vector:
-    return values[0] * by, values[1] * by, values[2] * by
-
-
-def _dot(a: Vector, b: Vector) -> Array:
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _add(first: Vector, *others: Vector) -> Vector:
-    x, y, z = first
-    for other in others:
-        x, y, z = x + other[0], y + other[1], z + other[2]
-    return x, y, z
-
-
-def _into(turn: list[Vector], values: Vector) -> Vector:
-    """A vector of the parent's axes in the link's: Rᵀ v."""
-    (r0, r1, r2), (x, y, z) = turn, values
-    return (
-        r0[0] * x + r1[0] * y + r2[0] * z,
-        r0[1] * x + r1[1] * y + r2[1] * z,
-        r0[2] * x + r1[2] * y + r2[2] * z,
-    )
+    ω, α and a are a link's angular velocity and acceleration, and the acceleration of its origin less gravity, all in
+    its own axes. Row k of `turn` is axis k of the parent in the link's, so that v in the link's axes is turnᵀ v.
+    """
+    for t in range(len(q)):
+        wx, wy, wz, ax, ay, az = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        bx, by, bz = -gravity[0], -gravity[1], -gravity[2]
+        for i in range(q.shape[1]):
+            x, y, z = axes[i, 0], axes[i, 1], axes[i, 2]
+            px, py, pz = offsets[i, 0], offsets[i, 1], offsets[i, 2]
+            s, c = 0.0, 1.0
+            if sliding[i] == 0.0:
+                s, c = np.sin(q[t, i]), np.cos(q[t, i])
+            u = 1.0 - c
+            for k in range(3):
+                # Rodrigues: rotation (z zᵀ (1 − cos) + cos + sin [z]×).
+                r0, r1, r2 = rotations[i, k, 0], rotations[i, k, 1], rotations[i, k, 2]
+                along = r0 * x + r1 * y + r2 * z
+                turn[k, 0] = u * along * x + c * r0 + s * (r1 * z - r2 * y)
+                turn[k, 1] = u * along * y + c * r1 + s * (r2 * x - r0 * z)
+                turn[k, 2] = u * along * z + c * r2 + s * (r0 * y - r1 * x)
+                if sliding[i] != 0.0:
+                    if k == 0:
+                        px += along * q[t, i]
+                    elif k == 1:
+                        py += along * q[t, i]
+                    else:
+                        pz += along * q[t, i]
+            # Acceleration of the link's origin: a + α × p + ω × (ω × p).
+            sx, sy, sz = wy * pz - wz * py, wz * px - wx * pz, wx * py - wy * px
+            bx, by, bz = (
+                bx + ay * pz - az * py + wy * sz - wz * sy,
+                by + az * px - ax * pz + wz * sx - wx * sz,
+                bz + ax * py - ay * px + wx * sy - wy * sx,
+            )
+            wx, wy, wz = (
+                turn[0, 0] * wx + turn[1, 0] * wy + turn[2, 0] * wz,
+                turn[0, 1] * wx + turn[1, 1] * wy + turn[2, 1] * wz,
+                turn[0, 2] * wx + turn[1, 2] * wy + turn[2, 2] * wz,
+            )
+            ax, ay, az = (
+                turn[0, 0] * ax + turn[1, 0] * ay + turn[2, 0] * az,
+                turn[0, 1] * ax + turn[1, 1] * ay + turn[2, 1] * az,
+                turn[0, 2] * ax + turn[1, 2] * ay + turn[2, 2] * az,
+            )
+            bx, by, bz = (
+                turn[0, 0] * bx + turn[1, 0] * by + turn[2, 0] * bz,
+                turn[0, 1] * bx + turn[1, 1] * by + turn[2, 1] * bz,
+                turn[0, 2] * bx + turn[1, 2] * by + turn[2, 2] * bz,
+            )
+            v, g = dq[t, i], ddq[t, i]
+            cx, cy, cz = (wy * z - wz * y) * v, (wz * x - wx * z) * v, (wx * y - wy * x) * v
+            if sliding[i] != 0.0:
+                bx, by, bz = bx + x * g + 2.0 * cx, by + y * g + 2.0 * cy, bz + z * g + 2.0 * cz
+            else:
+                ax, ay, az = ax + x * g + cx, ay + y * g + cy, az + z * g + cz
+                wx, wy, wz = wx + x * v, wy + y * v, wz + z * v
+            # The screws of the joints before, seen from this link: moments of forces grow by the lever.
+            for j in range(i):
+                mx, my, mz = screw[j, 0], screw[j, 1], screw[j, 2]
+                fx = screw[j, 3] + my * pz - mz * py
+                fy = screw[j, 4] + mz * px - mx * pz
+                fz = screw[j, 5] + mx * py - my * px
+                for k in range(3):
+                    screw[j, k] = turn[0, k] * mx + turn[1, k] * my + turn[2, k] * mz
+                    screw[j, 3 + k] = turn[0, k] * fx + turn[1, k] * fy + turn[2, k] * fz
+            for k in range(3):
+                screw[i, k] = 0.0 if sliding[i] != 0.0 else axes[i, k]
+                screw[i, 3 + k] = axes[i, k] if sliding[i] != 0.0 else 0.0
+            xx, yy, zz, xy, xz, yz = wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz
+            first = PER_LINK * i
+            for j in range(i + 1):
+                mx, my, mz = screw[j, 0], screw[j, 1], screw[j, 2]
+                fx, fy, fz = screw[j, 3], screw[j, 4], screw[j, 5]
+                along, square = wx * fx + wy * fy + wz * fz, xx + yy + zz
+                # Force m a + (α × + ω × ω ×) m c, moment m c × a and the derivative of I α + ω × I ω by I.
+                values = (
+                    fx * bx + fy * by + fz * bz,
+                    fy * az - fz * ay + wx * along - fx * square + by * mz - bz * my,
+                    fz * ax - fx * az + wy * along - fy * square + bz * mx - bx * mz,
+                    fx * ay - fy * ax + wz * along - fz * square + bx * my - by * mx,
+                    mx * ax + my * xz - mz * xy,
+                    mx * (ay - xz) + my * (ax + yz) + mz * (xx - yy),
+                    my * ay - mx * yz + mz * xy,
+                    mx * (az + xy) + my * (zz - xx) + mz * (ax - yz),
+                    mx * (yy - zz) + my * (az - xy) + mz * (ay + xz),
+                    mx * yz - my * xz + mz * az,
+                )
+                for k in range(PER_LINK):
+                    at = int(place[first + k])
+                    if at >= 0:
+                        out[t, j, at] = values[k]

@@ -10,7 +10,6 @@ from ident.numerics import factor_by_pivots
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry.effort import collect_states
 from ident.telemetry.filtered_run import filter_run
 from ident.telemetry.independence import Independence
 from ident.telemetry.settings import USUAL_EXCITATION, ExcitationSettings
@@ -57,11 +56,12 @@ class Amount:
             self._low = np.minimum(self._low, run.position.min(axis=0))
             self._high = np.maximum(self._high, run.position.max(axis=0))
         self._arm = self._arm or arm
-        for motion in filter(None, map(filter_run, session.runs)):
+        motions = list(filter(None, map(filter_run, session.runs)))
+        for motion in motions:
             self._independence.take(motion.q, motion.dq, motion.ddq)
-        if arm is not None and (states := collect_states(session, arm)) is not None:
-            step = slice(None, None, max(1, len(states.q) // self._most) if self._most else 1)
-            self._states.append(np.stack([values[step] for values in (states.q, states.dq, states.ddq, states.tau)]))
+        if arm is not None and motions:
+            states = np.concatenate([np.stack([one.q, one.dq, one.ddq, one.tau]) for one in motions], axis=1)
+            self._states.append(states[:, :: max(1, states.shape[1] // self._most) if self._most else 1])
 
     def issues(self) -> list[TelemetryIssue]:
         """What all that was taken lacks, together; nothing where nothing was recorded."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +24,8 @@ FILTER_ORDER = 4
 PADDING = 3 * (FILTER_ORDER + 1)
 # An even grid is at most so many times as long as the samples that it is made of.
 MOST_GRID = 100.0
+# Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
+_KEPT: WeakKeyDictionary[Recording, dict[float, FilteredRun | None]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,13 @@ def filter_run(run: Recording, cutoff: float = CUTOFF_HZ) -> FilteredRun | None:
     Returns:
         The motion without the filter's transients, or None where the run is too short to have any.
     """
+    kept = _KEPT.setdefault(run, {})
+    if cutoff not in kept:
+        kept[cutoff] = _filter(run, cutoff)
+    return kept[cutoff]
+
+
+def _filter(run: Recording, cutoff: float) -> FilteredRun | None:
     if len(run) < LEAST_SAMPLES or run.duration <= 0.0:
         return None
     interval = run.sample_interval

@@ -38,3 +38,10 @@ def test_a_link_moves_no_joint_beyond_it() -> None:
     for j in range(6):
         assert np.all(blocks[:, j, :j] == 0.0)
         assert np.any(blocks[:, j, j:] != 0.0)
+
+
+def test_some_columns_are_those_of_all_in_the_order_asked() -> None:
+    arm = ArmModel.load("panda")
+    states = random_states(np.random.default_rng(3), 20, arm.n)
+    chosen = (41, 3, 10, 69)
+    assert np.array_equal(arm.regressor(*states, chosen), arm.regressor(*states)[:, :, list(chosen)])
