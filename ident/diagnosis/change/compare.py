@@ -16,7 +16,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, look_at
-from ident.diagnosis.change.readings import BODIES, solve_body
+from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
 from ident.diagnosis.change.switched import keys_of
@@ -84,6 +84,7 @@ def compare(
     sides: tuple[Side, Side],
     seed: int = 0,
     settings: DiagnosisSettings = USUAL,
+    doubt: GainDoubt = STATED,
 ) -> ArmComparison:
     """Compares two sets of runs.
 
@@ -93,9 +94,10 @@ def compare(
         sides: What the sets are, for the record.
         seed: Of the sign flips.
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
+        doubt: How well the gains are known by which torques are read: a body is no better known.
     """
     selection = replace(settings.selection, family_error=ALARM)
-    first = look_at(before, after, arm)
+    first = replace(look_at(before, after, arm), doubt=doubt)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     told = _tell(first, seed, selection, sessions)
     second = look_again(first, told.estimates, before, after, arm)
@@ -130,7 +132,7 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
         standings = _standings(look, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
         raw = estimate_effects(search, fine, look.session, found.named)
         read = [_as_read(one, fine, look, np.zeros(len(one.coefficients))) for one in raw]
-        estimates = [_widened(one, standing) for one, standing in zip(read, standings, strict=True)]
+        estimates = [_widened(*three) for three in zip(read, raw, standings, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), look.session)
         needed = least_nats(len(keys_of(look.switched.evidence)))
         for k, (standing, item) in enumerate(zip(standings, found.named, strict=True)):
@@ -180,7 +182,7 @@ def _told_again(second: SecondLook, told: _Told, settings: SelectionSettings, se
         asked = group.effect.asked(look.session)
         figures = dict(group.effect.parameters(asked, group.joint, group.variant, beta + added, cells))
         raw = replace(old, group=group, told=group, parameters=old.parameters | figures, coefficients=beta)
-        estimates.append(_widened(_as_read(raw, fine, look, added), standing))
+        estimates.append(_widened(_as_read(raw, fine, look, added), raw, standing))
     score = search.held_out.score(second.groups)
     ladder = (*told.found.ladder[:-1], score)
     return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted, told.unlawful)
@@ -211,23 +213,27 @@ def _as_read(estimate: Estimate, fine: Refined, look: SharedLook, added: Float[A
     model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
     scale = evidence.scale[group.columns]
     whole = (estimate.coefficients + added) * scale
-    scaled, covariance = solve_body(evidence, model, group, whole)
+    scaled, covariance = solve_body(evidence, model, group, whole, look.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
     asked = group.effect.asked(look.session)
     figures = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(figures), coefficients=beta)
 
 
-def _widened(estimate: Estimate, standing: Standing) -> Estimate:
-    """An estimate whose intervals count what runs differ by."""
-    wide = {
-        name: Interval(
-            one.value,
-            one.value - standing.widening * (one.value - one.low),
-            one.value + standing.widening * (one.high - one.value),
-        )
-        for name, one in estimate.parameters.items()
-    }
+def _widened(estimate: Estimate, raw: Estimate, standing: Standing) -> Estimate:
+    """An estimate whose intervals count what runs differ by.
+
+    Args:
+        estimate: As told: with what gains are off by.
+        raw: The same with the noise alone, which is what runs add to.
+        standing: By how much.
+    """
+    wide = {}
+    for name, one in estimate.parameters.items():
+        noise, more = raw.parameters[name], np.sqrt(standing.widening**2 - 1.0)
+        low = float(np.hypot(one.value - one.low, more * (noise.value - noise.low)))
+        high = float(np.hypot(one.high - one.value, more * (noise.high - noise.value)))
+        wide[name] = Interval(one.value, one.value - low, one.value + high)
     return replace(estimate, parameters=wide)
 
 

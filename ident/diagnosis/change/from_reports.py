@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
@@ -58,7 +59,10 @@ def compare_reports(
     motions: Sequence[Motion] = [*earlier, *later]
     if cutoff is None:
         motions = within_band(motions)
-    found = compare(motions[: len(earlier)], motions[len(earlier) :], arm.keeping(joints), sides, seed)
+    currents = any(run.current is not None for report in reports for run in report.session.runs)
+    doubt = BY_CURRENT if currents else STATED
+    sets = motions[: len(earlier)], motions[len(earlier) :]
+    found = compare(*sets, arm.keeping(joints), sides, seed, doubt=doubt)
     return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, changes, points
+from ident.diagnosis.change.readings import STATED, GainDoubt
 from ident.diagnosis.change.switched import Sides, Switched, cut, switch
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.design import NotTestable, layout_of
@@ -35,6 +36,7 @@ class SharedLook:
         sides: Which runs are of which set.
         switched: The sums.
         silent: What can't be seen in any of these runs.
+        doubt: How well the gains are known.
     """
 
     baseline: Baseline
@@ -42,6 +44,7 @@ class SharedLook:
     sides: Sides
     switched: Switched
     silent: tuple[NotTestable, ...]
+    doubt: GainDoubt = STATED
 
     @property
     def prior(self) -> Prior:
@@ -68,6 +71,7 @@ def look_at(
     arm: ArmModel,
     apart: frozenset[str] = IN_THE_BASELINE,
     known: Known | None = None,
+    shared: tuple[Effect, ...] = (),
 ) -> SharedLook:
     """Tunes the baseline and sums all columns.
 
@@ -76,6 +80,7 @@ def look_at(
         arm: The user's arm.
         apart: Effects that are not part of the baseline.
         known: What an earlier look found, if there was one.
+        shared: Further effects of the baseline, that are not asked for as changes.
     """
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
@@ -83,22 +88,24 @@ def look_at(
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, LOOSE_SHARE)
     session = build_session(baseline, motions, common_clock=False)
-    silent, grids = _grids(session)
+    silent, grids = _grids(session, (*changes(), *shared))
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = cut(session, later)
     whitening = None if known is None else known.whitening
     sums = gather(session, baseline, layout, whitening, sides.partition, alike=len(first))
-    switched = switch(sums, sides, apart)
+    switched = switch(sums, sides, apart, frozenset(effect.id for effect in shared))
     spread = _spread(switched, sides, baseline) if known is None else known.spread
     switched = replace(switched, evidence=switched.evidence.with_run_spread(spread))
     return SharedLook(baseline, session, sides, switched, tuple(silent))
 
 
-def _grids(session: SessionContext) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
-    """Every change at every joint with its points, and what can't be seen."""
+def _grids(
+    session: SessionContext, effects: Sequence[Effect]
+) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
+    """Every effect at every joint with its points, and what can't be seen."""
     silent: list[NotTestable] = []
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
-    for effect in changes():
+    for effect in effects:
         asked = effect.asked(session)
         for joint in range(session.n if effect.scope == "joint" else 1):
             if reason := effect.untestable(asked, joint):

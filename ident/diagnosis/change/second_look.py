@@ -2,8 +2,9 @@
 
 A first look takes a body's torque as it adds to that of the arm without it. Its load also makes gears rub more, and its
 inertia is that of a point near the flange. With the body found carried by the runs that have it, a second look tells
-what is still missing of it, and figures are the sum of both. Gains that both sets share are left out of that look: they
-would scale the body with the arm, and only a known mass could tell; a body is as heavy as the readings are right.
+what is still missing of it, and figures are the sum of both. Gains that both sets share are left out of that look, and
+whatever can pass for one: they would scale the body with the arm, and only a known mass could tell; a body is as heavy
+as the readings are right.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, MASS
+from ident.diagnosis.change.laws import EvenLoadFriction
 from ident.diagnosis.change.look import Known, SharedLook, look_at
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.intervals import Estimate
@@ -22,7 +24,8 @@ from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
-COMMON_GAIN = "torque_gain_error"
+# What both sets share of a gain, and what holds one; friction by load comes back as a law that holds none.
+COMMON_GAIN = frozenset({"torque_gain_error", "load_dependent_friction"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,8 @@ def look_again(
         before = [_carrying(motion, load) for motion in before]
     evidence = first.switched.evidence
     known = Known(evidence.spread, evidence.whitening)
-    look = look_at(before, after, arm, IN_THE_BASELINE | {COMMON_GAIN}, known)
+    look = look_at(before, after, arm, IN_THE_BASELINE | COMMON_GAIN, known, (EvenLoadFriction(),))
+    look = replace(look, doubt=first.doubt)
     groups = tuple(_same(first, look, one.group) for one in estimates)
     added = tuple(one.coefficients if one is body else np.zeros(len(one.coefficients)) for one in estimates)
     return SecondLook(look, groups, added)

@@ -117,19 +117,26 @@ class Switched:
         return self.always[int(group.columns[0])]
 
 
-def switch(evidence: Evidence, sides: Sides, apart: frozenset[str] = IN_THE_BASELINE) -> Switched:
+def switch(
+    evidence: Evidence,
+    sides: Sides,
+    apart: frozenset[str] = IN_THE_BASELINE,
+    shared: frozenset[str] = frozenset(),
+) -> Switched:
     """The sums with every candidate twice: in all runs, and in the later set alone.
 
     Args:
         evidence: Sums of all candidates' columns in all runs.
         sides: Which blocks are of which set.
         apart: Effects whose columns in all runs are not part of the baseline.
+        shared: Effects that are part of the baseline alone: they are not asked for as changes.
     """
     old = evidence.layout
+    asked = [group for group in old.groups if group.effect.id not in shared]
     common = [group for group in old.groups if group.effect.id not in apart]
     shadows = [group for group in old.groups if group.effect.id in apart]
     start = old.rank + LOSS_FIGURES * old.n
-    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *old.groups))]
+    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
     origin = np.append(np.concatenate(source), old.size)
     first = np.cumsum([len(columns) for columns in source])
     always = {
@@ -137,7 +144,7 @@ def switch(evidence: Evidence, sides: Sides, apart: frozenset[str] = IN_THE_BASE
     }
     split = int(first[len(common) + len(shadows)])
     groups, twins, at = [], {}, split
-    for group in old.groups:
+    for group in asked:
         columns = at + np.arange(len(group.columns))
         at += len(columns)
         groups.append(Group(ChangeOf(group.effect), group.joint, group.variant, columns))

@@ -52,8 +52,12 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     part = scores[:, projection.inside]
     blocks = len(part)
     meat = part.T @ part * blocks / max(blocks - 1, 1)
-    sandwich = projection.spread @ meat @ projection.spread
-    own, told = np.diag(projection.spread), np.diag(sandwich)
+    return lifted(projection.spread @ meat @ projection.spread, projection.spread)
+
+
+def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[Array, "z z"]:
+    """A block sandwich, its variances never below the model's own."""
+    own, told = np.diag(spread), np.diag(sandwich)
     # What the blocks say nothing of (a column that is nearly zero in all of them) is as unsure as the model has it.
     silent = told <= SILENT * own
     lift = np.where(silent, 0.0, np.sqrt(np.maximum(1.0, own / np.where(silent, own, told))))

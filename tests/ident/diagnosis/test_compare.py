@@ -7,13 +7,17 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.change.compare import ALARM, compare, least_nats
+from ident.diagnosis.change.laws import even_by_load
+from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
+from ident.model.named_laws import JointStates, by_load
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, NOISE, SLIP, Plant, at_joint, healthy_torque, load_arm, nothing
 from tests.ident.made_up import made_motions
 
+RUBBING = 0.06
 LOAD = Payload(1.2, (0.05, 0.0, 0.06))
 
 
@@ -87,6 +91,48 @@ def test_what_changed_is_found_where_it_changed(
     assert told.low <= 1.05 * size
     assert told.high >= 0.95 * size
     assert joint in found.changes[0].action
+
+
+def with_load_and_rubbing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """The load, in gears that rub by 6 % of what they carry, driving or not, before and after."""
+    carried = arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq)
+    return with_load(arm, q, dq, ddq) + RUBBING * np.tanh(dq / SLIP) * np.abs(carried)
+
+
+def with_rubbing(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    rubbing = RUBBING * np.tanh(dq / SLIP) * np.abs(arm.inverse_dynamics(q, dq, ddq))
+    return wrong_everywhere(arm, q, dq, ddq) + rubbing
+
+
+def test_a_load_in_gears_that_rub_is_known_as_well_as_the_gains(arm: ArmModel) -> None:
+    """What both sets share, friction by load with its gain-like part too, leaves a body's mass as sure as its readings.
+
+    Were a gain of that part free beside the carried body, it would scale the body with the arm: ± 15 %.
+    """
+    sets = [
+        runs_of(arm, plant, seeds)
+        for plant, seeds in ((with_rubbing, range(4)), (with_load_and_rubbing, range(10, 14)))
+    ]
+    widths = []
+    for doubt in (STATED, BY_CURRENT):
+        found = compare(*sets, arm, (Side(), Side()), doubt=doubt)
+        (figure,) = [one.estimate.parameters["mass_kg"] for one in found.changes if one.effect == "payload"]
+        assert figure.low <= LOAD.mass_kg <= figure.high
+        widths.append((figure.high - figure.low) / LOAD.mass_kg)
+    assert widths[0] < 0.15
+    assert 1.3 * widths[0] < widths[1] < 0.3
+
+
+def test_even_friction_by_load_holds_no_gain() -> None:
+    """Turned round at the same load, every column changes its sign: none of them is the load itself."""
+    load = np.linspace(-30.0, 30.0, 13)
+    shape = {"terms": 4, "load_Nm": 20.0}
+    ways = [
+        even_by_load(by_load(JointStates(q=0 * load, dq=slip + 0 * load, slip=slip + 0 * load, load=load), shape))
+        for slip in (1.0, -1.0)
+    ]
+    np.testing.assert_allclose(ways[0], -ways[1], atol=1e-12)
+    assert np.abs(ways[0]).sum(axis=0).min() > 1.0
 
 
 def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, before: list[Motion]) -> None:
