@@ -1,31 +1,24 @@
 """xacro files: expanded by the package of the same name, which evaluates the expressions in them as Python.
 
-Its own guards miss names within comprehensions, and leave Python's functions to `$(eval …)`; so every expression is
-looked at here before. Files that a description includes are read where its package is, and nowhere else.
+So every expression is looked at here before; files that a description includes are read where its package is, and
+nowhere else; and what would take for ever is stopped.
 """
 
 from __future__ import annotations
 
-import ast
-import builtins
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ident.errors import RobotError
+from ident.robot.xacro_expressions import FUNCTIONS, HarmfulExpression, make_harmless, require_small
 
 SUFFIX = ".xacro"
-# Of Python's own functions those that reach nothing beyond their arguments.
-HARMLESS = frozenset(
-    ("abs", "all", "any", "bool", "dict", "divmod", "enumerate", "filter", "float", "int", "len", "list")
-)
-HARMLESS |= {"map", "max", "min", "range", "round", "set", "sorted", "str", "sum", "tuple", "zip"}
-# Names that give the attributes of their arguments by their text.
-BY_TEXT = ("format", "format_map")
-# Larger powers than angles and lengths ever need take memory and time without end.
-LARGEST_POWER = 16
+# Processor time in which the largest descriptions are expanded many times over [s].
+LONGEST_S = 5.0
 # Kinds of files that descriptions are made of.
 INCLUDED = (SUFFIX, ".urdf", ".xml", ".yaml", ".yml")
 # What marks the folder of a package, and where installed ones lie.
@@ -33,16 +26,12 @@ PACKAGES = ("package.xml", ".git")
 INSTALLED = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 
 
-class HarmfulExpression(Exception):
-    """An expression or a file's name in a description that a description has no need of."""
-
-
 def expand(path: Path) -> str:
     """The URDF text of a xacro file, its arguments at their defaults.
 
     Raises:
         RobotError: It can't be expanded: damaged, an argument without a default, a package that is not installed, an
-            expression that reaches beyond figures, or a file from elsewhere.
+            expression that reaches beyond figures or takes too long, or a file from elsewhere.
     """
     try:
         with _careful(path) as xacro:
@@ -56,20 +45,28 @@ def expand(path: Path) -> str:
 
 @contextmanager
 def _careful(path: Path) -> Iterator[Any]:
-    """Lends xacro with its two places of evaluation, and its opening of files, under guard."""
+    """Lends xacro with its places of evaluation, its macros, and its opening of files, under guard."""
     import xacro
     from xacro import substitution_args
 
-    homes = _homes(path)
-    braces, brackets = xacro.safe_eval, substitution_args._eval
+    homes, end = _homes(path), time.thread_time() + LONGEST_S
+    braces, brackets, walk = xacro.safe_eval, substitution_args._eval, xacro.eval_all
+
+    def look_at_clock() -> None:
+        if time.thread_time() > end:
+            raise HarmfulExpression("it takes too long")
 
     def in_braces(text: str, *scopes: Any) -> Any:
-        require_harmless(text)
-        return braces(text, *scopes)
+        look_at_clock()
+        return require_small(braces(make_harmless(text), *scopes))
 
     def in_brackets(text: str, context: Any) -> Any:
-        require_harmless(text)
-        return brackets(text, context)
+        look_at_clock()
+        return require_small(brackets(make_harmless(text), context))
+
+    def in_macros(*given: Any) -> Any:
+        look_at_clock()
+        return walk(*given)
 
     def open_beside(name: str) -> Any:
         place = Path(name).resolve()
@@ -77,31 +74,23 @@ def _careful(path: Path) -> Iterator[Any]:
             raise HarmfulExpression(f"{name} is no part of the description: it lies outside of its package")
         return place.open(encoding="utf-8")
 
-    xacro.safe_eval, substitution_args._eval, xacro.open = in_braces, in_brackets, open_beside
+    lent = [
+        (vars(xacro), {"safe_eval": in_braces, "eval_all": in_macros, "open": open_beside}),
+        (vars(substitution_args), {"_eval": in_brackets}),
+        (xacro._global_symbols, FUNCTIONS),
+        (xacro._global_symbols["python"], {"range": FUNCTIONS["range"]}),
+        (substitution_args._eval_dict, FUNCTIONS),
+    ]
+    before = [{name: names[name] for name in new if name in names} for names, new in lent]
     try:
+        for names, new in lent:
+            names.update(new)
         yield xacro
     finally:
-        xacro.safe_eval, substitution_args._eval = braces, brackets
-        del xacro.open
-
-
-def require_harmless(text: str) -> None:
-    """Passes if an expression computes with figures and texts alone.
-
-    Raises:
-        HarmfulExpression: It names something private, or one of Python's functions that reach beyond their arguments.
-        SyntaxError: It is no expression.
-    """
-    for node in ast.walk(ast.parse(text.strip(), mode="eval")):
-        name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
-        reaches = isinstance(node, ast.Name) and hasattr(builtins, name) and name not in HARMLESS
-        private = "__" if isinstance(node, ast.Name) else "_"
-        if name.startswith(private) or name in BY_TEXT or reaches:
-            raise HarmfulExpression(f"{name!r} has no place in a description's expression {text.strip()!r}")
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-            power = node.right.value if isinstance(node.right, ast.Constant) else None
-            if not isinstance(power, int | float) or abs(power) > LARGEST_POWER:
-                raise HarmfulExpression(f"a power of no small number in {text.strip()!r}")
+        for (names, new), old in zip(lent, before, strict=True):
+            for name in new:
+                del names[name]
+            names.update(old)
 
 
 def _homes(path: Path) -> list[Path]:

@@ -24,7 +24,7 @@ from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from plan.planners import Budget, Ledger
-from tests.fuzz.samples import CATALOGUE, LIMITS, SCENE, SESSION_TOML, VIAS, WORLD, obj, stl
+from tests.fuzz.samples import CATALOGUE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.patches.diagnoses import write_diagnosis
 from tests.ident.recordings.test_bags import rows_of, write_bag
 
@@ -98,6 +98,8 @@ def _model(folder: Path, arm: ArmModel, net: bool) -> None:
 def _settings(folder: Path) -> None:
     (folder / "session.toml").write_text(SESSION_TOML)
     shutil.copy(data_path("urdf/tm5_900.urdf"), folder / "robot.urdf")
+    (folder / "arm.xacro").write_text(XACRO)
+    (folder / "links.xacro").write_text(LINKS)
     (folder / "limits.toml").write_text(LIMITS)
     (folder / "world.toml").write_text(WORLD)
     (folder / "own_effect.py").write_text(CATALOGUE)

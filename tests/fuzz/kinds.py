@@ -208,6 +208,9 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         require_own_folder(path.parent, "model")
         return before
 
+    def include(path: Path) -> ArmModel:
+        return ArmModel.load(str(path.with_name("arm.xacro")))
+
     def check_own(marker: bytes) -> None:
         record = json.loads(marker)
         must(record["kind"] == "model" and set(record["files"]) >= {"file"}, "a folder of the user's counts as ours")
@@ -215,6 +218,8 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
     return [
         Kind("session.toml", folder / "session.toml", load_session_file),
         Kind("urdf", folder / "robot.urdf", lambda path: ArmModel.load(str(path)), check_arm),
+        Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm),
+        Kind("included xacro", folder / "links.xacro", include, check_arm, 0.5),
         Kind("limits.toml", folder / "limits.toml", lambda path: load_limits(path, arm.joint_names, rungs)),
         Kind("world.toml", folder / "world.toml", find_world),
         Kind("catalogue", folder / "own_effect.py", load_catalogue, share=0.2),

@@ -74,6 +74,39 @@ rate_hz = [100, 500]
 robot = ["tm5-900", "panda"]
 encoder_noise_rad = 1e-5
 """
+XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="links.xacro"/>
+  <xacro:arg name="reach" default="0.4"/>
+  <xacro:property name="reach" value="$(arg reach)"/>
+  <xacro:property name="half" value="${reach / 2}"/>
+  <xacro:property name="masses" value="${dict(upper=3.0, lower=2 ** 0.5)}"/>
+  <link name="base"/>
+  <xacro:segment name="upper" parent="base" mass="${masses['upper']}" z="${half + 0.1}"/>
+  <xacro:segment name="lower" parent="upper" mass="${masses['lower']}" z="${round(sin(pi / 6) * reach, 4)}"/>
+  <xacro:if value="${reach > 0.3}">
+    <xacro:segment name="hand" parent="lower" mass="$(eval 1 + 1)" z="${max(half, 0.05)}"/>
+  </xacro:if>
+</robot>
+"""
+LINKS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="segment" params="name parent mass z:=0.2">
+    <link name="${name}">
+      <inertial>
+        <origin xyz="0 0 ${z / 2}"/>
+        <mass value="${mass}"/>
+        <inertia ixx="${mass * z ** 2}" ixy="0" ixz="0" iyy="${mass * z ** 2}" iyz="0" izz="${mass * z ** 2}"/>
+      </inertial>
+    </link>
+    <joint name="${name}_joint" type="revolute">
+      <parent link="${parent}"/>
+      <child link="${name}"/>
+      <origin xyz="0 0 ${z}" rpy="${radians(90)} 0 0"/>
+      <axis xyz="0 0 1"/>
+      <limit lower="${-pi}" upper="${pi}" effort="100" velocity="3"/>
+    </joint>
+  </xacro:macro>
+</robot>
+"""
 CUBE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 FACES = ((0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4))
 FACES += ((1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7))

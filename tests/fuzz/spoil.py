@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
 from collections.abc import Callable
 
@@ -14,6 +15,62 @@ Spoil = Callable[[bytes, Rng], bytes]
 
 NUMBERS = ["nan", "inf", "-inf", "1e282", "-1e308", "1e-320", "0", "-1", "1e9", "9" * 400, "1.7e9", "0x10", "1,5", ""]
 TEXTS = ["\x00", "\x1b[31m", '"""', "$(touch RUN)", "[x]", "é\u202e", "a" * 5000, "\n", "../..", "=1+1", "';--", "{}"]
+EXPRESSION = re.compile(rb"\$\{[^}]*\}|\$\([^)]*\)")
+# Nobody's description needs any of these; `touch RUN` and the files that are named show what was done.
+EXPRESSIONS = ["__import__('os').system('touch RUN')", "[x for x in ().__class__.__bases__[0].__subclasses__()]"]
+EXPRESSIONS += [
+    "open('/etc/passwd').read()",
+    "load_yaml('/etc/passwd')",
+    "load_yaml('links.xacro')",
+    "9**9**9",
+    "2**-0.5",
+]
+EXPRESSIONS += [
+    "'a' * 10**9",
+    "[0] * 10**10",
+    "list(range(10**10))",
+    "sum(range(10**10))",
+    "1 << 10**10",
+    "1 / 0",
+    "nan",
+]
+EXPRESSIONS += [
+    "'{0.__class__}'.format(1)",
+    "xacro.load_yaml('x')",
+    "(lambda f: f(f))(lambda f: f(f))",
+    "half.half",
+    "(",
+]
+EXPRESSIONS += [
+    "eval('1')",
+    "getattr(1, 'real')",
+    "'%s' % 1",
+    "reach if reach else half",
+    "not_there",
+    "1e308 * 10",
+    "inf",
+]
+EXPRESSIONS += ["(" * 500 + ")" * 500, "-" * 5000 + "1", "'x' * 5000", "abs(-reach)", "masses['none']", "f'{reach}'"]
+TAGS = [
+    '<xacro:include filename="/etc/passwd"/>',
+    '<xacro:include filename="../../*.xml"/>',
+    '<xacro:nothing name="a"/>',
+]
+TAGS += ['<xacro:include filename="arm.xacro"/>', '<xacro:include filename="links.xacro" ns="a"/>', "<xacro:segment/>"]
+TAGS += ['<xacro:include filename="$(find nowhere)/a.xacro"/>', '<xacro:include filename="/dev/zero.xacro"/>']
+TAGS += ['<xacro:macro name="again"><xacro:again/></xacro:macro><xacro:again/>', '<xacro:insert_block name="a"/>']
+TAGS += [
+    '<xacro:macro name="t" params="*"><xacro:t/><xacro:t/></xacro:macro><xacro:t/>',
+    '<xacro:call macro="segment"/>',
+]
+TAGS += ['<xacro:property name="p" value="${p}${p}"/><link name="${p}"/>', '<xacro:property name="pi" value="3"/>']
+TAGS += ['<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>']
+TAGS += ['<xacro:property name="reach" value="$(env HOME)"/>', '<xacro:element xacro:name="${reach}"/>', "<xacro:if/>"]
+TAGS += [
+    '<xacro:property name="g0" value="aa"/>'
+    + "".join(f'<xacro:property name="g{k + 1}" value="{f"${{g{k}}}" * 9}"/>' for k in range(12))
+    + '<link name="${g12}"/>'
+]
 VALUES = [None, True, -1, 1e308, float("nan"), float("inf"), 10**400, "x", [], {}, [[]], "\ud800", "__import__('os')"]
 
 
@@ -195,6 +252,33 @@ def change_chain(data: bytes, rng: Rng) -> bytes:
     return b'<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + data.replace(b'name="', b'name="&x;', 1)
 
 
+def change_expression(data: bytes, rng: Rng) -> bytes:
+    """An expression of a xacro file becomes one that runs a program, reads a file, or takes time or memory."""
+    found = list(EXPRESSION.finditer(data))
+    if not found:
+        return data
+    one = found[int(rng.integers(len(found)))]
+    if rng.random() < 0.3:  # a part of it only
+        at = int(rng.integers(one.start(), one.end()))
+        return data[:at] + str(rng.choice(EXPRESSIONS)).encode() + data[at:]
+    form = b"${%s}" if rng.random() < 0.7 else b"$(eval %s)"
+    return data[: one.start()] + form % str(rng.choice(EXPRESSIONS)).encode() + data[one.end() :]
+
+
+def change_tag(data: bytes, rng: Rng) -> bytes:
+    """A tag of xacro's becomes another one, or one that calls itself, includes what it must not, or grows."""
+    added = str(rng.choice(TAGS)).encode()
+    tags = [k for k in range(len(data)) if data.startswith(b"<", k)]
+    if not tags:
+        return data
+    at = tags[int(rng.integers(len(tags)))]
+    if rng.random() < 0.6:
+        return data[:at] + added + data[at:]
+    names = (b"xacro:include", b"xacro:macro", b"xacro:property", b"xacro:if", b"xacro:arg", b"xacro:segment")
+    old, new = (names[int(k)] for k in rng.integers(0, len(names), 2))
+    return data.replace(old, new)
+
+
 def change_words(data: bytes, rng: Rng) -> bytes:
     """Some words of a text become other numbers or texts."""
     words = data.decode("utf-8", "surrogateescape").split(" ")
@@ -223,6 +307,7 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "yaml": (change_words, change_words, change_rows, *BYTES),
     "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),
+    "xacro": (change_expression, change_expression, change_tag, change_tag, change_values, change_chain, nest, *BYTES),
     "srdf": (change_values, change_values, change_words, nest, *BYTES),
     "json": (change_json, change_json, change_json, change_json, nest, *BYTES),
     "safetensors": (change_header, change_header, change_header, *BYTES),
