@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import importlib
 import os
 import signal
@@ -22,6 +23,10 @@ PLAIN |= {"’": "'", "“": '"', "”": '"', "≤": "<=", "≥": ">=", "√": "
 
 # What the system's loader says of a library that there is no room for.
 UNMAPPED = ("map segment", "annot allocate memory")
+# Names that no file can have are the user's fault, not the system's.
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+# As much of a name as a line shows [characters].
+LONGEST_NAME = 200
 MEMORY_FULL = "memory is full; give fewer or shorter sessions, or a larger machine"
 
 
@@ -57,7 +62,7 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         status = signals.status
     except OSError as error:
         say(_system_fault(error))
-        return SYSTEM
+        return USER if error.errno in NO_NAME else SYSTEM
     except MemoryError:
         say(MEMORY_FULL)
         return SYSTEM
@@ -80,7 +85,10 @@ def _run(name: str, module: str, signals: _Signals) -> int:
 
 
 def _system_fault(error: OSError) -> str:
-    place = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
+    name = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else ""
+    place = f"{name if len(name) <= LONGEST_NAME else name[:LONGEST_NAME] + '…'}: " if name else ""
+    if error.errno in NO_NAME:
+        return f"{place}{error.strerror}; give the name of a file or folder"
     return f"{place}{error.strerror or error}; free what is full or broken, then run the command again"
 
 

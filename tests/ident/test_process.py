@@ -57,6 +57,17 @@ def test_a_reader_who_leaves_does_not_end_the_work(tmp_path: Path) -> None:
     assert out.exists()
 
 
+def test_a_name_that_no_file_can_have_is_the_users_fault(tmp_path: Path) -> None:
+    """Law: status 2 and a line that can be read, wherever the system stumbles over the name."""
+    app = APP.replace("    import time", "    open(out)\n    import time")
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    for out, reason in (("x" * 5000, "too long"), (str(tmp_path / "circle"), "symbolic links")):
+        done = subprocess.run(command(tmp_path, "--out", out, app=app), capture_output=True, text=True)
+        assert done.returncode == 2, done.stderr
+        assert reason in done.stderr
+        assert len(done.stderr) < 400
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 def test_a_full_disk_behind_the_screen_is_told_after_the_work(tmp_path: Path) -> None:
     out = tmp_path / "result"
