@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,7 @@ def _careful(path: Path) -> Iterator[Any]:
             raise HarmfulExpression(f"{name} is no part of the description: it lies outside of its package")
         return place.open(encoding="utf-8")
 
-    lent = [
+    lent: list[tuple[dict[str, Any], Mapping[str, Any]]] = [
         (vars(xacro), {"safe_eval": in_braces, "eval_all": in_macros, "open": open_beside}),
         (vars(substitution_args), {"_eval": in_brackets}),
         (xacro._global_symbols, FUNCTIONS),
