@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
+from ident.model.named_laws import NamedLaw, named_torque
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import ResidualTerm
 from plan.dynamics.newton_euler import _rnea
@@ -80,17 +81,19 @@ def _torque_states(rot, off, axes, sliding, mass, com, inertia, gravity, bm, cm,
 
 @dataclass(frozen=True, eq=False)
 class ChainTorque:
-    """Rigid body, losses and perhaps a net, compiled: eq. 1 of the paper for a planner's appetite.
+    """Rigid body, losses and perhaps named laws and a net, compiled: eq. 1 of the paper for a planner's appetite.
 
     Attributes:
         chain: The arm as arrays.
         losses: Loss figures.
         net: Residual net of the chain's joints; None without.
+        named: Friction laws of the chain's joints that a diagnosis named.
     """
 
     chain: Chain
     losses: JointLosses
     net: ResidualTerm | None = None
+    named: tuple[NamedLaw, ...] = ()
 
     @property
     def n(self) -> int:
@@ -105,6 +108,8 @@ class ChainTorque:
             np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)
         )
         tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, flat_q, flat_dq, flat_ddq)  # type: ignore[call-arg]
+        if self.named:
+            tau += named_torque(self.named, flat_q, flat_dq, rigid, self.losses.transition_speed)
         if self.net is not None:
             tau += self.net.torque(flat_q, flat_dq, flat_ddq, rigid)
         return tau.reshape(np.shape(q))

@@ -8,8 +8,10 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
+from ident.model.named_laws import NamedLaw, states_of
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
+from plan.dynamics.named_friction import law_slopes
 from plan.dynamics.newton_euler import _rnea
 from plan.dynamics.power import ChainTorque
 
@@ -81,15 +83,28 @@ def differentiate_torque(
     """
     states = [np.ascontiguousarray(part, dtype=float) for part in (q, dq, ddq)]
     rigid, by_q, by_v, by_a = _rigid_partials(*model.chain.dynamics, *states, STEP)  # type: ignore[call-arg]
-    tau = rigid.copy()
+    tau, losses, joints = rigid.copy(), model.losses, np.arange(model.n)
+    slip, slope = _rounded_sign(states[1], losses.transition_speed)
+    load = [_rows(part, model.named) for part in (by_q, by_v, by_a)]
     if model.net is not None:
         _add_net(model.net, states, rigid, (tau, by_q, by_v, by_a))
-    losses, joints = model.losses, np.arange(model.n)
-    slip, slope = _rounded_sign(states[1], losses.transition_speed)
+    for law, *slopes_of_load in zip(model.named, *load, strict=True):
+        j, at = law.joint, states_of(law.joint, states[0], states[1], rigid, slip)
+        tau[:, j] += law.torque(at)
+        by_own, by_rate, by_load = law_slopes(law, at, slope[:, j])
+        for part, rows in zip((by_q, by_v, by_a), slopes_of_load, strict=True):
+            part[:, j] += by_load[:, None] * rows
+        by_q[:, j, j] += by_own
+        by_v[:, j, j] += by_rate
     tau += losses.motor_inertia * states[2] + losses.viscous * states[1] + losses.coulomb * slip + losses.offset
     by_a[:, joints, joints] += losses.motor_inertia
     by_v[:, joints, joints] += losses.viscous + losses.coulomb * slope
     return TorqueDerivatives(tau, by_q, by_v, by_a)
+
+
+def _rows(part: Float[Array, "T n n"], named: tuple[NamedLaw, ...]) -> list[Float[Array, "T n"]]:
+    """What the rigid torque of each law's joint changes by, before anything else is added to it."""
+    return [part[:, law.joint].copy() for law in named]
 
 
 def _rounded_sign(v: Float[Array, "T n"], width: Float[Array, " n"]) -> tuple[Float[Array, "T n"], Float[Array, "T n"]]:

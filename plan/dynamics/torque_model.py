@@ -38,16 +38,14 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
     if model.coupling is not None:
         what = "the model has two joints on one shaft, which plans don't know"
         raise ModelError(f"model of {model.robot.name}", what, "fit it without --coupling")
-    if model.named:
-        what = f"the model has {', '.join(sorted({law.effect for law in model.named}))}, which plans don't know"
-        raise ModelError(f"model of {model.robot.name}", what, "fit it without --with")
     fixed = np.asarray(held, dtype=float)[: len(model.joint_names) - moving]
     arm = reduce_arm(model.arm, moving, list(fixed))
     net = None
     if model.net is not None:
         net = read_residual(model.net)
         net = net if len(fixed) == 0 else net.frozen(fixed)
-    return ChainTorque(Chain.from_arm(arm), _losses(model, moving), net)
+    named = tuple(law for law in model.named if law.joint < moving)  # of joints that stand still there is no friction
+    return ChainTorque(Chain.from_arm(arm), _losses(model, moving), net, named)
 
 
 def _losses(model: HybridModel, moving: int) -> JointLosses:

@@ -9,9 +9,11 @@ import torch
 from numba import njit
 
 from ident.arrays import Array, Float
+from ident.model.named_laws import JointStates, NamedLaw
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.newton_euler import _rnea, inverse_dynamics
 from plan.dynamics.power import ChainTorque, Metric
+from plan.errors import MethodError
 
 # Rigid torques in a table of the default net.
 TABLE = 1024
@@ -173,7 +175,12 @@ class BruteLoop:
         still = np.zeros_like(first[0])
         self.wheel = (np.cos(first[0]), np.sin(first[0])) if self.turns else (still, still)
         self.losses = [_loss(model, j, courses.states[j]) for j in range(3)]
-        self.tables = JointTables(model, courses) if isinstance(model.net, CompiledJointNets) else None
+        loaded = any(law.bears_load for law in model.named)
+        if loaded and isinstance(model.net, CompiledDenseNet):
+            what = "goes through no table that knows the paper's net and friction by load at once"
+            raise MethodError("--method brute", what, "use --method reference")
+        tabled = loaded or isinstance(model.net, CompiledJointNets)
+        self.tables = JointTables(model, courses) if tabled else None
         self.sums = FirstLayer(model.net, courses) if isinstance(model.net, CompiledDenseNet) else None
 
     @property
@@ -186,7 +193,7 @@ class BruteLoop:
         _, v1, a1 = self.courses.states[0]
         own = np.ascontiguousarray(self.courses.states[1][:, :, second])
         out = np.empty((v1.shape[1], v1.shape[1]))
-        residual = np.empty((*v1.shape, 3) if self.model.net is not None else (0, 0, 0))
+        residual = np.empty((*v1.shape, 3) if self.model.net is not None or self.tables is not None else (0, 0, 0))
         for third in range(len(out)):
             other = np.ascontiguousarray(self.courses.states[2][:, :, third])
             c = _coefficients(*self.model.chain.dynamics, self.turns, own, other)  # type: ignore[call-arg]
@@ -213,19 +220,25 @@ def _loss(model: ChainTorque, j: int, states: Float[Array, "3 K M"]) -> Float[Ar
     width = float(losses.transition_speed[j])
     slip = np.tanh(states[1] / width) if width > 0 else np.sign(states[1])
     rate = losses.motor_inertia[j] * states[2] + losses.viscous[j] * states[1]
-    return rate + losses.coulomb[j] * slip + losses.offset[j]
+    found = rate + losses.coulomb[j] * slip + losses.offset[j]
+    for law in _laws_of(model, j, by_load=False):
+        at = JointStates(states[0].ravel(), states[1].ravel(), np.zeros(slip.size), slip.ravel())
+        found = found + law.torque(at).reshape(slip.shape)
+    return found
+
+
+def _laws_of(model: ChainTorque, j: int, by_load: bool) -> list[NamedLaw]:
+    """Named laws of a joint: those of its load, or those of its own course alone."""
+    return [law for law in model.named if law.joint == j and law.bears_load == by_load]
 
 
 class JointTables:
-    """The default net, joint by joint and course by course, over the rigid torque."""
+    """The default net and friction by load, joint by joint and course by course, over the rigid torque."""
 
     def __init__(self, model: ChainTorque, courses: Courses) -> None:
-        assert isinstance(model.net, CompiledJointNets)
         low, high = _rigid_range(model, courses)
         self.low, self.step = low, (high - low) / (TABLE - 1)
-        self.tables = [
-            _table(model.net, j, courses.states[j], low[j] + self.step[j] * np.arange(TABLE)) for j in range(3)
-        ]
+        self.tables = [_table(model, j, courses.states[j], low[j] + self.step[j] * np.arange(TABLE)) for j in range(3)]
 
     def of(self, second: int, third: int) -> tuple[Array, ...]:
         """What the loop needs for one course of joints 2 and 3."""
@@ -234,13 +247,19 @@ class JointTables:
 
 
 def _table(
-    net: CompiledJointNets, j: int, states: Float[Array, "3 K M"], loads: Float[Array, " G"]
+    model: ChainTorque, j: int, states: Float[Array, "3 K M"], loads: Float[Array, " G"]
 ) -> Float[Array, "K M G"]:
     nodes, courses = states.shape[1:]
-    out = np.empty((nodes, courses, len(loads)))
+    out, laws = np.zeros((nodes, courses, len(loads))), _laws_of(model, j, by_load=True)
+    width = float(model.losses.transition_speed[j])
     for k in range(nodes):
         v, a = (np.repeat(part[k], len(loads)) for part in states[1:])
-        out[k] = net.joint_torque(j, v, a, np.tile(loads, courses)).reshape(courses, len(loads))
+        load = np.tile(loads, courses)
+        if isinstance(model.net, CompiledJointNets):
+            out[k] += model.net.joint_torque(j, v, a, load).reshape(courses, len(loads))
+        slip = np.tanh(v / width) if width > 0.0 else np.sign(v)
+        for law in laws:
+            out[k] += law.torque(JointStates(np.zeros_like(v), v, load, slip)).reshape(courses, len(loads))
     return out
 
 

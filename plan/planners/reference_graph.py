@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.dynamics.chain import Chain
+from plan.dynamics.named_friction import law_symbols
 from plan.dynamics.power import ChainTorque, Metric, section_nodes
 from plan.planners import symbolic
 from plan.problem.problem import Free, Objective
@@ -124,6 +125,10 @@ def _torque(model: ChainTorque, q: Any, dq: Any, ddq: Any, width: Any) -> Any:
     torque = rigid.map(nodes)(q, dq, ddq)
     tau = torque + rows(losses.motor_inertia) * ddq + rows(losses.viscous) * dq
     tau += rows(losses.coulomb) * slip + rows(losses.offset)
+    for law in model.named:
+        j = law.joint
+        own = law_symbols(law, q[j, :], dq[j, :], torque[j, :], slip[j, :], widths[j])
+        tau += ca.vertcat(*(own if i == j else ca.MX.zeros(1, nodes) for i in range(n)))
     if model.net is not None:
         tau += symbolic.residual_torque(model.net, q, dq, ddq, torque)
     return tau

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull
 
 from ident.arrays import Array, Float
 from plan.dynamics.compiled_nets import CompiledJointNets
+from plan.dynamics.named_friction import law_range
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, joint_net_slopes
 from plan.problem.problem import PlanningProblem
@@ -42,7 +43,9 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
     low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     q = rng.uniform(low, high, (POSITIONS, problem.n))
     still = np.zeros_like(q)
-    bare = replace(model, net=None, losses=replace(model.losses, coulomb=0 * limits.torque, offset=0 * limits.torque))
+    bare = replace(
+        model, net=None, named=(), losses=replace(model.losses, coulomb=0 * limits.torque, offset=0 * limits.torque)
+    )
     found = differentiate_torque(bare, q, still, still)
     inverse = np.linalg.inv(found.by_acceleration)
     losses = model.losses
@@ -53,6 +56,8 @@ def _time_bound(problem: PlanningProblem, model: ChainTorque) -> float:
         push, drag = push + residual, drag + residual
     elif model.net is not None:
         push = np.full(problem.n, np.inf)
+    named = np.array([_named_range(model, j, problem)[0] for j in range(problem.n)])
+    push, drag = push + named, drag + named
     reach = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2).max(axis=0)) * GRANTED
     rates = [np.sqrt(np.einsum("tij,i,j->t", np.abs(inverse), u, u).max()) * GRANTED for u in (push, push + drag)]
     way, times = np.abs(problem.goal - problem.start), [0.0]
@@ -80,7 +85,7 @@ def _energy_bound(problem: PlanningProblem, model: ChainTorque) -> float | None:
     way = problem.goal - problem.start
     q = problem.start + (share[:, None] + 1.0) / 2.0 * way
     still = np.zeros_like(q)
-    bare = replace(model, net=None, losses=replace(model.losses, coulomb=0 * way, offset=0 * way))
+    bare = replace(model, net=None, named=(), losses=replace(model.losses, coulomb=0 * way, offset=0 * way))
     lift = float(weight @ (bare.torque(q[None], still[None], still[None])[0] @ way)) / 2.0
     least = 0.0
     for j, speed in enumerate(way / total):
@@ -100,7 +105,22 @@ def _loss_power(
     power = losses.viscous[j] * speeds**2 + losses.coulomb[j] * slip + losses.offset[j] * speeds
     if isinstance(model.net, CompiledJointNets):
         power = power + _net_range(model.net, j, problem, speeds)[1]
-    return speeds, power
+    return speeds, power + _named_range(model, j, problem, speeds)[1]
+
+
+def _named_range(
+    model: ChainTorque, j: int, problem: PlanningProblem, speeds: Array | None = None
+) -> tuple[float, Float[Array, " v"]]:
+    """Largest torque of a joint's named laws, and the least power that they take at each speed, whatever the load."""
+    top = float(problem.limits.speed[j])
+    grid = np.linspace(-top, top, SPEEDS) if speeds is None else speeds
+    loads = np.linspace(-1.0, 1.0, OTHERS) * problem.limits.torque[j]
+    width = float(model.losses.transition_speed[j])
+    most, least = 0.0, np.zeros(len(grid))
+    for law in (law for law in model.named if law.joint == j):
+        size, power = law_range(law, grid, loads, width)
+        most, least = most + size, least + power
+    return most, least
 
 
 def _net_range(

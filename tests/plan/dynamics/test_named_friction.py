@@ -1,0 +1,112 @@
+"""Friction laws that a diagnosis named, in what planners make of them: torque, slopes, symbols, tables, bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from ident.model.named_laws import NamedLaw, named_torque
+from plan.dynamics.named_friction import law_symbols
+from plan.dynamics.power import ChainTorque
+from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.solving.bound import lower_bound
+from tests.plan.planners.test_brute_force import block_error
+from tests.plan.worlds import joint_nets, model, problem, three_joints
+
+
+def _figures(*values: float) -> tuple[tuple[float, float, float], ...]:
+    return tuple((value, 0.9 * value, 1.1 * value) for value in values)
+
+
+LAWS = {
+    "stribeck": NamedLaw(
+        "stribeck_friction", 0, {"stribeck_velocity_rad_s": 0.3, "exponent": 1.3}, figures=_figures(4.0)
+    ),
+    "curved": NamedLaw("nonlinear_viscous_friction", 1, {"exponent": 0.6}, figures=_figures(3.0)),
+    "load": NamedLaw("load_dependent_friction", 1, {"terms": 2, "load_Nm": 1.0}, figures=_figures(0.08, 0.03)),
+    "load, four terms": NamedLaw(
+        "load_dependent_friction", 2, {"terms": 4, "load_Nm": 9.0}, figures=_figures(0.08, 0.03, 0.02, 0.05)
+    ),
+    "position": NamedLaw("position_dependent_friction", 2, {"order": 3.0}, figures=_figures(0.7, -0.4)),
+    "asymmetric": NamedLaw("asymmetric_friction", 0, {}, figures=_figures(0.8, 0.3)),
+}
+ALL = tuple(LAWS.values())
+
+
+def _states(count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(3)
+    return [rng.normal(size=(count, 3)) * scale for scale in (1.0, 1.0, 5.0)]
+
+
+def _with(*laws: NamedLaw) -> ChainTorque:
+    return replace(model(), named=laws)
+
+
+@pytest.mark.parametrize("law", ALL, ids=list(LAWS))
+def test_torque_is_the_laws_own_beside_the_rest(law: NamedLaw) -> None:
+    """To 1e-9 N m, whatever the state."""
+    arm, (q, dq, ddq) = three_joints(), _states(200)
+    own = named_torque([law], q, dq, arm.inverse_dynamics(q, dq, ddq), model().losses.transition_speed)
+    whole, bare = (one.torque(q[None], dq[None], ddq[None])[0] for one in (_with(law), model()))
+    assert np.abs(own).max() > 0.1
+    assert whole == pytest.approx(bare + own, abs=1e-9)
+
+
+@pytest.mark.parametrize("nets", [False, True], ids=["bare", "nets"])
+def test_derivatives_are_those_of_the_torque(nets: bool) -> None:
+    """By position, speed and acceleration of every joint; a law of the load goes through the rigid torque's slopes."""
+    arm = rounded(replace(model(joint_nets() if nets else None), named=ALL), 0.05)
+    states = _states(30)
+    found = differentiate_torque(arm, *states)
+    assert found.tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
+    for order, part in enumerate((found.by_position, found.by_speed, found.by_acceleration)):
+        for joint in range(3):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = [state.copy() for state in states]
+                moved[order][:, joint] += sign * 1e-6
+                ends.append(differentiate_torque(arm, *moved).tau)
+            assert part[:, :, joint] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4)
+
+
+@pytest.mark.parametrize("law", ALL, ids=list(LAWS))
+def test_symbols_are_the_law_clear_of_rest_and_smooth_at_rest(law: NamedLaw) -> None:
+    names = ("q", "dq", "load")
+    q, dq, load = (ca.SX.sym(name, 1, 1) for name in names)
+    torque = law_symbols(law, q, dq, load, ca.tanh(dq / 0.02), 0.02)
+    function = ca.Function("law", [q, dq, load], [torque, ca.jacobian(torque, ca.vertcat(q, dq, load))])
+    rng = np.random.default_rng(5)
+    for angle, speed, push in rng.normal(size=(20, 3)) * [1.0, 0.5, 3.0] + [0.0, 3.0, 40.0]:
+        exact = named_torque(
+            [law],
+            *(np.full((1, 3), value) for value in (angle, speed, push)),  # type: ignore[arg-type]
+            np.full(3, 0.02),
+        )[0, law.joint]
+        assert float(function(angle, speed, push)[0]) == pytest.approx(exact, rel=2e-3, abs=1e-4)
+    assert np.isfinite(np.array(function(0.3, 0.0, 0.0)[1])).all()
+
+
+def test_the_grids_loop_knows_the_laws() -> None:
+    """Laws of a course by itself to 1e-9 J, the load's through tables to some millijoules of 50 J."""
+    alone = [law for law in ALL if not law.bears_load]
+    assert block_error(problem(model=_with(*alone))) < 1e-9
+    assert block_error(problem(model=_with(*ALL))) < 5e-3
+    assert block_error(problem(model=replace(model(joint_nets()), named=ALL))) < 8e-3
+
+
+@pytest.mark.parametrize("metric", ["signed", "absolute"])
+def test_the_bound_stays_below_what_motions_cost(metric: str) -> None:
+    """Friction that only takes raises it; no trajectory undercuts it."""
+    task = problem(metric=metric, duration=1.5, model=_with(*ALL))
+    bound, bare = lower_bound(task), lower_bound(problem(metric=metric, duration=1.5))
+    assert bound is not None
+    assert bare is not None
+    rng = np.random.default_rng(6)
+    drawn = task.initial + 0.2 * rng.standard_normal((40, len(task.initial)))
+    assert bound <= task.evaluate(np.concatenate([task.initial[None], drawn])).cost.min()
+    passive = lower_bound(problem(metric=metric, duration=1.5, model=_with(LAWS["stribeck"], LAWS["curved"])))
+    assert passive is not None
+    assert passive > bare
