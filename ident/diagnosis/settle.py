@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
@@ -19,7 +19,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.urdf_share import one_link_is_wrong, scale_evidence
+from ident.diagnosis.selection.urdf_share import added_evidence, best_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 
 
@@ -62,12 +62,12 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             search = replace(search, barred=search.barred | drifting)
             sure = _sure(search, session, baseline, doubted)
             search, doubted = sure.search, sure.doubted
-        wider = _wider_belief(search, sure.found, baseline)
+        error = _how_wrong(search, sure.found, session, baseline)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
-        if wider == 1.0 and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
+        if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
             break
-        spread, prior = now, prior.tightened(1.0 / wider)
+        spread, prior = now, Prior.believing(free, baseline, error)
     return sure
 
 
@@ -111,29 +111,30 @@ def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key
     return drifting
 
 
-def _wider_belief(search: Search, found: SearchResults, baseline: Baseline) -> float:
-    """By how much the URDF's tolerance must be widened before names of the inertias' kind can be judged: mostly 1.
+def _how_wrong(search: Search, found: SearchResults, session: SessionContext, baseline: Baseline) -> UrdfError:
+    """How far off the URDF must be believed to be before names of the inertias' kind can be judged: mostly as it was.
 
     Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
     and the tuned inertias lie beyond the tolerance.
     """
-    evidence, prior, gram, settings = search.evidence, search.prior, search.evidence.gram(), search.settings
+    evidence, prior, settings = search.evidence, search.prior, search.settings
     groups = [item.group for item in found.named]
-    others = [item.group for item in found.named if not item.absorbed]
-    model = project(gram, evidence, prior, groups)
+    absorbed = [item.group for item in found.named if item.absorbed]
+    model = project(evidence.gram(), evidence, prior, groups)
     spare = inflation(evidence, model)
-    if len(others) == len(groups) and not measure_tolerance(evidence, prior, model, spare, settings).exceeded:
-        return 1.0
-    without = scale_evidence(gram, evidence, prior, others, spare, settings)
-    if len(others) < len(groups):
-        beside = scale_evidence(gram, evidence, prior, groups, spare, settings)
-        # Where the URDF is wrong even beside the names, it also holds what looks like more names.
-        needed = settings.absorbed_nats * (len(groups) - len(others)) * settings.urdf_scales[int(np.argmax(beside))]
-        if beside.max() - without.max() >= needed:
-            return 1.0
-    elif one_link_is_wrong(search, baseline, others, spare):
-        return 1.0  # something sits at that link that has no name: it must be told
-    return settings.urdf_scales[int(np.argmax(without))]
+    if not absorbed:
+        exceeded = measure_tolerance(evidence, prior, model, spare, settings).exceeded
+        # Where something sits at one link that has no name, it must be told.
+        if not exceeded or one_link_is_wrong(search, baseline, groups, spare):
+            return prior.error
+        return best_belief(search, baseline, groups, spare).error
+    kinds = {group.key for group in evidence.layout.groups if group.effect.inertia_like}
+    needed = float(np.log(settings.inertial_odds * len(kinds)))
+    for group in absorbed:
+        others = [other for other in groups if other is not group]
+        if added_evidence(search, session, baseline, group, others, spare) < needed:
+            return best_belief(search, baseline, others, spare).error
+    return prior.error
 
 
 def _sure(

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.model.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
@@ -17,6 +19,24 @@ from ident.model.presliding import Sliding, fit_sliding
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel
+
+
+@dataclass(frozen=True)
+class UrdfError:
+    """How far off a URDF's inertias are believed to be.
+
+    Attributes:
+        scale: Of each link's numbers in their own size, in units of the usual belief.
+        com_m: Of every link's centre of mass besides, root mean square distance [m]: what a drawing's other origin or
+            a hose's weight does to a short link as much as to a long one.
+    """
+
+    scale: float = 1.0
+    com_m: float = 0.0
+
+    def divided(self, factor: float) -> UrdfError:
+        """Both smaller by a factor."""
+        return UrdfError(self.scale / factor, self.com_m / factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +63,21 @@ class Baseline:
     number_std: Float[Array, " 10n"]
     settings: RegressionSettings = USUAL_REGRESSION
 
-    def prior_of_a_wrong_link(self, link: int, factor: float) -> Float[Array, "r r"]:
-        """Information on the base parameters' change if one link's numbers are believed less, by a factor."""
-        scale = self.number_std.copy()
-        scale[10 * link : 10 * (link + 1)] *= factor
-        return base_prior(self.base, scale)
+    def prior_of(self, error: UrdfError, wrong_link: int | None = None, factor: float = 1.0) -> Float[Array, "r r"]:
+        """Information on the base parameters' change in a URDF that is so far off, and at one link more by a factor."""
+        std = error.scale * self.number_std
+        if wrong_link is not None:
+            std[10 * wrong_link : 10 * (wrong_link + 1)] *= factor
+        return base_prior(self.base, np.hypot(std, _shifted(self.nominal, error.com_m)))
+
+
+def _shifted(arm: ArmModel, com_m: float) -> Float[Array, " 10n"]:
+    """What centres of mass so far off change of each link's inertial numbers, standard deviations."""
+    links = arm.inertial_parameters.reshape(arm.n, 10)
+    mass, lever = links[:, :1], np.linalg.norm(links[:, 1:4], axis=1, keepdims=True)
+    axis = com_m / np.sqrt(3.0)
+    moment, inertia = mass * axis, 2.0 * lever * axis + mass * axis**2
+    return np.concatenate([0.0 * mass, np.repeat(moment, 3, 1), np.repeat(inertia, 6, 1)], axis=1).ravel()
 
 
 def fit_baseline(

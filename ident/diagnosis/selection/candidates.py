@@ -133,7 +133,7 @@ class Candidates:
     @cached_property
     def fixed(self) -> HeldOut:
         """Held-out scores with the URDF held fast."""
-        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor / self.prior.factor))
+        return HeldOut(self.evidence, self.prior.tightened(self.settings.fixed_factor * self.prior.error.scale))
 
     def judge(
         self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]

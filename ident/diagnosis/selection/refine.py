@@ -40,7 +40,7 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
     layout = layout_of(session, baseline.base.rank, grids)
     evidence = gather(session, baseline, layout, search.evidence.whitening).with_run_spread(search.evidence.spread)
-    prior = Prior.of(evidence, baseline.prior).tightened(search.prior.factor)
+    prior = Prior.believing(evidence, baseline, search.prior.error)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
     return Refined(fine, _best(fine, [group.key for group in groups]))
 

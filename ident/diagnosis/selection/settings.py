@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ident.settings import Settings, number
 
 
@@ -151,13 +149,28 @@ class SelectionSettings(Settings):
         4.0, "1", "standard deviations from which on a direction makes up what was tuned away", "law: a chance of 6e-5"
     )
     urdf_scales: tuple[float, ...] = number(
-        tuple(float(scale) for scale in np.geomspace(1.0, 5.0, 9)),
+        (0.5, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0),
         "1",
         "errors of the URDF that are tried, in units of its belief",
         "chosen: beyond a fifth (five times 4 %) a URDF is of another arm",
     )
     usual_urdf_factor: float = number(
         2.0, "1", "factor by which one URDF in three is off by more, or less", "chosen: a guess"
+    )
+    urdf_com_m: tuple[float, ...] = number(
+        (0.0, 0.005, 0.01, 0.02),
+        "m",
+        "errors of all centres of mass that are tried beside",
+        "chosen: beyond two centimetres a URDF is of another arm",
+    )
+    usual_urdf_com_m: float = number(
+        0.008, "m", "distance by which one URDF in three is off by more", "chosen: a guess"
+    )
+    inertial_odds: float = number(
+        100.0,
+        "1",
+        "odds that a name of the inertias' kind needs, for each of their number, against a URDF as wrong as it likes",
+        "chosen: one arm in five has such a fault, and nineteen in twenty names are to be right",
     )
     wrong_link_factor: float = number(
         20.0,

@@ -1,14 +1,15 @@
-"""How wrong the URDF's inertias are: a variance component, estimated where something hangs on it.
+"""How wrong the URDF's inertias are: variance components, estimated where something hangs on them.
 
 Inertias are believed to be within some per cent of the URDF. What acts like other inertias (a payload, another link's
 mass, a scaled torque) is judged by how much it explains beyond that belief. URDFs differ: some hold a maker's own
-numbers, others are off by a fifth at every link. So the belief is a scale, s, of its own, with
+numbers, others are off by a fifth at every link, or by two centimetres in every centre of mass, which is little at an
+upper arm and all at a wrist. So how far off it is has two scales of its own, e = (s, c), with
 
-    log p(y | s) = −½ (misfit(s) + log|I + P/s²| − log|P/s²|) + log p(s),
+    log p(y | e) = −½ (misfit(e) + log|I + P(e)| − log|P(e)|) + log p(e),
 
-P the information of a belief of scale one, I that of the recordings about the base parameters. A name of that kind
-stands only if the best scale with it beats the best scale without it; where it doesn't, the URDF is taken to be as
-wrong as the best scale without it says, and the search is done again.
+P(e) the information of the belief, I that of the recordings about the base parameters. A name of that kind stands only
+if the best belief with it beats the best one without it; where it doesn't, the URDF is taken to be as wrong as the best
+belief without it says, and the search is done again.
 
 Source: MacKay 1992 (evidence for a scale); Gelman 2006 (priors of scales).
 """
@@ -16,40 +17,92 @@ Source: MacKay 1992 (evidence for a scale); Gelman 2006 (priors of scales).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
-from ident.arrays import Array, Float
-from ident.diagnosis.regression.baseline import Baseline
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
+from ident.diagnosis.selection.settings import SelectionSettings
+from ident.effects.base import SessionContext
 
 
-def scale_evidence(
-    gram: Float[Array, "P P"],
-    evidence: Evidence,
-    prior: Prior,
-    groups: Sequence[Group],
-    spare: float,
-    settings: SelectionSettings = USUAL_SELECTION,
-) -> Float[Array, " s"]:
-    """Log evidence of each scale of the URDF's error, for the baseline and some effects [nats].
+@dataclass(frozen=True)
+class Belief:
+    """A belief about a URDF, and its log evidence [nats]."""
+
+    error: UrdfError
+    evidence: float
+
+
+def best_belief(
+    search: Search, baseline: Baseline, groups: Sequence[Group], spare: float, error: UrdfError | None = None
+) -> Belief:
+    """How far off the URDF is, most probably, beside the baseline and some effects.
 
     Args:
-        gram: Sums of the whole session.
-        evidence: Where they come from.
-        prior: The belief that one starts from.
+        search: The session's sums.
+        baseline: What the belief is made of.
         groups: The effects.
         spare: How many times the modelled variance the misfit has.
-        settings: Which scales, and how far the usual URDF is off.
+        error: How far off it is at least; as the search believes if None.
     """
-    beliefs = [prior.tightened(1.0 / scale) for scale in settings.urdf_scales]
-    unusual = 0.5 * (np.log(settings.urdf_scales) / np.log(settings.usual_urdf_factor)) ** 2
-    return np.array([_evidence(gram, evidence, belief, groups, spare) for belief in beliefs]) - unusual
+    least = search.prior.error if error is None else error
+    tried = []
+    for other in _errors(search.settings):
+        wider = UrdfError(max(other.scale, least.scale), max(other.com_m, least.com_m))
+        prior = Prior.believing(search.evidence, baseline, wider)
+        tried.append(Belief(wider, _evidence(search, prior, groups, spare) - _cost(wider, search.settings)))
+    return max(tried, key=lambda belief: belief.evidence)
+
+
+def added_evidence(
+    search: Search,
+    session: SessionContext,
+    baseline: Baseline,
+    group: Group,
+    others: Sequence[Group],
+    spare: float,
+) -> float:
+    """Log evidence for a name of the inertias' kind, the URDF as wrong as it likes with it and without it [nats].
+
+    Its coefficients are as large beforehand as its catalogue says (`Effect.prior_scale`), or cost what any free figure
+    does.
+    """
+    evidence, gram = search.evidence, search.evidence.gram()
+    columns = np.append(group.columns, len(gram) - 1)
+    lone = replace(group, columns=np.arange(len(group.columns)))
+    usual = group.effect.prior_scale(group.effect.asked(session), group.joint, group.variant)
+    without, beside = [], []
+    for error in _errors(search.settings):
+        prior = Prior.believing(evidence, baseline, error)
+        alone = _evidence(search, prior, others, spare) - _cost(error, search.settings)
+        view = project(gram, evidence, prior, others, columns)
+        if usual is None:
+            occam = 2.0 * search.cost_of(group)
+        else:
+            size = usual[: len(group.columns)] * evidence.scale[group.columns]
+            told = size[:, None] * view.rest[:-1, :-1] * size / spare
+            occam = float(np.linalg.slogdet(np.eye(len(size)) + told)[1])
+        without.append(alone)
+        beside.append(alone + 0.5 * (view.gain(lone)[0] / spare - occam))
+    return max(beside) - max(without)
+
+
+def _errors(settings: SelectionSettings) -> list[UrdfError]:
+    """How far off a URDF may be."""
+    return [UrdfError(scale, com) for scale, com in product(settings.urdf_scales, settings.urdf_com_m)]
+
+
+def _cost(error: UrdfError, settings: SelectionSettings) -> float:
+    """What is unusual of a URDF's error costs beforehand [nats]."""
+    ratio = np.log(error.scale) / np.log(settings.usual_urdf_factor)
+    return 0.5 * float(ratio**2 + (error.com_m / settings.usual_urdf_com_m) ** 2)
 
 
 def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group], spare: float) -> bool:
@@ -61,28 +114,25 @@ def one_link_is_wrong(search: Search, baseline: Baseline, groups: Sequence[Group
         groups: The effects beside which it is asked.
         spare: How many times the modelled variance the misfit has.
     """
-    evidence, gram, settings = search.evidence, search.evidence.gram(), search.settings
-    everywhere = scale_evidence(gram, evidence, search.prior, groups, spare, settings).max()
-    priors = [baseline.prior_of_a_wrong_link(k, settings.wrong_link_factor) for k in range(evidence.layout.n)]
-    widened = [Prior.of(evidence, one) for one in priors]
-    beliefs = [belief.tightened(search.prior.factor) for belief in widened]
-    alone = max(_evidence(gram, evidence, belief, groups, spare) for belief in beliefs)
-    return bool(alone - np.log(len(beliefs)) > everywhere + settings.unlikely_nats)
+    evidence, settings, error = search.evidence, search.settings, search.prior.error
+    everywhere = best_belief(search, baseline, groups, spare).evidence
+    priors = [baseline.prior_of(error, k, settings.wrong_link_factor) for k in range(evidence.layout.n)]
+    alone = max(_evidence(search, Prior.of(evidence, one), groups, spare) for one in priors)
+    return bool(alone - np.log(len(priors)) > everywhere + settings.unlikely_nats)
 
 
-def _evidence(
-    gram: Float[Array, "P P"], evidence: Evidence, belief: Prior, groups: Sequence[Group], spare: float
-) -> float:
+def _evidence(search: Search, belief: Prior, groups: Sequence[Group], spare: float) -> float:
     """Log evidence of a belief about the URDF [nats]."""
-    model = project(gram, evidence, belief, groups)
-    told = np.linalg.slogdet(belief.base + _told_of_inertias(gram, model, len(belief.base)) / spare)[1]
+    gram = search.evidence.gram()
+    model = project(gram, search.evidence, belief, groups, np.array([len(gram) - 1]))
+    told = np.linalg.slogdet(belief.base + _told_of_inertias(gram, model.inside, len(belief.base)) / spare)[1]
     occam = float(told - np.linalg.slogdet(belief.base)[1])
     return -0.5 * (model.misfit / spare + occam)
 
 
-def _told_of_inertias(gram: Float[Array, "P P"], model: Projection, rank: int) -> Float[Array, "r r"]:
+def _told_of_inertias(gram: Float[Array, "P P"], inside: Int[Array, " z"], rank: int) -> Float[Array, "r r"]:
     """Information of the recordings about the base parameters, beside the model's other columns."""
-    base, others = model.inside[:rank], model.inside[rank:]
+    base, others = inside[:rank], inside[rank:]
     inner = gram[np.ix_(others, others)].copy()
     inner[np.diag_indices(len(inner))] += 1e-9 * np.diag(inner) + 1e-9
     across = gram[np.ix_(others, base)]

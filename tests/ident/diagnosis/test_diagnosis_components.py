@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +10,18 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
+from ident.diagnosis.regression.baseline import UrdfError
+from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
+from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.diagnosis.selection.urdf_share import scale_evidence
-from ident.effects.catalogue import CATALOGUE
+from ident.diagnosis.selection.urdf_share import added_evidence, best_belief
+from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, named, nothing, record
+from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record
 
 SPREAD = 0.05
 
@@ -74,12 +78,48 @@ def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> No
             assert np.allclose(side, expected)
 
 
+def search_of(analysis: Analysis) -> Search:
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    return Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+
+
 def test_a_right_urdf_is_believed(healthy: Analysis) -> None:
     """Law: where the inertias are right, no wider belief has more evidence than the one that one starts from."""
-    evidence = healthy.evidence
-    found = scale_evidence(evidence.gram(), evidence, Prior.of(evidence, healthy.baseline.prior), [], 1.0)
-    assert len(found) == len(USUAL_SELECTION.urdf_scales)
-    assert np.argmax(found) == 0
+    assert best_belief(search_of(healthy), healthy.baseline, [], 1.0).error == UrdfError()
+
+
+def off_everywhere(arm: ArmModel) -> ArmModel:
+    """Every centre of mass 15 mm away from where the URDF has it, and masses off by a tenth."""
+    rng = np.random.default_rng(11)
+    links = arm.inertial_parameters.reshape(arm.n, 10).copy()
+    links[:, 1:4] += links[:, :1] * 0.015 / np.sqrt(3.0) * rng.standard_normal((arm.n, 3))
+    links *= 1.0 + 0.1 * rng.standard_normal((arm.n, 1))
+    return arm.with_inertial_parameters(links.ravel())
+
+
+def off_at_one(arm: ArmModel) -> ArmModel:
+    """The second link weighs half as much again."""
+    links = arm.inertial_parameters.reshape(arm.n, 10).copy()
+    links[1] *= 1.5
+    return arm.with_inertial_parameters(links.ravel())
+
+
+@pytest.mark.parametrize(("true", "one"), [(off_everywhere, False), (off_at_one, True)])
+def test_a_link_stands_out_or_all_are_wrong(
+    short_arm: ArmModel, true: Callable[[ArmModel], ArmModel], one: bool
+) -> None:
+    """Law: a link's error is a name where it stands out of the others', and none where all links are as wrong."""
+
+    def difference(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        return true(arm).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+
+    analysis = analyse(short_arm, difference, [find_effect("link_inertial_error")])
+    search, session = search_of(analysis), analysis.session
+    added = [
+        added_evidence(search, session, analysis.baseline, group, [], 1.0) for group in search.evidence.layout.groups
+    ]
+    assert bool(max(added) > np.log(USUAL_SELECTION.inertial_odds * len(added))) is one
+    assert best_belief(search, analysis.baseline, [], 1.0).error.scale >= (2.0 if one else 1.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
