@@ -94,7 +94,7 @@ def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
         raise RobotError("robot", f"a {type(robot).__name__} is no robot", "give a URDF path, a name or an ArmModel")
     named = robot or next((session.robot for session in sessions if session.robot), None)
     if named is None:
-        where = str(sessions[0].path or sessions[0].name)
+        where = str(sessions[0].path or sessions[0].name) if sessions else "--robot"
         raise RecordingError(where, "no robot is named", "give --robot, or robot = … in session.toml")
     return ArmModel.load(named)
 

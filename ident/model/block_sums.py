@@ -82,6 +82,7 @@ def sum_blocks(
     shaft: Shaft | None = None,
     named: Sequence[NamedLaw] = (),
     bearing: ArmModel | None = None,
+    through: Bool[Array, " n"] | None = None,
 ) -> BlockSums:
     """Goes through the runs once.
 
@@ -92,8 +93,10 @@ def sum_blocks(
         shaft: Joints that share a shaft, if any.
         named: Laws of joints whose coefficients are figures too; their columns stand before a shaft's.
         bearing: The arm whose rigid torque is the joints' load; the arm itself if None.
+        through: Joints of which all moving rows count.
     """
-    use_moving = _too_few_settled(motions)
+    too_few = _too_few_settled(motions)
+    use_moving = too_few if through is None else too_few | through
     moments: list[Array] = []
     rows: list[Array] = []
     runs: list[int] = []
@@ -114,7 +117,7 @@ def sum_blocks(
             runs.append(run)
         if len(moments) >= 2 * MOST_BLOCKS:
             moments, rows, runs = _in_pairs(moments, rows, runs)
-    joints = tuple(name for name, all_of_it in zip(motions[0].joints, use_moving, strict=True) if all_of_it)
+    joints = tuple(name for name, all_of_it in zip(motions[0].joints, too_few, strict=True) if all_of_it)
     shared = sum(law.size for law in named) + (0 if shaft is None else SHARED_COLUMNS)
     return BlockSums(np.array(moments), np.array(rows), np.array(runs), joints, base.rank, shared)
 

@@ -18,6 +18,7 @@ from ident.model.block_sums import sum_blocks
 from ident.model.consistency import solve_bounded
 from ident.model.coupling import NAMES as SHAFT_NAMES
 from ident.model.coupling import Coupling, Shaft
+from ident.model.frictionless import find_frictionless, held_figures, hold_at_zero
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -78,6 +79,7 @@ class Identified:
         estimate: The unbounded joint estimate.
         coupling: Figures of a shaft that two joints share, where one was asked for.
         named: Laws that were given, with their figures.
+        lossless: Joints whose effort holds neither friction nor a rotor: torque at the link.
     """
 
     inertia: InertiaResults
@@ -90,6 +92,7 @@ class Identified:
     estimate: JointEstimate
     coupling: Coupling | None = None
     named: tuple[NamedLaw, ...] = ()
+    lossless: tuple[str, ...] = ()
 
     def record(self) -> dict[str, Any]:
         """What a model keeps of it beside its figures."""
@@ -100,6 +103,7 @@ class Identified:
             "urdf_share": self.urdf_share,
             "tied": [{"figures": [one, other], "correlation": value} for one, other, value in self.tied],
             "through_reversals": list(self.through_reversals),
+            "lossless": list(self.lossless),
         }
 
 
@@ -135,10 +139,20 @@ def identify(
     require_motion(sums, nominal.joint_names, motions[0].name)
     require_parted(sums, named, nominal.joint_names, motions[0].name)
     found = estimate(sums, prior, offset, robust)
+    frictionless, found = find_frictionless(
+        found,
+        nominal.n,
+        lambda joints: estimate(
+            sum_blocks(motions, nominal, base, shaft, named, bearing, joints), prior, offset, robust
+        ),
+    )
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
-    change, losses, figures = _bounded(found, nominal, base, (mode, scale), _passive(found, nominal.n, named))
+    held = held_figures(found, frictionless)
+    change, losses, figures = _bounded(
+        hold_at_zero(found, held), nominal, base, (mode, scale), _passive(found, nominal.n, named)
+    )
     coupling = None if shaft is None else _coupling(shaft, found, figures)
     laws = _named(named, found, figures)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
@@ -156,7 +170,8 @@ def identify(
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
     tied = tied_figures(found, base, nominal.joint_names, named)
     through = sums.through_reversals
-    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws)
+    lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in held)
+    return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws, lossless)
 
 
 def _coupling(shaft: Shaft, found: JointEstimate, figures: Float[Array, " s"]) -> Coupling:
@@ -363,6 +378,8 @@ def describe(found: Identified) -> list[str]:
     lines += [law.describe(found.loss.joints) for law in found.named]
     if found.through_reversals:
         lines.append(f"too little clear of reversals, fitted through them: {', '.join(found.through_reversals)}")
+    if found.lossless:
+        lines.append(f"effort without friction or rotor, as of torque at the link: {', '.join(found.lossless)}")
     return lines
 
 

@@ -25,6 +25,8 @@ from ident.motion.zero_phase import filter_both_ways
 from ident.recordings.recording import Payload, Recording, Session
 
 FILTER_ORDER = 4
+# Arms' motions last seconds: a filter that leaves only what is slower leaves nothing of them [Hz].
+LEAST_CUTOFF_HZ = 0.1
 
 
 @lru_cache(maxsize=64)
@@ -48,7 +50,14 @@ class Lowpass:
 
     @classmethod
     def design(cls, rate: float, cutoff: float | None = None, settings: MotionSettings = USUAL_MOTION) -> Lowpass:
-        """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept."""
+        """The filter for a rate; at least `settings.oversampling` samples a period of the corner are kept.
+
+        Raises:
+            RecordingError: The corner is no frequency of a motion.
+        """
+        if cutoff is not None and not cutoff >= LEAST_CUTOFF_HZ:
+            what = f"{cutoff:g} Hz is no corner of a filter for motions"
+            raise RecordingError("--cutoff", what, f"give {LEAST_CUTOFF_HZ:g} Hz or more, or leave it out")
         corner = min(cutoff or settings.cutoff_hz, settings.cutoff_share * rate)
         return cls(rate, corner, max(1, int(rate / (settings.oversampling * corner))))
 

@@ -6,6 +6,7 @@ import pytest
 from ident.errors import RecordingError
 from ident.model.loss import loss_columns
 from ident.motion.motion import Lowpass, prepare
+from ident.opening import load_robot
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, made_session, two_joint_arm
@@ -49,6 +50,19 @@ def test_corner_stays_below_a_fifth_of_the_rate(rate: float, cutoff: float | Non
     lowpass = Lowpass.design(rate, cutoff)
     assert lowpass.cutoff == expected
     assert rate / lowpass.factor >= 4 * lowpass.cutoff
+
+
+@pytest.mark.parametrize("cutoff", [float("nan"), -1.0, -0.0, 1e-300])
+def test_a_corner_that_is_no_frequency_is_told(cutoff: float) -> None:
+    with pytest.raises(RecordingError, match="--cutoff"):
+        Lowpass.design(250.0, cutoff)
+
+
+def test_no_robot_at_all_is_told() -> None:
+    """Law: where neither an option nor a recording names one; an empty name is none."""
+    for robot in (None, ""):
+        with pytest.raises(RecordingError, match="no robot is named"):
+            load_robot(robot, ())
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.35], ids=["even", "jittered"])
