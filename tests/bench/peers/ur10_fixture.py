@@ -2,7 +2,7 @@
 
 The arm has no friction. Its true inertias are those of the URDF, drawn off by seed 0: masses by 10 %, centres of mass
 by 2 cm, second moments of mass by 20 % along axes that are turned by 0.2 rad, so that every body stays possible. The
-motions are Fourier series of five harmonics about a posture: seed 18 for training (10 s), seed 100 for validation (8 s).
+motions are Fourier series of five harmonics about a posture: seed 18 for training (10 s), 100 for validation (8 s).
 
 Source: thanhndv212/figaroh-examples, examples/ur10/identification_truth.py and data/truth/protocol.yaml (version 1),
 whose figures, seeds and order of draws stand here; masses and lengths are those of the UR10e's URDF beside them.
@@ -160,7 +160,7 @@ def write_urdf(last: pin.Inertia | None = None) -> str:
             f"<inertia {moments}/></inertial></link>"
             f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
             f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-            f'<limit effort="{effort}" velocity="{speed}" lower="-6.283185307179586" upper="6.283185307179586"/></joint>'
+            f'<limit effort="{effort}" velocity="{speed}" lower="-6.283" upper="6.283"/></joint>'
         )
         parent = name
     return "".join([*parts, "</robot>"])
