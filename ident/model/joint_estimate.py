@@ -22,7 +22,7 @@ from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.named_laws import NamedLaw
-from ident.model.run_effects import FIRST_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
+from ident.model.run_effects import USUAL_RUNS, USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
@@ -126,7 +126,7 @@ class JointProblem:
         """Estimate, weights and covariance."""
         weight = np.ones((len(self.run), self.n))
         noise, inflation = self._first_noise(), np.ones(self.n)
-        spread = np.full((self.n, 2), FIRST_SPREAD if len(self.labels) > 1 else 0.0)
+        spread = np.full((self.n, 2), USUAL_SPREAD)
         values, std = np.zeros(self.size), np.full(self.size, np.inf)
         sums = self._by_run(weight)
         for _ in range(MOST_PASSES):
@@ -272,7 +272,7 @@ class JointProblem:
         parts = [np.maximum(np.diag(part), floor) for part in (from_blocks, from_runs, from_prior)]
         parts.append(np.maximum(walk[0], floor))
         total = sum(parts, np.zeros(self.size))
-        free = (max(1.0, blocks - self.size / self.n), max(1, len(self.labels) - 1), np.inf, walk[1])
+        free = (max(1.0, blocks - self.size / self.n), len(self.labels) - 1 + USUAL_RUNS, np.inf, walk[1])
         dof = 1.0 / sum(((part / total) ** 2 / d for part, d in zip(parts, free, strict=True)), np.zeros(self.size))
         return from_blocks + from_runs + from_prior + np.diag(walk[0]), np.maximum(dof, 1.0)
 

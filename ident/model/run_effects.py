@@ -2,8 +2,8 @@
 
 The torque of run g at a joint is y = X θ + X D u_g + e with D = diag(viscous, Coulomb) on those two columns and
 u_g ~ N(0, Λ): relative changes of friction that no function of the state removes. Λ is found joint by joint by
-restricted maximum likelihood (expectation-maximisation); the weights V⁻¹ = (σ² I + X D Λ Dᵀ Xᵀ)⁻¹ of a run need only
-its sums, by Woodbury's identity.
+restricted maximum likelihood (expectation-maximisation), what is usual counting as some runs more; the weights
+V⁻¹ = (σ² I + X D Λ Dᵀ Xᵀ)⁻¹ of a run need only its sums, by Woodbury's identity.
 
 Source: Laird and Ware 1982 (random effects by EM).
 """
@@ -19,8 +19,9 @@ from ident.arrays import Array, Float
 
 # Steps of the expectation-maximisation at each pass of the weights.
 EM_STEPS = 20
-# Spread that the search starts from: arms of the same batch repeat their friction to about a per cent.
-FIRST_SPREAD = 0.01
+# What is usual: a warm UR10e repeats its friction to about a per cent. It counts as so many runs more, fewer than a
+# session has: few runs then prove nothing to the contrary, and one run is not taken for perfect repeats.
+USUAL_SPREAD, USUAL_RUNS = 0.01, 2
 
 # A run counts for how friction wanders if its data take away this share of what is unknown of it; and it takes so many.
 LEAST_KNOWN, LEAST_WALK = 0.5, 2
@@ -99,7 +100,7 @@ def fit_run_effects(
         estimates: Each joint's present figures.
         friction: Positions of viscous and Coulomb friction among them.
         noise: σ² of each joint [N² m²].
-        spread: Present spreads; zeros for recordings of one run, which can't tell.
+        spread: Present spreads.
     """
     columns = np.zeros((*estimates.shape, 2))
     for e, position in enumerate(friction):
@@ -110,12 +111,13 @@ def fit_run_effects(
     met = [values @ part for values, part in zip(estimates, through, strict=True)]
     score = (np.stack(left) - np.stack(met)) / noise[:, None, None]
     runs = inner.shape[1]
-    if runs > 1 and spread.any():
+    if runs > 1:
         for _ in range(EM_STEPS):
             covariance = _posterior(inner, spread)
             change = (covariance @ score[..., None])[..., 0]
             second = change**2 + np.diagonal(covariance, axis1=-2, axis2=-1)
-            spread = np.sqrt(second.sum(axis=1) / (runs - 1))
+            usual = USUAL_RUNS * USUAL_SPREAD**2
+            spread = np.sqrt((second.sum(axis=1) + usual) / (runs - 1 + USUAL_RUNS))
     covariance = _posterior(inner, spread)
     change = (covariance @ score[..., None])[..., 0]
     return [
