@@ -1,22 +1,23 @@
 """From recordings and a robot to an arm and motions: read, match joints, check the telemetry, smooth.
 
 Recordings are paths, sessions, or tables in memory; the robot is a URDF path, a name, or an arm that is there already.
+What is too long to be held is read, checked and smoothed part by part; its motions wait on disk.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
+from itertools import accumulate, chain, pairwise
 from pathlib import Path
 from typing import Any
 
 from ident.errors import RecordingError, RobotError
 from ident.files import sha256_of
 from ident.model.hybrid import HybridModel
-from ident.motion.motion import Motion, prepare
-from ident.motion.out_of_core import emptied
+from ident.motion.motion import Motion, no_motion, prepare, prepare_each
+from ident.motion.out_of_core import emptied, hold, pieces_of
 from ident.provenance import SessionStamp, StampLedger, stamp_sessions
 from ident.recordings.frames import Source, gather_sources
 from ident.recordings.load import PART_SAMPLES, TOPIC, load_parts, load_session, robot_named_in
@@ -37,18 +38,25 @@ class Opened:
 
     Attributes:
         arm: The robot, joints that the recordings lack locked; without payload.
-        reports: The telemetry check of each session, with the mended session in it.
-        groups: Name and motions of each session.
+        reports: The telemetry check of each session, with the mended session in it; of each part of sessions too long
+            to be held, and then without its runs.
+        motions: All runs of all sessions, or pieces of them.
+        sizes: Name of each session, and how many of the motions are its own.
+        passed: Where recordings that are not held come from: stamps, and a record a file.
     """
 
     arm: ArmModel
     reports: tuple[TelemetryReport, ...]
-    groups: tuple[tuple[str, tuple[Motion, ...]], ...]
+    motions: Sequence[Motion]
+    sizes: tuple[tuple[str, int], ...]
+    passed: tuple[tuple[SessionStamp, ...], list[dict[str, Any]]] | None = None
 
     @property
-    def motions(self) -> tuple[Motion, ...]:
-        """All runs of all sessions."""
-        return tuple(motion for _, motions in self.groups for motion in motions)
+    def groups(self) -> tuple[tuple[str, tuple[Motion, ...]], ...]:
+        """Name and motions of each session."""
+        ends = accumulate((count for _, count in self.sizes), initial=0)
+        spans = zip(self.sizes, pairwise(ends), strict=True)
+        return tuple((name, tuple(self.motions[start:end])) for (name, _), (start, end) in spans)
 
     @property
     def issues(self) -> tuple[TelemetryIssue, ...]:
@@ -58,15 +66,18 @@ class Opened:
     @property
     def stamps(self) -> tuple[SessionStamp, ...]:
         """Where the recordings come from."""
-        return stamp_sessions(report.session for report in self.reports)
+        return self.passed[0] if self.passed else stamp_sessions(report.session for report in self.reports)
 
     def data_records(self) -> list[dict[str, Any]]:
         """Name and SHA-256 of each file that was read, for a model's provenance."""
-        return [
-            {"session": report.session.name, "file": source.name, "sha256": sha256_of(source)}
-            for report in self.reports
-            for source in sorted({run.source for run in report.session.runs if run.source and run.source.is_file()})
-        ]
+        return self.passed[1] if self.passed else [one for report in self.reports for one in _records(report.session)]
+
+
+def _records(session: Session) -> list[dict[str, Any]]:
+    return [
+        {"session": session.name, "file": source.name, "sha256": sha256_of(source)}
+        for source in sorted({run.source for run in session.runs if run.source and run.source.is_file()})
+    ]
 
 
 def load_sources(sources: Sources, topic: str = TOPIC, session_file: str | Path | None = None) -> tuple[Session, ...]:
@@ -131,7 +142,19 @@ def inspect_in_parts(
         settings: What recordings are refused by.
     """
     accepted = check_accepted(accept)
-    ledger, sources = ledger or StampLedger(), _gather(paths, session_file)
+    parts, coming, robot = _begin(paths, robot, topic, session_file, ledger or StampLedger())
+    arm = load_robot(robot, parts)
+    if coming is not None:
+        reports = inspect_parts(chain(emptied(parts), coming), arm, settings)
+        return arm, map(partial(overrule, accept=accepted), reports)
+    return arm, tuple(overrule(report, accepted) for report in inspect_sessions(parts, arm, settings))
+
+
+def _begin(
+    paths: Sources, robot: Robot | None, topic: str, session_file: str | Path | None, ledger: StampLedger
+) -> tuple[list[Session], Iterator[Session] | None, Robot | None]:
+    """Sessions, those that are to come if there are too many samples to be held, and the robot that is named."""
+    sources = _gather(paths, session_file)
     if robot is None:
         # Asked of all settings at once: the session that names the robot may be far from its turn.
         robot = next((name for one in sources if (name := _robot_of(one, session_file))), None)
@@ -145,11 +168,8 @@ def inspect_in_parts(
     for part in coming:
         parts.append(part)
         if sum(each.samples for each in parts) >= PART_SAMPLES:
-            arm = load_robot(robot, parts)
-            reports = inspect_parts(chain(emptied(parts), coming), arm, settings)
-            return arm, map(partial(overrule, accept=accepted), reports)
-    arm = load_robot(robot, parts)
-    return arm, tuple(overrule(report, accepted) for report in inspect_sessions(parts, arm, settings))
+            return parts, coming, robot
+    return parts, None, robot
 
 
 def _robot_of(source: str | Path | Session, session_file: str | Path | None) -> str | None:
@@ -179,9 +199,59 @@ def open_sessions(
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
     """
-    accepted = check_accepted(accept)
-    sessions = load_sources(paths, topic, session_file)
-    return _open(sessions, load_robot(robot, sessions), cutoff, learning, accepted)
+    accepted, ledger = check_accepted(accept), StampLedger()
+    sessions, coming, robot = _begin(paths, robot, topic, session_file, ledger)
+    arm = load_robot(robot, sessions)
+    if coming is None:
+        return _open(sessions, arm, cutoff, learning, accepted)
+    passing = _Passing(cutoff, learning)
+    reports = inspect_parts(chain(emptied(sessions), coming), arm)
+    motions = hold(passing.prepare(overrule(report, accepted, TOLD_BY_A_FIT) for report in reports))
+    if not motions:
+        raise no_motion(passing.reports[-1].session.path or passing.reports[-1].session.name)
+    sizes = tuple((name, sum(pieces_of(motions, length) for length in runs)) for name, runs in passing.lengths.items())
+    kept = (ledger.stamps, passing.records)
+    return Opened(arm.keeping(passing.joints), tuple(passing.reports), motions, sizes, kept)
+
+
+@dataclass(eq=False)
+class _Passing:
+    """Parts of sessions on their way to motions: what is kept of them when they are let go.
+
+    Attributes:
+        cutoff: Corner of the common filter [Hz].
+        learning: Whether something is to be fitted.
+        joints: Of all parts.
+        reports: Without runs.
+        lengths: Samples of each run that became a motion, by session.
+        records: Name and SHA-256 of each file.
+    """
+
+    cutoff: float | None
+    learning: bool
+    joints: tuple[str, ...] = ()
+    reports: list[TelemetryReport] = field(default_factory=list)
+    lengths: dict[str, list[int]] = field(default_factory=dict)
+    records: list[dict[str, Any]] = field(default_factory=list)
+
+    def prepare(self, reports: Iterable[TelemetryReport]) -> Iterator[Motion]:
+        """Motions of parts that are fit for use.
+
+        Raises:
+            RecordingError: One is not, or has other joints than the first.
+        """
+        for report in reports:
+            session = report.require_fit(self.learning).session
+            if session.runs:
+                self.joints = self.joints or session.joints
+                _require_same(session, self.joints, self.reports[0].session.name if self.reports else "")
+            self.reports.append(replace(report, session=session.replace(runs=())))
+            self.records += _records(session)
+            del report
+            for motion in prepare_each(session, self.cutoff):
+                self.lengths.setdefault(session.name, []).append(len(motion.time))
+                yield motion
+            del session  # a part is let go before the next is read
 
 
 def open_for_model(
@@ -215,11 +285,16 @@ def _open(
         report.require_fit(learning)
     joints = reports[0].session.joints
     for report in reports[1:]:
-        if report.session.joints != joints:
-            raise RecordingError(
-                report.session.path or report.session.name,
-                f"its joints are {', '.join(report.session.joints)}, those of {reports[0].session.name} are not",
-                "give sessions with the same joints together",
-            )
-    groups = tuple((report.session.name, prepare(report.session, cutoff)) for report in reports)
-    return Opened(arm.keeping(joints), reports, groups)
+        _require_same(report.session, joints, reports[0].session.name)
+    groups = [prepare(report.session, cutoff) for report in reports]
+    sizes = tuple((report.session.name, len(group)) for report, group in zip(reports, groups, strict=True))
+    return Opened(arm.keeping(joints), reports, tuple(chain.from_iterable(groups)), sizes)
+
+
+def _require_same(session: Session, joints: tuple[str, ...], first: str) -> None:
+    if session.joints != joints:
+        raise RecordingError(
+            session.path or session.name,
+            f"its joints are {', '.join(session.joints)}, those of {first} are not",
+            "give sessions with the same joints together",
+        )

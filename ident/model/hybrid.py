@@ -24,6 +24,7 @@ from ident.model.net_of_arm import fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
+from ident.motion.out_of_core import few, runs_recorded, select_joints
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -335,7 +336,7 @@ def fit_hybrid(
     options = options or FitOptions()
     nominal = build_lumped_arm(robot) if options.links == LUMPED else robot
     if options.links == LUMPED:
-        motions = [motion.select(nominal.joint_names) for motion in motions]
+        motions = select_joints(motions, nominal.joint_names)
     shaft = Shaft.parse(options.coupling, nominal.joint_names) if options.coupling else None
     how = HowToIdentify(options.inertia, options.offset, options.robust, shaft)
     found, named = identify_named(motions, nominal, how, named or NamedLaws())
@@ -347,7 +348,7 @@ def fit_hybrid(
 
     net = None
     if options.net != "none":
-        net = fit_net_of_arm(motions, arm, known, options.net, options.seed, progress, checkpoint)
+        net = fit_net_of_arm(few(motions), arm, known, options.net, options.seed, progress, checkpoint)
     model = HybridModel(
         robot=robot,
         nominal=nominal,
@@ -360,7 +361,7 @@ def fit_hybrid(
         coupling=found.coupling,
         named=found.named,
         inertias=found.inertias,
-        trained=find_training_range(motions, nominal, found),
+        trained=find_training_range(few(motions), nominal, found),
         provenance={**_provenance(motions, options, data, found, net), "named_left_out": list(named.left_out)},
     )
     return FitResults(model, found, net.history if net else None)
@@ -375,7 +376,7 @@ def _provenance(
 ) -> dict[str, Any]:
     return {
         "options": {**vars(options), "accept": list(options.accept)},
-        "runs": len(motions),
+        "runs": runs_recorded(motions),
         "samples": sum(len(motion.time) for motion in motions),
         "cutoff_hz": motions[0].lowpass.cutoff,
         **found.record(),

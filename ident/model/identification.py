@@ -34,7 +34,9 @@ from ident.model.inertia import (
 from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted, shortfall
 from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
 from ident.model.named_laws import NamedLaw, named_torque
+from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
+from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel
 
 # Figures whose estimates are correlated beyond this are told as a pair that the recordings can't tell apart.
@@ -166,7 +168,7 @@ def identify(
         informed=freeze(np.clip(informed, 0.0, 1.0)),
         condition_number=compute_condition(information[: base.rank, : base.rank]),
     )
-    loss = _loss_results(found, losses, nominal.joint_names, _transition(motions, arm, losses, (coupling, laws)))
+    loss = _loss_results(found, losses, nominal.joint_names, _transition(few(motions), arm, losses, (coupling, laws)))
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
     tied = tied_figures(found, base, nominal.joint_names, named)
     through = sums.through_reversals
@@ -367,7 +369,8 @@ def describe(found: Identified) -> list[str]:
         lines.append(f"friction changes from run to run by (viscous / Coulomb, %): {told}")
     else:
         lines.append(
-            "of one run nothing is known of repeats: the intervals leave out how friction changes between runs"
+            f"of one run nothing is known of repeats: the intervals take friction to change by the usual "
+            f"{100 * USUAL_SPREAD:.0f} % from run to run"
         )
     if found.tied:
         told = ", ".join(f"{one} with {other}" for one, other, _ in found.tied[:MOST_TIED])

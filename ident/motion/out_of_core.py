@@ -189,6 +189,17 @@ def runs_recorded(motions: Sequence[Motion]) -> int:
     return motions.recorded if isinstance(motions, SpooledMotions) else len(motions)
 
 
+def pieces_of(motions: Sequence[Motion], length: int) -> int:
+    """In how many pieces a run of so many samples stands among motions."""
+    return -(-length // PIECE_SAMPLES) if isinstance(motions, SpooledMotions) else 1
+
+
+def select_joints(motions: Sequence[Motion], joints: tuple[str, ...]) -> Sequence[Motion]:
+    """The same motions of some joints only."""
+    chosen = (motion.select(joints) for motion in motions)
+    return SpooledMotions(chosen) if isinstance(motions, SpooledMotions) else tuple(chosen)
+
+
 def cut(motion: Motion, most: int) -> Iterator[Motion]:
     """A run in pieces of about equal length, each of at most so many samples; a short one as it is."""
     count = -(-len(motion.time) // most)

@@ -16,8 +16,10 @@ from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
+from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.motion import out_of_core
 from ident.motion.settings import USUAL_MOTION
-from ident.opening import inspect_in_parts, inspect_paths
+from ident.opening import inspect_in_parts, inspect_paths, open_sessions
 from ident.recordings.load import load_parts, load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session
@@ -284,3 +286,36 @@ def write_again(session: Session, folder: Path) -> Path:
     write_session(session, folder / "once")
     (folder / "linked").symlink_to(folder / "once")
     return folder / "once"
+
+
+def test_a_long_session_is_opened_and_fitted_in_parts(
+    folder: Path, long_from_2_runs: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motions wait on disk, nothing of the runs is held; what is fitted is what is fitted of the whole."""
+    arm, options = load_arm(), FitOptions(net="none", inertia="nominal")
+    monkeypatch.setattr(out_of_core, "HELD_SAMPLES", RUN)
+    monkeypatch.setattr(out_of_core, "PIECE_SAMPLES", RUN // 2)
+    parts = open_sessions([folder], arm)
+    assert isinstance(parts.motions, out_of_core.SpooledMotions)
+    assert not any(report.session.runs for report in parts.reports)
+    ((name, group),) = parts.groups
+    assert (name, len(group)) == (folder.name, 12)
+    monkeypatch.setattr(opening, "PART_SAMPLES", 100 * RUN)
+    whole = open_sessions([folder], arm)
+    assert parts.stamps == whole.stamps
+    assert parts.data_records() == whole.data_records()
+    assert (parts.arm.joint_names, len(whole.motions)) == (whole.arm.joint_names, 6)
+    found, expected = (fit_hybrid(one.motions, one.arm, options).model for one in (parts, whole))
+    assert found.provenance["runs"] == expected.provenance["runs"] == 6
+    assert found.provenance["samples"] == expected.provenance["samples"]
+    for figure, other in zip(found.figures, expected.figures, strict=True):
+        assert figure.value == pytest.approx(other.value, abs=0.5 * (other.high - other.low))
+        assert figure.high - figure.low == pytest.approx(other.high - other.low, rel=0.5)
+
+
+def test_parts_that_cannot_be_fitted_are_refused(session: Session, long_from_2_runs: None, tmp_path: Path) -> None:
+    """A later part whose effort has the wrong sign refuses all of it."""
+    runs = [run if k < 4 else run.replace(effort=-run.effort) for k, run in enumerate(session.runs)]
+    write_session(session.replace(runs=runs), tmp_path / "turned")
+    with pytest.raises(RecordingError, match="effort_sign_flipped"):
+        open_sessions([tmp_path / "turned"], load_arm())
