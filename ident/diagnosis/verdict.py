@@ -48,14 +48,28 @@ def find_unexplained(
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > settings.least_gap_share for c in ceilings]
     much = typical**2 > settings.much_left * evidence.floor**2
-    # How much friction varies is known from so many stretches only: it may be the upper end of its 95 % interval. And a
-    # stretch that was left out lies apart from the mean of the others.
-    stretches = max(len(np.unique(evidence.friction.stretch)), 2)
-    most = (stretches - 1) / float(chi2.ppf(settings.sure_side, stretches - 1)) * stretches / (stretches - 1)
-    varying = most * evidence.friction_noise**2
+    varying = varying_at_most(evidence, moved, settings)
     beyond = typical**2 > whitening.level**2 + varying
     left = moved & (np.array(learnt) | (beyond & ((colour > settings.stands_out * usual) | much)))
     return left, np.minimum(evidence.floor, usual * whitening.innovation)
+
+
+def varying_at_most(
+    evidence: Evidence, moved: Bool[Array, " n"], settings: VerdictSettings = USUAL_VERDICT
+) -> Float[Array, " n"]:
+    """Upper end of the 95 % interval of what friction's variation leaves at each joint that moved [N² m²].
+
+    A joint's variance is known from so many stretches only; the arm's other joints vary alike, and speak for as many
+    stretches more (a scaled inverse χ² prior: Gelman et al. 2013, section 2.6). A stretch that was left out lies apart
+    from the mean of the others.
+    """
+    stretches = max(len(np.unique(evidence.friction.stretch)), 2)
+    spread = np.maximum(evidence.spread, 1e-9)
+    usual = float(np.median(spread[moved])) if moved.any() else 1.0
+    known = settings.alike_stretches + stretches - 1
+    pooled = (settings.alike_stretches * (usual / spread) ** 2 + stretches - 1) / known
+    most = known / float(chi2.ppf(settings.sure_side, known)) * stretches / (stretches - 1)
+    return np.asarray(most * pooled * evidence.friction_noise**2)
 
 
 def decide(

@@ -157,9 +157,9 @@ def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
 
 
 def _gear(session: SessionContext, joint: int) -> float | None:
-    """A joint's gear ratio, if it is known."""
+    """A joint's gear ratio, if it is known: one is what URDFs hold where their writers did not know it."""
     ratio = np.nan if session.gear_ratios is None else float(session.gear_ratios[joint])
-    return ratio if np.isfinite(ratio) else None
+    return ratio if ratio >= FEWEST else None
 
 
 def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:

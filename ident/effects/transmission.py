@@ -152,7 +152,7 @@ class SpringTorque(Effect):
     """A spring across the joint (hoses, cables, a balancer).
 
     Three laws: straight, τ = k (q − q₀); bent, a cubic in q (hoses get stiffer as they stretch); and with two rests a
-    turn, τ = k sin(2 (q − q₀)) / 2. Stiffness k is that at rest in all.
+    turn, τ = k sin(2 (q − q₀)) / 2 beside a constant. Stiffness k is that at rest in all.
     """
 
     id = "spring_torque"
@@ -184,8 +184,8 @@ class SpringTorque(Effect):
         return (0,) if variant.shape["law"] == STRAIGHT else ()
 
     def essential(self, variant: Variant) -> tuple[int, ...]:
-        """A line without a slope is an offset."""
-        return {STRAIGHT: (0,), BENT: (0, 2, 3)}.get(int(variant.shape["law"]), ())
+        """A line without a slope is an offset; so is the top of a wave."""
+        return {STRAIGHT: (0,), BENT: (0, 2, 3), PERIODIC: (0, 1)}[int(variant.shape["law"])]
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []
@@ -193,7 +193,7 @@ class SpringTorque(Effect):
             q = run.motion.q[:, joint]
             x = q - variant.shape["centre_rad"]
             if variant.shape["law"] == PERIODIC:
-                columns = [0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q)]
+                columns = [0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), np.ones_like(q)]
             else:
                 columns = [x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else [])
             found.append(np.stack(columns, axis=1))
@@ -215,12 +215,13 @@ class SpringTorque(Effect):
             rest = delta_interval(lambda c: centre - c[1] / (c[0] or slope), coefficients, covariance)
             return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
         # k sin(2 (q − q₀)) = k cos 2q₀ · sin 2q − k sin 2q₀ · cos 2q: φ = 2q₀ + π/2.
-        phase = phase_interval(coefficients, covariance)
+        wave, spread = coefficients[:2], covariance[:2, :2]
+        phase = phase_interval(wave, spread)
         value, low, high = ((angle - np.pi / 2) / 2 for angle in (phase.value, phase.low, phase.high))
         # Of the two rests a turn, the one nearer to the middle of the range.
         turns = np.pi * np.round((centre - value) / np.pi)
         return {
-            "stiffness_Nm_rad": amplitude_interval(coefficients, covariance),
+            "stiffness_Nm_rad": amplitude_interval(wave, spread),
             "rest_rad": Interval(value + turns, low + turns, high + turns),
         }
 
@@ -241,18 +242,19 @@ class SpringTorque(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))
-        return np.full(4 if variant.shape["law"] == BENT else 2, largest)
+        return np.full({STRAIGHT: 2, BENT: 4, PERIODIC: 3}[int(variant.shape["law"])], largest)
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
-        """A cubic about an angle, and a wave with two rests a turn; one of the two is zero."""
+        """A cubic about an angle, and a wave with two rests a turn beside a constant."""
         names = ("linear_Nm_rad", "constant_Nm", "square_Nm_rad2", "cube_Nm_rad3", *WAVE)
         values = np.zeros(len(names))
         if not coefficients:
             values[0] = reported["stiffness_Nm_rad"]
         elif shape["law"] == PERIODIC:
-            values[-2:] = 0.5 * np.asarray(coefficients)
+            values[-2:] = 0.5 * np.asarray(coefficients[:2])
+            values[1:2] = coefficients[2:]
         else:
             values[: len(coefficients)] = coefficients
         figures = dict(zip(names, map(float, values), strict=True))

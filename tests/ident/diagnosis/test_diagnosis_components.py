@@ -19,6 +19,7 @@ from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_share import added_evidence, best_belief
+from ident.diagnosis.verdict import varying_at_most
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record
@@ -76,6 +77,22 @@ def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> No
                 friction = x[:, columns] * level * spread
                 expected += x.T @ np.linalg.solve(np.eye(len(x)) + friction @ friction.T, x)
             assert np.allclose(side, expected)
+
+
+def test_friction_of_a_joint_varies_as_the_others_do(healthy: Analysis) -> None:
+    """Law: of two stretches alone friction might vary by 22 times its estimate; with the other joints' it can't, and of
+    a joint that varies less than they do more is believed than of one that varies more.
+    """
+    two = np.arange(len(healthy.evidence.friction.stretch)) % 2
+    alike = replace(
+        healthy.evidence,
+        friction=replace(healthy.evidence.friction, stretch=two),
+        spread=np.array([0.01, 0.01, 0.04]),
+    )
+    moved = np.ones(3, dtype=bool)
+    most = varying_at_most(alike, moved) / np.maximum(alike.friction_noise, 1e-12) ** 2
+    assert np.all(most < 12.0)
+    assert most[2] < 0.5 * most[0]
 
 
 def search_of(analysis: Analysis) -> Search:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
     Plant,
@@ -84,6 +84,13 @@ def test_an_effect_that_is_not_in_the_catalogue(short_arm: ArmModel) -> None:
     gap = diagnosis.gap["joint_3"]
     assert gap.unexplained == "state"
     assert gap.rms > 2.0 * gap.noise_floor
+
+
+def test_an_offset_is_no_spring(short_arm: ArmModel) -> None:
+    """Law: without offsets in the catalogue no spring stands in: a slope, a bend or a wave must earn its own place."""
+    diagnosis = analyse(short_arm, offset_on_1, [find_effect("spring_torque")]).diagnosis
+    assert diagnosis.verdict == "none_of_catalogue"
+    assert not diagnosis.findings
 
 
 def test_the_map_shows_the_joint(short_arm: ArmModel) -> None:

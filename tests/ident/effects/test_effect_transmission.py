@@ -106,6 +106,13 @@ def test_ripple_of_an_unknown_gear_is_found_over_the_angle(
     np.testing.assert_allclose(found["amplitude_Nm"].value, 0.6, rtol=0.15)
 
 
+def test_a_reduction_of_one_is_no_gear(session: SessionContext) -> None:
+    """Law: URDFs hold a reduction of one where nobody knew it; a wave a turn of the joint is a law of position."""
+    effect = find_effect("torque_ripple")
+    assert effect.variants(session, 2)
+    assert not effect.variants(replace(session, gear_ratios=np.ones(6)), 2)
+
+
 def test_ripple_needs_slow_motion(session: SessionContext) -> None:
     """Fast motion lifts the line above the filter's corner."""
     effect = find_effect("torque_ripple")
