@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from ident.recordings.load import load_session
+from ident.recordings.save import write_recording
 from ident.robot.names import data_path
 
 HEAVY = (
@@ -83,6 +85,18 @@ def test_a_diagnosis_of_nominal_inertias_loads_neither_torch_nor_pictures(tmp_pa
     run = E1 / "01_trajectory_1.parquet"
     found = loaded_by("ident", "diagnose", run, "--robot", "tm5-900", "--json", tmp_path / "why.json")
     assert not found & {"torch", "mujoco", "matplotlib", "rerun"}
+
+
+def test_text_tables_load_no_other_format(tmp_path: Path) -> None:
+    """Nor a progress bar where there is no terminal."""
+    table = load_session(E1 / "01_trajectory_1.parquet").runs[0]
+    write_recording(table, tmp_path / "run.csv")
+    script = RUN.format(
+        package="ident",
+        arguments=["ident", "inspect", str(tmp_path / "run.csv"), "--robot", "tm5-900"],
+        heavy=("pyarrow.parquet", "pyarrow.compute", "rich.progress", "jaxtyping", "scipy"),
+    )
+    assert loaded(script) == set()
 
 
 def test_a_fit_without_a_net_loads_neither_torch_nor_a_compiler(tmp_path: Path) -> None:

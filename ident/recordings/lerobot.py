@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
@@ -85,6 +84,8 @@ def load_columns(file: Path, features: Mapping[str, Any]) -> dict[str, pa.Chunke
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
     """
+    import pyarrow.parquet as pq  # slow to load
+
     try:
         with pq.ParquetFile(file) as opened:
             table = opened.read()

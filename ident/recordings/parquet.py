@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
@@ -19,6 +19,9 @@ from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import list_length, spread_arrays, spread_list
 from ident.untrusted_files import read_arrays
 
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
+
 
 def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
     """Reads the native columns of a Parquet file, and tells the file's own column names.
@@ -26,6 +29,8 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
     Raises:
         RecordingError: Not a Parquet file, no rows, or a column that holds no numbers.
     """
+    import pyarrow.parquet as pq  # slow to load, and text tables need none
+
     try:
         # Not read_table: that loads all of pyarrow's data sets, at half a second.
         with pq.ParquetFile(path) as file:

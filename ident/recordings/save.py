@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 import tomli_w
 
 from ident.errors import RecordingError
@@ -41,6 +40,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     table = to_table(recording)
     with atomic_write(path) as temporary:
         if path.suffix == ".parquet":
+            import pyarrow.parquet as pq  # slow to load
+
             pq.write_table(table, temporary, compression="zstd")
         else:
             pacsv.write_csv(table, temporary)

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ident.console import styled
@@ -76,6 +75,8 @@ def progress_bar(console: Console, label: str, figure: str = "error") -> Iterato
 
         yield line
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # slow to load
+
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(label, total=None)

@@ -248,7 +248,8 @@ def _check_origin(session: Session, arm: ArmModel, states: States) -> list[Telem
     regressor = arm.regressor(states.q[rows], states.dq[rows], states.ddq[rows])
     models = []
     for joint in moving:
-        rigid = np.column_stack([regressor[:, joint], states.ddq[rows, joint]])
+        felt = regressor[:, joint, np.any(regressor[:, joint] != 0.0, axis=0)]  # no joint feels the links before it
+        rigid = np.column_stack([felt, states.ddq[rows, joint]])
         found = fit_rigid(rigid, states.dq[rows, joint], states.tau[rows, joint])
         if found.is_computed(states.settings):
             models.append((found, int(joint)))
