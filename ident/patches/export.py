@@ -21,6 +21,7 @@ from ident.files import atomic_folder
 from ident.model.consistency import nearest_consistent
 from ident.model.hybrid import HybridModel
 from ident.model.inertia import parameter_scale
+from ident.model.named_laws import NamedLaw, named_torque
 from ident.motion.motion import Motion
 from ident.patches.bodies import is_body
 from ident.patches.command import MERGED
@@ -28,6 +29,7 @@ from ident.patches.cpp import write_cpp
 from ident.patches.isaac import write_isaac
 from ident.patches.mjcf import write_mjcf
 from ident.patches.mjcf_merge import merge_mjcf
+from ident.patches.model_laws import module_effects
 from ident.patches.module import write_module
 from ident.patches.ros2_limits import write_limits
 from ident.patches.standalone.motion import Losses
@@ -95,7 +97,9 @@ def write_export(
             "files": [FILES[name] for name in formats],
             "changed_links": changed,
             "left_out": _left_out(model),
-            "loaded_back": {name: _loaded_back(name, written, arm, losses) for name in formats if name in CONSUMED},
+            "loaded_back": {
+                name: _loaded_back(name, written, arm, losses, model.named) for name in formats if name in CONSUMED
+            },
         }
         if into is not None:
             record["merged"] = merge_mjcf(
@@ -147,7 +151,7 @@ def _text(name: str, model: HybridModel, arm: ArmModel, losses: Losses) -> str:
         return write_mjcf(arm, losses, ())
     if name == "python":
         nothing: dict[str, list[int]] = {form: [] for form in LOADED}
-        return write_module(arm, losses, [], nothing, dict.fromkeys(LOADED, losses))
+        return write_module(arm, losses, module_effects(model.named), nothing, dict.fromkeys(LOADED, losses))
     if name == "toml":
         return _parameters(model, arm)
     return {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}[name](arm, losses)
@@ -171,8 +175,15 @@ def _parameters(model: HybridModel, arm: ArmModel) -> str:
         "joints": joints,
         "link_order": "m mx my mz Ixx Ixy Iyy Ixz Iyz Izz, about the joint frame, SI",
         "links": {name: row.tolist() for name, row in links},
+        **({"laws": [_law(law, model.joint_names[law.joint]) for law in model.named]} if model.named else {}),
     }
     return tomli_w.dumps(record)
+
+
+def _law(law: NamedLaw, joint: str) -> dict[str, Any]:
+    """A named law with the intervals of its coefficients."""
+    figures = [{"value": value, "low": low, "high": high} for value, low, high in law.figures]
+    return {"effect": law.effect, "joint": joint, "shape": dict(law.shape), "coefficients": figures}
 
 
 def _left_out(model: HybridModel) -> list[str]:
@@ -186,21 +197,28 @@ def _left_out(model: HybridModel) -> list[str]:
         told.append(f"the shaft shared by {pair} is in the model folder alone")
     if model.named:
         laws = ", ".join(f"{law.effect} of {model.joint_names[law.joint]}" for law in model.named)
-        told.append(f"in the model folder alone, `ident patch` writes them: {laws}")
+        told.append(f"in torque_model.py (extra_torque) and parameters.toml alone: {laws}")
     if model.net is not None:
         told.append("the residual net is in the model folder alone")
     return told
 
 
-def _loaded_back(name: str, written: WrittenPatch, arm: ArmModel, losses: Losses) -> dict[str, Any]:
-    """Largest torque difference between the loaded file and the model, net and offsets aside [N m]."""
+def _loaded_back(
+    name: str, written: WrittenPatch, arm: ArmModel, losses: Losses, named: Sequence[NamedLaw]
+) -> dict[str, Any]:
+    """Largest torque difference between the loaded file and the model, net and offsets aside [N m].
+
+    Named laws are held against the module alone: the other files have no words for them.
+    """
     path = written.folder / FILES[name]
     if name == "toml":
         return {"loads": bool(_read_toml(path)["joints"])}
     q, dq, ddq = random_states(written.arm, np.random.default_rng(0))
     wanted = arm.inverse_dynamics(q, dq, ddq) + losses.torque(dq, ddq, np.tanh(dq / losses.transition))
     if name == "python":
-        torque = load_module(path).modelled_torque(q, dq, ddq)
+        module = load_module(path)
+        torque = module.modelled_torque(q, dq, ddq) + module.extra_torque(q, dq, ddq)
+        wanted = wanted + named_torque(named, q, dq, arm.inverse_dynamics(q, dq, ddq), losses.transition)
     else:
         torque = written.load(name).joint_torque(q, dq, ddq, 0.0)
     return {"loads": True, "torque_difference_Nm": float(np.max(np.abs(torque - wanted)))}

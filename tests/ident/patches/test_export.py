@@ -3,6 +3,7 @@
 import ast
 import shutil
 import subprocess
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,13 @@ from ident.model.evaluation import evaluate
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.loss import LossParameters
+from ident.model.named_laws import NamedLaw
 from ident.patches.cpp import write_cpp
 from ident.patches.export import FILES, write_export
 from ident.patches.isaac import write_isaac
 from ident.patches.ros2_limits import write_limits
 from ident.patches.standalone.motion import Losses
+from ident.patches.verify import load_module
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, random_states, sliding_arm
 
@@ -44,6 +47,33 @@ def test_every_file_carries_the_model_s_torque(model: HybridModel, tmp_path: Pat
         assert record["loaded_back"][name]["torque_difference_Nm"] < 1e-9
     for error in record["torque_rmse_Nm"].values():
         assert error["after"] < 0.2 * error["before"]
+
+
+def test_named_laws_are_in_the_module_and_the_parameters(model: HybridModel, tmp_path: Path) -> None:
+    """Module and model agree to 1e-9 N m with every law, and the parameters hold the laws' figures."""
+    laws = (
+        _law("stribeck_friction", 0, {"stribeck_velocity_rad_s": 0.3, "exponent": 1.3}, 4.0),
+        _law("nonlinear_viscous_friction", 1, {"exponent": 0.6}, 3.0),
+        _law("load_dependent_friction", 1, {"terms": 2, "load_Nm": 1.0}, 0.08, 0.03),
+        _law("load_dependent_friction", 2, {"terms": 4, "load_Nm": 9.0}, 0.08, 0.03, 0.02, 0.05),
+        _law("position_dependent_friction", 3, {"order": 3.0}, 0.7, -0.4),
+        _law("asymmetric_friction", 4, {}, 0.8, 0.3),
+    )
+    named = replace(model, named=laws)
+    record = write_export(named, tmp_path / "export")
+    for found in record["loaded_back"].values():
+        assert found.get("torque_difference_Nm", 0.0) < 1e-9
+    q, dq, ddq = random_states(np.random.default_rng(2), 50, 6)
+    module = load_module(tmp_path / "export" / "torque_model.py")
+    torque = module.modelled_torque(q, dq, ddq) + module.extra_torque(q, dq, ddq)
+    assert torque == pytest.approx(named.torque(q, dq, ddq), abs=1e-9)
+    told = tomllib.loads((tmp_path / "export" / "parameters.toml").read_text(encoding="utf-8"))["laws"]
+    assert [(one["effect"], one["joint"]) for one in told] == [(law.effect, f"joint_{law.joint + 1}") for law in laws]
+    assert any("torque_model.py (extra_torque)" in line for line in record["left_out"])
+
+
+def _law(effect: str, joint: int, shape: dict[str, float], *values: float) -> NamedLaw:
+    return NamedLaw(effect, joint, shape, tuple((value, value - 0.1, value + 0.1) for value in values))
 
 
 def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -> None:
