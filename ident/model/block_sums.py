@@ -23,8 +23,8 @@ from ident.robot.arm import ArmModel
 # Length of the blocks whose scores are taken as independent: several times the correlation time of residuals of
 # arms (0.1 to 0.3 s) [s].
 BLOCK_DURATION = 1.5
-# Most blocks that are kept: neighbours are added up beyond that, so that ten hours stay below 200 MB.
-MOST_BLOCKS = 2000
+# Neighbouring blocks are added up as soon as there are twice as many, so that ten hours of six joints take 160 MB.
+MOST_BLOCKS = 1000
 # A joint with a smaller share of its moving samples clear of reversals is fitted where it moves at all.
 LEAST_SETTLED = 0.1
 LEAST_ROWS = 20
@@ -62,6 +62,10 @@ class BlockSums:
 
     def of(self, columns: Sequence[int]) -> tuple[Float[Array, "b n p p"], Float[Array, "b n p"], Float[Array, "b n"]]:
         """XᵀX, Xᵀy and yᵀy of some columns."""
+        count = len(columns)
+        if list(columns) == list(range(count)):  # the usual case, without copies
+            chosen = self.moments[:, :, :count]
+            return chosen[..., :count], chosen[..., -1], self.moments[..., -1, -1]
         chosen = self.moments[:, :, columns]
         return chosen[..., columns], chosen[..., -1], self.moments[..., -1, -1]
 
