@@ -129,7 +129,12 @@ class SelectionSettings(Settings):
     most_sure: float = number(
         0.96, "1", "no name is surer", "calibrated: how often sure names were right on the development set"
     )
-    least_probability: float = number(0.05, "1", "a name less probable is not told", "law: the usual 5 %")
+    least_probability: float = number(
+        0.3,
+        "1",
+        "a name less probable is not told",
+        "chosen: of three that can't be told apart each has a third; of more none is a name",
+    )
     most_doubted: int = number(
         8, "1", "names that can't be believed for each of which the search begins again", "chosen: work"
     )
