@@ -56,6 +56,13 @@ def pseudo_inertia(link: Float[Array, " 10"]) -> Float[Array, "4 4"]:
     return np.array([[half - xx, -xy, -xz, x], [-xy, half - yy, -yz, y], [-xz, -yz, half - zz, z], [x, y, z, mass]])
 
 
+def ten_numbers(pseudo: Float[Array, "4 4"]) -> Float[Array, " 10"]:
+    """Mass, first and second moments of a pseudo-inertia."""
+    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[rows, columns]])
+
+
 _UNIT_BODIES = [pseudo_inertia(unit) for unit in np.eye(10)]
 
 

@@ -7,15 +7,16 @@ no place, stands in the parameter file.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.patches.bodies import is_body, pseudo_inertia, ten_numbers
 from ident.patches.change import Change
 from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
+from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
 PAYLOAD, LEVEL = "payload", "level"
@@ -40,7 +41,7 @@ def write_urdf(arm: ArmModel, losses: Losses, links: Float[Array, "n 10"], chang
     for j, name in enumerate(arm.joint_names):
         _set_dynamics(joints[name], float(losses.viscous[j]), float(losses.coulomb[j]))
         if np.any(links[j]):
-            _add_inertia(bodies[arm.links[j]], links[j])
+            _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
     for change in changes:
         if change.effect == "payload":
             _add_payload(root, arm.links[-1], change.values)
@@ -75,14 +76,46 @@ def _set_dynamics(joint: ET.Element, viscous: float, coulomb: float) -> None:
     dynamics.set("friction", repr(coulomb))
 
 
-def _add_inertia(link: ET.Element, change: Float[Array, " 10"]) -> None:
-    """Adds to a link's ten numbers; its own are those of this <inertial> alone, not of what is fixed to the link."""
+def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:
+    """Adds to a link's ten numbers.
+
+    What hangs on the link keeps its own, unless the change takes more than the link itself has: then the link gets that
+    of what is fixed to it too, and where this is not enough, of what is locked.
+    """
     inertial = _child(link, "inertial")
     numbers = _ten_numbers(inertial) + change
+    for held in ({}, locked):
+        if is_body(numbers):
+            break
+        for other, pose in list(_hanging_on(root, link, np.eye(4), held)):
+            own = other.find("inertial")
+            if own is not None:
+                numbers = numbers + ten_numbers(pose @ pseudo_inertia(_ten_numbers(own)) @ pose.T)
+                other.remove(own)
     mass = float(numbers[0])
     centre = numbers[1:4] / mass
     about_centre = _matrix(numbers[4:]) - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     _set_inertial(inertial, mass, centre, about_centre)
+
+
+def _hanging_on(
+    root: ET.Element, link: ET.Element, pose: Float[Array, "4 4"], locked: Mapping[str, float]
+) -> Iterator[tuple[ET.Element, Array]]:
+    """Links that are fixed to a link or held by locked joints, one by one outwards, with their frames in its own."""
+    for joint in root.findall("joint"):
+        name, kind = joint.get("name", ""), joint.get("type")
+        if link_of(joint, "parent") != link.get("name") or not (kind == "fixed" or name in locked):
+            continue
+        origin, axis = joint.find("origin"), read_vector(joint.find("axis"), "xyz", "1 0 0")
+        placed, position = np.eye(4), locked.get(name, 0.0) if kind != "fixed" else 0.0
+        placed[:3, :3], placed[:3, 3] = rpy_to_matrix(read_vector(origin, "rpy")), read_vector(origin, "xyz")
+        if kind == "prismatic":
+            placed[:3, 3] += placed[:3, :3] @ axis * position
+        else:
+            placed[:3, :3] = placed[:3, :3] @ rotation_about(axis, position)
+        child = next(one for one in root.findall("link") if one.get("name") == link_of(joint, "child"))
+        yield child, pose @ placed
+        yield from _hanging_on(root, child, pose @ placed, locked)
 
 
 def _ten_numbers(inertial: ET.Element) -> Float[Array, " 10"]:

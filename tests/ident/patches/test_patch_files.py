@@ -24,6 +24,8 @@ from ident.patches.command import FILES, write_patch
 from ident.patches.loaded import LoadedMjcf
 from ident.patches.mjcf_joint import fit_polynomial, spring_at_rest
 from ident.patches.standalone.chain import link_change
+from ident.patches.standalone.motion import Losses
+from ident.patches.urdf import write_urdf
 from ident.patches.verify import load_module
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import random_states
@@ -34,6 +36,22 @@ def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **cha
     """A patch of effects with the figures of `FIGURES`."""
     path = write_diagnosis(folder / "diagnosis.json", arm, *effects, joint=joint, **changes)
     return write_patch(Diagnosed.load(path), arm, folder / "patch")
+
+
+@pytest.mark.parametrize("taken_kg", [-1.0, -1.48])
+def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: float) -> None:
+    """Less than the last link's own mass is left, then less than its and the hand's: the arm that is read back is the
+
+    one that was meant, and no link weighs less than nothing.
+    """
+    arm = ArmModel.load("panda")
+    last = arm.inertial_parameters.reshape(-1, 10)[-1]
+    changes = np.zeros((arm.n, 10))
+    changes[-1] = last * (taken_kg / last[0])
+    none = np.zeros(arm.n)
+    text = write_urdf(arm, Losses(none, none, none, none, none), changes, ())
+    again = ArmModel.from_urdf(text, arm.source)
+    np.testing.assert_allclose(again.inertial_parameters, arm.inertial_parameters + changes.ravel(), atol=1e-9)
 
 
 @pytest.fixture(scope="module")
