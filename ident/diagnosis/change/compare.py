@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.change.friction_doubt import GAIN, day_to_day_error, may_be_a_gain
 from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, look_at
 from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
@@ -43,6 +44,8 @@ RIGHT_SHARE = 0.04
 LEAST_SEEN = 0.02
 # Chance that anything is told where nothing changed: a false alarm stops a cell.
 ALARM = 0.01
+ANOTHER_RUN = "runs of one set differ by as much among themselves"
+ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
 # Searches at the most, each without what did not stand.
 MOST_ROUNDS = 8
 
@@ -139,11 +142,13 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
             if item.gates.evidence < needed:
                 refused[k] = "too weak among all the changes that were asked for"
             elif standing.p_value > ALARM:
-                refused[k] = "runs of one set differ by as much among themselves"
+                refused[k] = (
+                    ANOTHER_DAY if standing.of_the_day else "runs of one set differ by as much among themselves"
+                )
             elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
                 unlawful = True
         if not refused:
-            return _Told(found, tuple(estimates), tuple(standings), doubted, unlawful)
+            return _Told(found, tuple(_with_gain(estimates, fine, look)), tuple(standings), doubted, unlawful)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
     return _Told(search.only(found, ()), (), (), doubted, unlawful)
@@ -200,7 +205,19 @@ def _standings(
     for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
         scale = evidence.scale[group.columns]
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        found.append(measure_standing(look.switched, look.sides, model, group, scaled, covariance, asked, sessions))
+        least = day_to_day_error(group, look.session, beta + more, sessions)
+        sides = look.switched, look.sides
+        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, sessions, least))
+    return found
+
+
+def _with_gain(estimates: Sequence[Estimate], fine: Refined, look: SharedLook) -> list[Estimate]:
+    """The estimates; where another gain does what a change of friction does, it is told as its rival."""
+    solved, _ = solve_effects(fine, [False] * len(fine.groups))
+    found = []
+    for one, (beta, cells) in zip(estimates, solved, strict=True):
+        open_between = GAIN not in one.rivals and may_be_a_gain(one.told, look.session, beta, cells)
+        found.append(replace(one, rivals=(*one.rivals, GAIN)) if open_between else one)
     return found
 
 

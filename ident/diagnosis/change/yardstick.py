@@ -45,6 +45,7 @@ class Standing:
         spread: Standard deviation from run to run of the effect, as a share of the change.
         widening: Factor on the half-widths of intervals that count the blocks' noise alone.
         dof: Degrees of freedom.
+        daily: What of the error is there whatever the runs say, as one day differs from the next.
     """
 
     p_value: float
@@ -52,6 +53,12 @@ class Standing:
     spread: float
     widening: float
     dof: float
+    daily: float = 0.0
+
+    @property
+    def of_the_day(self) -> bool:
+        """Whether the error is mostly what days differ by."""
+        return self.daily > np.sqrt(0.5) * self.error
 
 
 def measure_standing(
@@ -63,6 +70,7 @@ def measure_standing(
     covariance: Float[Array, "k k"],
     asked: int,
     sessions: tuple[int, int] = (1, 1),
+    least: float = 0.0,
 ) -> Standing:
     """Holds a change against the runs.
 
@@ -75,6 +83,7 @@ def measure_standing(
         covariance: Their covariance by blocks.
         asked: How many changes were asked for.
         sessions: Number of sessions of each set.
+        least: Error that it has whatever the runs say, as a share of it.
     """
     score, power = _by_block(switched, model, group, beta)
     runs = len(sides.later)
@@ -93,14 +102,14 @@ def measure_standing(
         if wander > by_runs:
             by_runs, free = wander, steps
     by_runs = max(by_runs, _between_runs(size, count, sides, seen) - by_blocks)
-    variance = by_blocks + by_runs
+    variance = by_blocks + by_runs + least**2  # the last is known, not estimated
     blocks = max(len(score) - 1.0, 1.0)
     dof = variance**2 / (by_blocks**2 / blocks + by_runs**2 / (free + PRIOR_DOF) + 1e-300)
     k = len(beta)
     p_value = min(1.0, asked * float(fisher.sf(1.0 / (k * variance), k, dof)))
     reach = float(student.ppf(0.975, dof)) / 1.96
     widening = reach * float(np.sqrt(variance / max(by_blocks, 1e-300)))
-    return Standing(p_value, float(np.sqrt(variance)), float(spread), max(1.0, widening), float(dof))
+    return Standing(p_value, float(np.sqrt(variance)), float(spread), max(1.0, widening), float(dof), least)
 
 
 def _by_block(

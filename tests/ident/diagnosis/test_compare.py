@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.change.compare import ALARM, compare, least_nats
+from ident.diagnosis.change.friction_doubt import may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
+from ident.diagnosis.change.look import look_at
 from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
+from ident.effects.typical_sizes import friction_level
 from ident.model.named_laws import JointStates, by_load
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
@@ -44,6 +49,10 @@ def with_gain(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 
 def with_offset(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return wrong_everywhere(arm, q, dq, ddq) + at_joint(0, np.full(len(q), 0.7))
+
+
+def with_warmth(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return wrong_everywhere(arm, q, dq, ddq) + at_joint(1, 0.05 * COULOMB[1] * np.tanh(dq[:, 1] / SLIP))
 
 
 def runs_of(arm: ArmModel, plant: Plant, seeds: range) -> list[Motion]:
@@ -143,6 +152,29 @@ def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, 
         assert "payload" in change.estimate.rivals
         figure = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
         assert figure.low <= sign * LOAD.mass_kg <= figure.high
+
+
+def test_friction_of_another_day_is_no_change(arm: ArmModel, before: list[Motion]) -> None:
+    """A joint that rubs by 5 % more is as joints are when they are warmer or colder: no change, and told so."""
+    found = compared(arm, before, with_warmth)
+    assert found.verdict == "no_change"
+    assert any("from day to day" in one.reason for one in found.reservations)
+
+
+def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
+    arm: ArmModel, before: list[Motion]
+) -> None:
+    """The same share of dry and of viscous friction, and hardly a rigid torque: then, and not else."""
+    look = look_at(before[:2], before[2:], arm)
+    groups = look.switched.evidence.layout.groups
+    group = next(one for one in groups if one.effect.id == "friction_change" and one.joint == 0)
+    level = np.array(friction_level(look.session, 0))
+    runs = tuple(replace(run, rigid=0.01 * run.rigid) for run in look.session.runs)
+    light, sure = replace(look.session, runs=runs), np.diag((0.02 * level) ** 2)
+    heavy = replace(look.session, runs=tuple(replace(run, rigid=100.0 * run.rigid) for run in look.session.runs))
+    assert may_be_a_gain(group, light, 0.2 * level, sure)
+    assert not may_be_a_gain(group, light, np.array([0.2, 0.0]) * level, sure)
+    assert not may_be_a_gain(group, heavy, 0.2 * level, sure)
 
 
 def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -> None:

@@ -1,0 +1,67 @@
+"""What a change of friction may be besides: another day, or another gain of the reading.
+
+Friction differs between two sessions though nothing was done to the arm: joints are some kelvin warmer, grease has
+settled. A mean of few sessions is no better known than that, however many runs they have. And where friction is most of
+what a joint's torque is, a gain that changed scales it as more or less friction would: nothing in the recordings tells
+the two apart.
+
+Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
+of a UR10e differ by 2 to 5 % of their friction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.regression.design import Group
+from ident.effects.base import SessionContext
+from ident.effects.typical_sizes import friction_level
+
+FRICTION, GAIN = "friction_change", "torque_gain_error"
+# Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.
+DAY_TO_DAY = 0.02
+# Two shares are the same if they differ by less than so many standard deviations.
+SAME = 2.0
+
+
+def day_to_day_error(group: Group, session: SessionContext, beta: Array, sessions: tuple[int, int]) -> float:
+    """Standard deviation of a change of friction between any two sets of sessions, as a share of the change found.
+
+    Any law of friction passes for another level of it where a joint moves little: all are held against the same.
+
+    Args:
+        group: The change; 0 for one that is not of friction.
+        session: The runs.
+        beta: Its coefficients.
+        sessions: Number of sessions of each set.
+    """
+    if group.effect.id not in OF_FRICTION:
+        return 0.0
+    runs = group.effect.asked(session)
+    columns = np.concatenate(group.effect.columns(runs, group.joint, group.variant))
+    friction = np.concatenate([run.friction[:, group.joint] for run in runs.runs])
+    share = np.sqrt(np.mean((columns @ beta) ** 2) / max(np.mean(friction**2), 1e-300))
+    return float(DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1]) / max(share, 1e-12))
+
+
+def may_be_a_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:
+    """Whether a change of friction is the same share of all friction, at a joint whose torque is mostly friction.
+
+    Args:
+        group: The change.
+        session: The runs.
+        beta: Its coefficients.
+        covariance: Theirs.
+    """
+    if group.effect.id != FRICTION:
+        return False
+    rigid, friction = (
+        np.concatenate([getattr(run, kind)[:, group.joint] for run in session.runs]) for kind in ("rigid", "friction")
+    )
+    level = np.array(friction_level(session, group.joint))
+    dry, viscous = beta / level
+    spread = covariance / np.outer(level, level)
+    error = np.sqrt(max(spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1], 0.0))
+    return bool(rigid.std() < friction.std() and abs(dry - viscous) < SAME * error)
