@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,12 +17,14 @@ from plan.geometry.solids import Solid
 # Hulls of so many corners are searched as they are; of larger ones at most so many corners, or as many as it takes
 # until the others stand out by less than this [m], which a radius makes up for.
 FEW_CORNERS, MOST_CORNERS, STANDING_OUT = 32, 128, 2e-3
+# Deepest tree that can be searched, or built.
+DEEPEST = 128
 # Sides of the prism round a cylinder: its corners stand out by 0.5 % of the radius.
 SIDES = 32
 
 
 class CompiledBodies(NamedTuple):
-    """Convex bodies; a surface is as many as it has triangles.
+    """Convex bodies; a surface is as many as it has triangles, a cloud as many as it has points.
 
     Attributes:
         carrier: Number of the joint that carries each, 0 for the world.
@@ -77,48 +80,68 @@ class Tree(NamedTuple):
 
 def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
     """The shapes' bodies, in the shapes' order."""
-    parts = [piece for number, box in enumerate(boxes) for piece in _pieces(box, number)]
-    count = np.array([len(part["corners"]) for part in parts], dtype=np.int64)
-    corners = [part["corners"] for part in parts if len(part["corners"])]
-
-    def column(name: str, *shape: int) -> Array:
-        return np.ascontiguousarray(np.array([part[name] for part in parts], dtype=float).reshape(len(parts), *shape))
-
-    def whole(name: str) -> Array:
-        return np.array([part[name] for part in parts], dtype=np.int64)
-
+    parts = [_pieces(box, number) for number, box in enumerate(boxes)]
+    number = np.concatenate([part.number for part in parts]) if parts else np.empty(0, dtype=np.int64)
+    corners = [part.corners for part in parts if len(part.corners)]
     return CompiledBodies(
-        carrier=whole("carrier"),
-        rot=column("rot", 3, 3),
-        at=column("at", 3),
-        half=column("half", 3),
-        core=column("core", 3),
-        radius=column("radius"),
-        ball=column("ball"),
-        first=np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64) if len(parts) else whole("carrier"),
-        number=count,
+        carrier=_column(parts, "carrier", np.int64),
+        rot=_column(parts, "rot", float, 3, 3),
+        at=_column(parts, "at", float, 3),
+        half=_column(parts, "half", float, 3),
+        core=_column(parts, "core", float, 3),
+        radius=_column(parts, "radius", float),
+        ball=_column(parts, "ball", float),
+        first=np.concatenate([[0], np.cumsum(number)[:-1]]).astype(np.int64) if len(number) else number,
+        number=number,
         corners=np.ascontiguousarray(np.concatenate(corners)) if corners else np.zeros((1, 3)),
-        owner=whole("owner"),
+        owner=_column(parts, "owner", np.int64),
     )
 
 
-def _pieces(box: Box, number: int) -> list[dict[str, Any]]:
+def _column(parts: Sequence[CompiledBodies], name: str, kind: type, *shape: int) -> Array:
+    found = [np.asarray(getattr(part, name), dtype=kind) for part in parts]
+    return np.ascontiguousarray(np.concatenate(found)) if found else np.empty((0, *shape), dtype=kind)
+
+
+def _pieces(box: Box, number: int) -> CompiledBodies:
+    """The bodies of one shape; places of corners are left out."""
     solid = box.solid
-    common = {"carrier": box.joint, "rot": box.rotation, "owner": number}
-    if solid.kind == "surface":
-        return [{**common, **_triangle(box, corners)} for corners in solid.points[solid.triangles]]
+    if solid.kind == "cloud":
+        points, radius = box.centre + solid.points @ box.rotation.T, float(solid.size[0])
+        alike = np.full((len(points), 3), radius)
+        upright = replace(box, rotation=np.eye(3))  # a ball has no axes, and its box along the base's is the smallest
+        return _alike(upright, number, points, alike, np.zeros_like(alike), radius, alike[:, 0], np.empty((0, 0, 3)))
+    if solid.kind in ("surface", "heights"):
+        corners = solid.prisms() if solid.kind == "heights" else solid.points[solid.triangles]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        middle, half = (low + high) / 2, (high - low) / 2
+        local = corners - middle[:, None]
+        ball = np.linalg.norm(local, axis=2).max(axis=1)
+        return _alike(box, number, box.centre + middle @ box.rotation.T, half, half, 0.0, ball, local)
     core, radius, corners = _core(solid)
-    place = {"at": box.centre, "half": box.half, "ball": solid.radius + (radius if len(corners) else 0.0)}
-    grown = {**place, "half": box.half + (radius if len(corners) else 0.0)}
-    return [{**common, **grown, "core": core, "radius": radius, "corners": corners}]
+    extra = radius if len(corners) else 0.0
+    rows = (row[None] for row in (box.centre, box.half + extra, core))
+    return _alike(box, number, *rows, radius, np.array([solid.radius + extra]), corners[None])
 
 
-def _triangle(box: Box, corners: Array) -> dict[str, Any]:
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    middle, half = (low + high) / 2, (high - low) / 2
-    ball = float(np.linalg.norm(corners - middle, axis=1).max())
-    at = box.centre + box.rotation @ middle
-    return {"at": at, "half": half, "ball": ball, "core": half, "radius": 0.0, "corners": corners - middle}
+def _alike(
+    box: Box, number: int, at: Array, half: Array, core: Array, radius: float, ball: Array, corners: Array
+) -> CompiledBodies:
+    """Bodies of one shape, all turned as it is and with as many corners each."""
+    count = len(at)
+    return CompiledBodies(
+        carrier=np.full(count, box.joint),
+        rot=np.repeat(box.rotation[None], count, axis=0),
+        at=at,
+        half=half,
+        core=core,
+        radius=np.full(count, radius),
+        ball=ball,
+        first=np.empty(0),
+        number=np.full(count, corners.shape[1] if len(corners) else 0, dtype=np.int64),
+        corners=corners.reshape(-1, 3),
+        owner=np.full(count, number),
+    )
 
 
 def _core(solid: Solid) -> tuple[Array, float, Array]:
@@ -182,31 +205,60 @@ def _grown(corners, chosen, most, small):  # type: ignore[no-untyped-def]
 
 def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     """The tree of the bodies of the shapes from number `first` on, all of which stand in the world."""
-    extent = np.einsum("bij,bj->bi", np.abs(bodies.rot), bodies.half)
-    low, high = bodies.at - extent, bodies.at + extent
-    nodes: list[tuple[Array, Array, int, int, int]] = []
+    owned = np.flatnonzero((bodies.owner >= first) & (bodies.owner < shapes))
+    count, most = len(owned), max(2 * len(owned), 1)
+    low, high = np.zeros((most, 3)), np.zeros((most, 3))
+    extent = np.einsum("bij,bj->bi", np.abs(bodies.rot[owned]), bodies.half[owned])
+    low[:count], high[:count] = bodies.at[owned] - extent, bodies.at[owned] + extent
+    links = np.full((3, most), -1, dtype=np.int64)  # left, right, body
+    links[2, :count] = owned
+    ends = np.searchsorted(bodies.owner[owned], np.arange(first, shapes + 1))
+    roots, used = [], count
+    for start, stop in zip(ends[:-1], ends[1:], strict=True):
+        root, used = _join(np.arange(start, stop), low, high, links, used)
+        roots.append(root)
+    root = -1
+    if roots:
+        root, used = _join(np.array(roots), low, high, links, used)
+    used = max(used, 1)
+    left, right, body = (np.ascontiguousarray(part[:used]) for part in links)
+    return Tree(low[:used], high[:used], left, right, body, np.array([*roots, root], dtype=np.int64))
 
-    def add(a: Array, b: Array, left: int, right: int, body: int) -> int:
-        nodes.append((a, b, left, right, body))
-        return len(nodes) - 1
 
-    def join(items: list[int]) -> int:
-        """Joins nodes by halves along the longest side of what holds their middles."""
-        if len(items) == 1:
-            return items[0]
-        middles = np.array([nodes[i][0] + nodes[i][1] for i in items])
-        order = np.argsort(middles[:, int(np.argmax(np.ptp(middles, axis=0)))], kind="stable")
-        half = len(items) // 2
-        a, b = (join([items[k] for k in part]) for part in (order[:half], order[half:]))
-        return add(np.minimum(nodes[a][0], nodes[b][0]), np.maximum(nodes[a][1], nodes[b][1]), a, b, -1)
-
-    roots = []
-    for shape in range(first, shapes):
-        leaves = [add(low[i], high[i], -1, -1, int(i)) for i in np.flatnonzero(bodies.owner == shape)]
-        roots.append(join(leaves))
-    roots.append(join(list(roots)) if roots else -1)
-    if not nodes:
-        add(np.zeros(3), np.zeros(3), -1, -1, -1)
-    a, b, left, right, body = zip(*nodes, strict=True)
-    whole = [np.array(part, dtype=np.int64) for part in (left, right, body, roots)]
-    return Tree(np.array(a), np.array(b), *whole)
+@njit(cache=True, nogil=True)
+def _join(items, low, high, links, used):  # type: ignore[no-untyped-def]
+    """Joins nodes by halves along the longest side of what holds their middles; the root, and the nodes used by then."""
+    items = items.copy()
+    waiting = np.empty((DEEPEST, 4), dtype=np.int64)  # from, to, parent, which child
+    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(items), -1, 0
+    count, root = 1, -1
+    while count > 0:
+        count -= 1
+        start, stop, parent, side = waiting[count]
+        node = items[start]
+        if stop - start > 1:
+            node, used = used, used + 1
+            low[node], high[node] = low[items[start]], high[items[start]]
+            spread = np.empty((2, 3))
+            spread[0] = spread[1] = low[items[start]] + high[items[start]]
+            for i in items[start:stop]:
+                for k in range(3):
+                    low[node, k], high[node, k] = min(low[node, k], low[i, k]), max(high[node, k], high[i, k])
+                    middle = low[i, k] + high[i, k]
+                    spread[0, k], spread[1, k] = min(spread[0, k], middle), max(spread[1, k], middle)
+            axis = int(np.argmax(spread[1] - spread[0]))
+            middles = np.empty(stop - start)
+            for m in range(stop - start):
+                middles[m] = low[items[start + m], axis] + high[items[start + m], axis]
+            items[start:stop] = items[start:stop][np.argsort(middles, kind="mergesort")]
+            half = start + (stop - start) // 2
+            for which in range(2):
+                place = waiting[count + which]
+                place[0], place[1] = (start, half) if which == 0 else (half, stop)
+                place[2], place[3] = node, which
+            count += 2
+        if parent < 0:
+            root = node
+        else:
+            links[side, parent] = node
+    return root, used

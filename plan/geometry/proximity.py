@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -42,13 +43,17 @@ class Proximity:
         self._geometry = _geometry_model(boxes, pairs)
         self._data = self._model.createData()
         self._geometry_data = self._geometry.createData()
-        for request in self._geometry_data.distanceRequests:
+        self._request = coal.DistanceRequest()
+        for request in (self._request, *self._geometry_data.distanceRequests):
             request.enable_signed_distance = True
             request.gjk_tolerance = TOLERANCE
             request.gjk_max_iterations = 500
         self._pool: pin.GeometryPool | None = None
         self._radius = np.array([box.solid.radius for box in self._boxes])
         self._half = np.array([box.half for box in self._boxes]).reshape(-1, 3)
+        # Coal knows the points of a cloud; their radius is taken off the distances of its pairs.
+        grown = np.array([box.solid.grown for box in self._boxes])
+        self._grown = grown[pairs[:, 0]]
 
     @property
     def geometry(self) -> pin.GeometryModel:
@@ -58,7 +63,7 @@ class Proximity:
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Signed distance of every pair at one position [m]."""
         pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float))
-        return np.array([result.min_distance for result in self._geometry_data.distanceResults])
+        return np.array([result.min_distance for result in self._geometry_data.distanceResults]) - self._grown
 
     def bounds(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Lower bounds of the distances [m]: of the ball round the second shape of a pair from the first one's box."""
@@ -78,7 +83,7 @@ class Proximity:
         found = self.bounds(q)
         for pair in np.flatnonzero(found < beyond):
             pin.computeDistance(self._geometry, self._geometry_data, int(pair))
-            found[pair] = self._geometry_data.distanceResults[int(pair)].min_distance
+            found[pair] = self._geometry_data.distanceResults[int(pair)].min_distance - self._grown[pair]
         return found
 
     def clearance(self, q: Float[Array, " n"]) -> float:
@@ -92,8 +97,22 @@ class Proximity:
         )
         pin.computeDistance(self._geometry, self._geometry_data, int(pair))
         result = self._geometry_data.distanceResults[int(pair)]
+        if self._grown[pair] > 0.0:
+            result = self._from_ball(pair, result)
         first, second = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
         return Witness(float(result.min_distance), first, second, np.array(result.normal))
+
+    def _from_ball(self, pair: int, nearest: coal.DistanceResult) -> coal.DistanceResult:
+        """The same for a cloud: from the ball about the point of it that Coal has found."""
+        cloud, link = (int(i) for i in self._pairs[pair])
+        place = self._geometry_data.oMg[cloud]
+        at = place.rotation @ self._boxes[cloud].solid.points[nearest.b1] + place.translation
+        ball, other = coal.Sphere(float(self._grown[pair])), self._geometry.geometryObjects[link].geometry
+        turned = self._geometry_data.oMg[link]
+        placed = coal.Transform3s(turned.rotation, turned.translation)
+        found = coal.DistanceResult()
+        coal.distance(ball, coal.Transform3s(np.eye(3), at), other, placed, self._request, found)
+        return found
 
     def gradient(self, q: Float[Array, " n"], pair: int) -> Float[Array, " n"]:
         """Derivative of a pair's signed distance by the joints [m/rad].
@@ -112,6 +131,8 @@ class Proximity:
         """Whether any pair overlaps, for a batch of positions at once."""
         if len(self._pairs) == 0:
             return np.zeros(len(q), dtype=bool)
+        if self._grown.any():
+            return np.array([bool(self.distances(row).min() < 0.0) for row in q])
         if self._pool is None:
             self._pool = pin.GeometryPool(self._model, self._geometry, THREADS)
         columns = np.asfortranarray(np.asarray(q, dtype=float).T)

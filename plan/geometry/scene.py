@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +19,7 @@ from plan.geometry.boxes import Box
 from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
+from plan.geometry.solids import CLOSED
 from plan.geometry.sweep import gaps_of_states, least_of_states, sweep
 from plan.spline import Splines
 
@@ -231,7 +233,7 @@ class Scene:
     @cached_property
     def _surfaces(self) -> list[int]:
         """Pairs with a closed mesh, which has an inside that its surface alone does not know."""
-        return [i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind == "surface"]
+        return [i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in CLOSED]
 
     def _engulfed(self, q: Array, pair: int) -> bool:
         """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
@@ -252,7 +254,7 @@ class Scene:
         if box.solid.kind == "box":
             return box
         rotation, at = self._frame(q, box.joint)
-        if box.solid.kind == "surface":
+        if box.solid.kind in (*CLOSED, "cloud"):
             return replace(box, centre=rotation.T @ (point - at), half=np.zeros(3))
         local = (rotation @ box.rotation).T @ normal
         return replace(box, half=box.half * (box.solid.reach(local) / max(float(np.abs(local) @ box.half), 1e-9)))
@@ -266,9 +268,21 @@ class Scene:
     def _bodies(self) -> CompiledBodies:
         return compile_bodies(self.boxes)
 
+    @property
+    def _world(self) -> tuple[tuple[Array, ...], CompiledBodies, int, tuple[Array, Array]]:
+        return self.chain.kinematics, self._bodies, self._links, self._room
+
+    @property
+    def _room(self) -> tuple[Array, Array]:
+        """Room for placements, one for each thread: what stands in the world is in its place there already."""
+        if not hasattr(self._rooms, "found"):
+            self._rooms.found = (self._bodies.rot.copy(), self._bodies.at.copy())
+        found: tuple[Array, Array] = self._rooms.found
+        return found
+
     @cached_property
-    def _world(self) -> tuple[tuple[Array, ...], CompiledBodies, int]:
-        return self.chain.kinematics, self._bodies, self._links
+    def _rooms(self) -> threading.local:
+        return threading.local()
 
     @cached_property
     def _tree(self) -> Tree:
@@ -327,7 +341,8 @@ def _standing(arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box]) -> 
     floors = [k for k, box in enumerate(obstacles) if box.name == FLOOR]
     near = [i for i, box in enumerate(links) if box.joint == 1]
     pairs = [(k, i) for k in floors for i in near]
-    gaps = _probe(arm, (*links, *obstacles), len(links), [(len(links) + k, i) for k, i in pairs])
+    places = [(len(links) + floors.index(k), i) for k, i in pairs]
+    gaps = _probe(arm, (*links, *(obstacles[k] for k in floors)), len(links), places)
     return {pair for k, pair in enumerate(pairs) if (gaps[:, k] < 0.0).all()}
 
 
@@ -353,7 +368,8 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
         return np.empty((PROBES, 0))
     bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
     tree = build_tree(bodies, len(boxes), links)
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, numbers, tree, q, 1e9))
+    room = bodies.rot.copy(), bodies.at.copy()
+    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9))
 
 
 def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:

@@ -1,4 +1,4 @@
-"""What a shape is exactly, beside the box around it: a ball, a rod, a hull, a surface of triangles."""
+"""What a shape is exactly, beside the box around it: a ball, a rod, a hull, a surface of triangles, balls in a cloud."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 
-Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface"]
+Kind = Literal["box", "sphere", "capsule", "cylinder", "hull", "surface", "cloud", "heights"]
+# Kinds with an inside that the triangles of their surface alone do not know.
+CLOSED: tuple[Kind, ...] = ("surface", "heights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,15 +23,18 @@ class Solid:
     Attributes:
         kind: What it is.
         size: Half edge lengths of a box; radius of a sphere; radius and half length (along z) of a capsule, whose
-            half length leaves its caps out, and of a cylinder; empty for the others [m].
-        points: Corners of a hull or a surface [m].
-        triangles: Corners of each triangle of a surface, by number.
+            half length leaves its caps out, and of a cylinder; radius of a cloud's balls; height of the base of a
+            height field; empty for the others [m].
+        points: Corners of a hull or a surface, middles of a cloud's balls [m].
+        triangles: Corners of each triangle of a surface, by number, seen from outside against the clock.
+        note: What of the file that it comes from was made coarser; empty for nothing.
     """
 
     kind: Kind
     size: Float[Array, " s"]
     points: Float[Array, "k 3"]
     triangles: Int[Array, "m 3"]
+    note: str = ""
 
     @classmethod
     def simple(cls, kind: Kind, *size: float) -> Solid:
@@ -46,6 +51,26 @@ class Solid:
         """A surface of triangles."""
         return cls("surface", np.empty(0), freeze(points), np.array(triangles, dtype=np.int64))
 
+    @classmethod
+    def cloud(cls, points: Float[Array, "k 3"], radius: float, note: str = "") -> Solid:
+        """Balls of one radius about some points."""
+        return cls("cloud", freeze(np.array([radius])), freeze(points), np.empty((0, 3), dtype=np.int64), note)
+
+    @property
+    def grown(self) -> float:
+        """By which the points that Coal knows have to be grown [m]."""
+        return float(self.size[0]) if self.kind == "cloud" else 0.0
+
+    def prisms(self) -> Float[Array, "c 6 3"]:
+        """Corners of the prisms of a height field: each triangle of its top, and the same at its base."""
+        assert self.kind == "heights"
+        sides = self.points[self.triangles]
+        normal = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+        top = sides[normal[:, 2] > 0.0]
+        foot = top.copy()
+        foot[:, :, 2] = self.size[0]
+        return np.concatenate([top, foot], axis=1)
+
     @property
     def half(self) -> Float[Array, " 3"]:
         """Half edge lengths of the box around it [m]."""
@@ -56,7 +81,7 @@ class Solid:
         if self.kind in ("capsule", "cylinder"):
             radius, length = self.size
             return np.array([radius, radius, length + (radius if self.kind == "capsule" else 0.0)])
-        return np.abs(self.points).max(axis=0)
+        return np.abs(self.points).max(axis=0) + self.grown
 
     @property
     def radius(self) -> float:
@@ -65,7 +90,7 @@ class Solid:
             return float(self.size.sum())
         if self.kind == "cylinder":
             return math.hypot(*self.size)
-        return float(np.linalg.norm(self.half if self.kind == "box" else self.points, axis=-1).max())
+        return float(np.linalg.norm(self.half if self.kind == "box" else self.points, axis=-1).max()) + self.grown
 
     def reach(self, direction: Float[Array, " 3"]) -> float:
         """How far it extends along a unit vector from its centre [m]."""
@@ -77,10 +102,10 @@ class Solid:
             return float(self.size[0] + self.size[1] * abs(direction[2]))
         if self.kind == "cylinder":
             return float(self.size[0] * math.hypot(*direction[:2]) + self.size[1] * abs(direction[2]))
-        return float((self.points @ direction).max())
+        return float((self.points @ direction).max()) + self.grown
 
     def for_coal(self) -> coal.CollisionGeometry:
-        """The shape as Coal knows it."""
+        """The shape as Coal knows it; of a cloud the points alone, as triangles that are no larger."""
         if self.kind == "box":
             return coal.Box(*(2.0 * self.size))
         if self.kind == "sphere":
@@ -91,9 +116,11 @@ class Solid:
         if self.kind == "hull":
             return coal.ConvexBase.convexHull(_vector(self.points), True, "Qt")
         model = coal.BVHModelOBBRSS()
-        model.beginModel(len(self.triangles), len(self.points))
+        cloud = self.kind == "cloud"
+        triangles = np.repeat(np.arange(len(self.points))[:, None], 3, axis=1) if cloud else self.triangles
+        model.beginModel(len(triangles), len(self.points))
         model.addVertices(np.array(self.points))
-        model.addTriangles(self.triangles.astype(np.int32))
+        model.addTriangles(triangles.astype(np.int32))
         model.endModel()
         return model
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from plan.geometry.compiled import DEEPEST
 from plan.geometry.separation import body_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
@@ -21,8 +22,6 @@ FINE = 2e-3
 SHORTEST = 0.3
 # Gaps beyond this are all the same: there is nothing to hit [m].
 FAR = 1.0
-# Deepest tree that can be searched.
-DEEPEST = 128
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -98,23 +97,45 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
                 best, hint[0] = gap, body
             continue
         a, b = tree.left[node], tree.right[node]
-        near_a, near_b = _box_distance(a, tree, low, high), _box_distance(b, tree, low, high)
+        near_a = _node_gap(a, tree, low, high, link, rot, at, bodies, best)
+        near_b = _node_gap(b, tree, low, high, link, rot, at, bodies, best)
         if near_a < near_b:  # the nearer child is put on top
             a, b, near_a, near_b = b, a, near_b, near_a
-        stack[top], bounds[top] = a, near_a
-        stack[top + 1], bounds[top + 1] = b, near_b
-        top += 2
+        if near_a < best:
+            stack[top], bounds[top] = a, near_a
+            top += 1
+        if near_b < best:
+            stack[top], bounds[top] = b, near_b
+            top += 1
     return best
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _box_distance(node, tree, low, high):  # type: ignore[no-untyped-def]
-    """Distance of two boxes along the axes; minus infinity where they overlap."""
-    square = 0.0
+def _node_gap(node, tree, low, high, link, rot, at, bodies, enough):  # type: ignore[no-untyped-def]
+    """Lower bound of a link's signed separation from whatever a node holds [m].
+
+    The boxes along the base's axes are looked at first; where these are nearer than `enough`, the node's box against
+    the link's own, along the link's axes: a long link that lies askew fills little of its box along the base's axes.
+    """
+    deep, square = -1e300, 0.0
     for k in range(3):
-        apart = max(max(tree.low[node, k] - high[k], low[k] - tree.high[node, k]), 0.0)
-        square += apart * apart
-    return math.sqrt(square) if square > 0.0 else -1e300
+        apart = max(tree.low[node, k] - high[k], low[k] - tree.high[node, k])
+        deep = max(deep, apart)
+        square += max(apart, 0.0) ** 2
+    bound = math.sqrt(square) if square > 0.0 else deep
+    if bound >= enough:
+        return bound
+    deep, square = -1e300, 0.0
+    for m in range(3):
+        middle, reach = 0.0, bodies.half[link, m]
+        for k in range(3):
+            r = rot[link, k, m]
+            middle += r * (0.5 * (tree.low[node, k] + tree.high[node, k]) - at[link, k])
+            reach += abs(r) * 0.5 * (tree.high[node, k] - tree.low[node, k])
+        apart = abs(middle) - reach
+        deep = max(deep, apart)
+        square += max(apart, 0.0) ** 2
+    return max(bound, math.sqrt(square) if square > 0.0 else deep)
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -144,16 +165,7 @@ def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_a
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _scratch(n, bodies):  # type: ignore[no-untyped-def]
-    """Room for placements, the bodies of the world already placed (they come last and never move)."""
-    count = bodies.carrier.shape[0]
-    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    rot, at = bodies.rot.copy(), bodies.at.copy()
-    return frame_rot, frame_at, rot, at, count
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def gaps_of_states(chain, bodies, links, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
+def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
     Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: any gap beyond it stands
@@ -163,12 +175,14 @@ def gaps_of_states(chain, bodies, links, pairs, tree, q, beyond):  # type: ignor
         chain: The arm's kinematics.
         bodies: Links first, then what stands in the world.
         links: Number of links' bodies.
+        room: Axes and places of all bodies in the base frame; those of the links are overwritten.
         pairs: Pairs of shapes; the first of a pair with the world is the world's, its number counted from the links.
         tree: Of the world.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
     """
-    frame_rot, frame_at, rot, at, _ = _scratch(q.shape[1], bodies)
+    n, rot, at = q.shape[1], room[0], room[1]
+    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     out = np.empty((q.shape[0], pairs.shape[0]))
     low, high = np.empty((links, 3)), np.empty((links, 3))
     hint, warm = np.full(1, -1), np.zeros(3)
@@ -185,7 +199,7 @@ def gaps_of_states(chain, bodies, links, pairs, tree, q, beyond):  # type: ignor
                 out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm)
                 continue
             root = tree.root[a - links]
-            gap = _box_distance(root, tree, low[b], high[b])
+            gap = _node_gap(root, tree, low[b], high[b], b, rot, at, bodies, beyond)
             if gap <= beyond:
                 hint[0] = -1
                 gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hint, warm)
@@ -213,15 +227,16 @@ def _extent(body, rot, at, bodies, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def least_of_states(chain, bodies, links, pairs, moving, tree, q):  # type: ignore[no-untyped-def]
+def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type: ignore[no-untyped-def]
     """Smallest gap at every position, a metre at most, shape (T,) [m].
 
     Args:
-        chain, bodies, links, tree, q: As in `gaps_of_states`.
+        chain, bodies, links, room, tree, q: As in `gaps_of_states`.
         pairs: Pairs of links.
         moving: Links that are checked against the world.
     """
-    frame_rot, frame_at, rot, at, _ = _scratch(q.shape[1], bodies)
+    n, rot, at = q.shape[1], room[0], room[1]
+    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     out, root, hints = np.empty(q.shape[0]), tree.root[-1], np.full((links + 1, 1), -1)
     warm = np.zeros((pairs.shape[0] + links + 1, 3))
     for t in range(q.shape[0]):
@@ -237,11 +252,11 @@ def least_of_states(chain, bodies, links, pairs, moving, tree, q):  # type: igno
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def sweep(chain, bodies, links, pairs, moving, tree, levers, splines, margin):  # type: ignore[no-untyped-def]
+def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, margin):  # type: ignore[no-untyped-def]
     """Smallest gap along each trajectory, skipping ahead as far as the gap and the top speed allow.
 
     Args:
-        chain, bodies, links, tree: As in `gaps_of_states`.
+        chain, bodies, links, room, tree: As in `gaps_of_states`.
         pairs: Pairs of links.
         moving: Links that are checked against the world, each as a whole.
         levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
@@ -253,7 +268,7 @@ def sweep(chain, bodies, links, pairs, moving, tree, levers, splines, margin):  
     """
     points, slopes, h, peaks = splines
     batch, sections, n = peaks.shape
-    frame_rot, frame_at, rot, at, _ = _scratch(n, bodies)
+    rot, at, frame_rot, frame_at = room[0], room[1], np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     between, count, root = pairs.shape[0], pairs.shape[0] + moving.shape[0], tree.root[-1]
     q, clear, hints = np.empty(n), np.empty(count), np.full((links + 1, 1), -1)
     warm, out = np.zeros((count, 3)), np.empty((batch, 2))

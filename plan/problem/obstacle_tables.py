@@ -11,6 +11,8 @@ from ident.arrays import Array
 from ident.robot.urdf import rpy_to_matrix
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
+from plan.geometry.clouds import read_cloud
+from plan.geometry.height_fields import read_heights
 from plan.geometry.mesh_obstacles import read_mesh
 from plan.geometry.solids import Solid
 
@@ -24,7 +26,13 @@ SHAPE_KEYS: dict[str, set[str]] = {
     "capsule": {"radius_m", "length_m"},
     "cylinder": {"radius_m", "length_m"},
     "mesh": {"file", "scale", "hull"},
+    "cloud": {"cloud", "radius_m", "scale"},
+    "heights": {"heights", "size_m", "base_m", "scale"},
 }
+# Keys by which a shape is known where it is not named.
+TELLING = {"file": "mesh", "cloud": "cloud", "heights": "heights"}
+# What was scanned is given in the base frame, where nothing else is said.
+SCANNED = ("cloud", "heights")
 PLACE_KEYS = {"name", "shape", "xyz_m", "rpy_rad"}
 # A floor is a box so wide that no arm reaches its edge, and so thick that none reaches its bottom: half lengths [m].
 FLOOR_HALF = (50.0, 50.0, 1.0)
@@ -44,37 +52,61 @@ def read_shape(reader: Reader, entry: Any, key: str, extra: set[str] | None = No
     """
     if not isinstance(entry, dict):
         raise SceneError(reader.file, f"{key} is not a table", "write [[obstacle]] and its keys")
-    kind = entry.get("shape", "mesh" if "file" in entry else "box")
+    kind = entry.get("shape", next((shape for word, shape in TELLING.items() if word in entry), "box"))
     if kind not in SHAPE_KEYS:
         raise SceneError(reader.file, f"{key}: shape is {kind!r}", f"use one of: {', '.join(SHAPE_KEYS)}")
     reader.only(entry, PLACE_KEYS | SHAPE_KEYS[kind] | (extra or set()), key)
+    if kind in SCANNED and extra is not None:
+        raise SceneError(reader.file, f"{key}: what is carried is no {kind}", "give a shape, or a mesh (its hull counts)")
     rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
-    centre = reader.numbers(entry, f"{key}.xyz_m", 3)
-    solid, middle = _solid(reader, entry, key, kind)
+    centre = reader.numbers(entry, f"{key}.xyz_m", 3, np.zeros(3) if kind in SCANNED else None)
+    solid, middle = _solid(reader, entry, key, kind, extra is not None)
     return Box.around(str(entry.get("name", key)), solid, 0, rotation, centre + rotation @ middle)
 
 
-def _solid(reader: Reader, entry: Mapping[str, Any], key: str, kind: str) -> tuple[Solid, Array]:
+def _solid(reader: Reader, entry: Mapping[str, Any], key: str, kind: str, carried: bool) -> tuple[Solid, Array]:
     middle = np.zeros(3)
     if kind == "box":
-        size = reader.numbers(entry, f"{key}.size_m", 3)
-        if np.any(size <= 0):
-            what = f"{key}: size_m {size.tolist()} has a side that is not above zero"
-            raise SceneError(reader.file, what, "give lengths")
-        return Solid.simple("box", *(size / 2)), middle
+        return Solid.simple("box", *(_sizes(reader, entry, key, 3) / 2)), middle
     if kind == "mesh":
-        file = reader.text(entry, "file")
-        given = entry.get("scale", 1.0)
-        scale = reader.positive({"scale": given if isinstance(given, list) else [given] * 3}, f"{key}.scale", 3)
-        hull = entry.get("hull", False)
-        if not isinstance(hull, bool):
-            raise SceneError(reader.file, f"{key}.hull is {hull!r}", "give true or false")
-        return read_mesh(reader.file.parent / file, scale, hull)
-    radius = float(reader.positive({"radius_m": [entry.get("radius_m")]}, f"{key}.radius_m", 1)[0])
+        return _mesh(reader, entry, key, carried)
+    if kind == "heights":
+        scale = float(_positive(reader, {"scale": 1.0, **entry}, key, "scale"))
+        base = reader.number(entry, f"{key}.base_m", least=-np.inf) if "base_m" in entry else None
+        file = reader.file.parent / reader.text(entry, "heights")
+        return read_heights(file, _sizes(reader, entry, key, 2), scale, base)
+    radius = _positive(reader, entry, key, "radius_m")
+    if kind == "cloud":
+        return read_cloud(reader.file.parent / reader.text(entry, "cloud"), radius, _scale(reader, entry, key))
     if kind == "sphere":
         return Solid.simple("sphere", radius), middle
-    length = float(reader.positive({"length_m": [entry.get("length_m")]}, f"{key}.length_m", 1)[0])
+    length = _positive(reader, entry, key, "length_m")
     return Solid.simple("capsule" if kind == "capsule" else "cylinder", radius, length / 2), middle
+
+
+def _mesh(reader: Reader, entry: Mapping[str, Any], key: str, carried: bool) -> tuple[Solid, Array]:
+    """A mesh file's solid; of what is carried the hull: the arm's own bodies are convex."""
+    hull = entry.get("hull", False)
+    if not isinstance(hull, bool):
+        raise SceneError(reader.file, f"{key}.hull is {hull!r}", "give true or false")
+    return read_mesh(reader.file.parent / reader.text(entry, "file"), _scale(reader, entry, key), hull or carried)
+
+
+def _scale(reader: Reader, entry: Mapping[str, Any], key: str) -> Array:
+    given = entry.get("scale", 1.0)
+    return reader.positive({"scale": given if isinstance(given, list) else [given] * 3}, f"{key}.scale", 3)
+
+
+def _positive(reader: Reader, entry: Mapping[str, Any], key: str, name: str) -> float:
+    return float(reader.positive({name: [entry.get(name)]}, f"{key}.{name}", 1)[0])
+
+
+def _sizes(reader: Reader, entry: Mapping[str, Any], key: str, count: int) -> Array:
+    size = reader.numbers(entry, f"{key}.size_m", count)
+    if np.any(size <= 0):
+        what = f"{key}: size_m {size.tolist()} has a side that is not above zero"
+        raise SceneError(reader.file, what, "give lengths")
+    return size
 
 
 def floor_box(height: float) -> Box:

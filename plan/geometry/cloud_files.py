@@ -1,0 +1,91 @@
+"""Point clouds from files: read by the libraries of their formats, looked over before anything is planned round them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.untrusted_files import require_regular
+from plan.errors import SceneError
+
+CLOUDS = (".ply", ".pcd", ".npy", ".csv", ".xyz", ".txt")
+# A file of more is no cloud of one cell, but of a building [bytes].
+LARGEST = 400_000_000
+AXES = ("x", "y", "z")
+REMEDY = "give three columns of numbers, x, y and z in metres"
+
+
+def read_points(path: Path) -> Float[Array, "k 3"]:
+    """The points of a cloud's file, in the file's own unit and axes.
+
+    Args:
+        path: `.ply` or `.pcd` with x, y and z; `.npy` with rows of three; text with three columns, `.csv` or `.xyz`.
+
+    Raises:
+        SceneError: The file is missing, of no such kind, too large, empty, or holds a point that is no number.
+    """
+    if path.suffix.lower() not in CLOUDS:
+        raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(CLOUDS)}")
+    require_regular(path, f"give the path of a cloud ({', '.join(CLOUDS)}), from the scene file on", SceneError, LARGEST)
+    readers = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": read_array}
+    try:
+        points = np.asarray(readers.get(path.suffix.lower(), read_table)(path), dtype=float)
+    except SceneError:
+        raise
+    except Exception as error:  # each library raises its own, and memory may end
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise SceneError(path, f"the cloud can't be read ({reason})", "mend or replace the file") from None
+    if points.ndim != 2 or points.shape[1] < 3 or len(points) == 0:
+        raise SceneError(path, f"it holds an array of shape {points.shape}, no points", REMEDY)
+    points = np.ascontiguousarray(points[:, :3])
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        some = f"point {bad[0] + 1} of {len(points)} is no number"
+        what = some if len(bad) == 1 else f"{some}, nor are {len(bad) - 1} others"
+        raise SceneError(path, what, "leave points without a reading out of the file")
+    return points
+
+
+def _read_ply(path: Path) -> Array:
+    from plyfile import PlyData  # few scenes have a cloud
+
+    vertices = PlyData.read(str(path))["vertex"]
+    return np.column_stack([vertices[axis] for axis in AXES])
+
+
+def _read_pcd(path: Path) -> Array:
+    from pypcd4 import PointCloud
+
+    cloud = PointCloud.from_path(path)
+    found = cloud.numpy(AXES)
+    if len(found) != cloud.metadata.points:
+        raise ValueError(f"{len(found)} of {cloud.metadata.points} points are there")
+    return np.asarray(found)
+
+
+def read_array(path: Path) -> Array:
+    """A plain array of numbers in NumPy's format."""
+    found = np.load(path, mmap_mode="r", allow_pickle=False)
+    if found.dtype.kind not in "fiu":
+        raise ValueError(f"it holds {found.dtype}, no numbers")
+    return np.array(found, dtype=float)
+
+
+def read_table(path: Path) -> Array:
+    """Rows of numbers parted by commas, semicolons or blanks; a first row of names is passed over."""
+    with path.open(encoding="utf-8-sig") as lines:
+        head = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    parts = next((mark for mark in ",;" if mark in head), None)
+    named = any(_is_name(cell) for cell in head.split(parts))
+    with path.open(encoding="utf-8-sig") as lines:
+        return np.loadtxt(lines, delimiter=parts, skiprows=int(named), ndmin=2, comments="#")
+
+
+def _is_name(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return True
+    return False
