@@ -78,7 +78,7 @@ def _least(scene: Scene, splines: Splines, times: Float[Array, " T"]) -> tuple[f
     pair = int(np.argmin(distances))
     seen, when, which = float(distances[pair]), float(times[0]), pair
     for time, q in zip(times[1:], positions[1:], strict=True):
-        distances = scene.proximity.near_distances(q, max(seen, 0.0))
+        distances = scene.near_distances(q, max(seen, 0.0), 0.0)
         pair = int(np.argmin(distances))
         if distances[pair] < seen:
             seen, when, which = float(distances[pair]), float(time), pair
@@ -99,7 +99,7 @@ def _walk(scene: Scene, splines: Splines, target: float, since: float) -> tuple[
     while True:
         section = min(int(np.searchsorted(knots, t, side="right")) - 1, len(rates) - 1)
         q: Float[Array, " n"] = splines.at(np.array([t]))[0][0]
-        distances = scene.proximity.near_distances(q, target + NEAR)
+        distances = scene.near_distances(q, target, NEAR)
         count += 1
         if distances.min() < least:
             least, where, worst = float(distances.min()), t, int(np.argmin(distances))

@@ -1,4 +1,4 @@
-"""Point clouds from files: read by the libraries of their formats, looked over before anything is planned round them."""
+"""Point clouds from files: read by the libraries of their formats, and looked over."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     """
     if path.suffix.lower() not in CLOUDS:
         raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(CLOUDS)}")
-    require_regular(path, f"give the path of a cloud ({', '.join(CLOUDS)}), from the scene file on", SceneError, LARGEST)
+    require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
     readers = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": read_array}
     try:
         points = np.asarray(readers.get(path.suffix.lower(), read_table)(path), dtype=float)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -99,7 +100,7 @@ def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
 
 
 def _column(parts: Sequence[CompiledBodies], name: str, kind: type, *shape: int) -> Array:
-    found = [np.asarray(getattr(part, name), dtype=kind) for part in parts]
+    found: list[Array] = [np.asarray(getattr(part, name), dtype=kind) for part in parts]
     return np.ascontiguousarray(np.concatenate(found)) if found else np.empty((0, *shape), dtype=kind)
 
 
@@ -120,8 +121,8 @@ def _pieces(box: Box, number: int) -> CompiledBodies:
         return _alike(box, number, box.centre + middle @ box.rotation.T, half, half, 0.0, ball, local)
     core, radius, corners = _core(solid)
     extra = radius if len(corners) else 0.0
-    rows = (row[None] for row in (box.centre, box.half + extra, core))
-    return _alike(box, number, *rows, radius, np.array([solid.radius + extra]), corners[None])
+    at, half, ball = box.centre[None], (box.half + extra)[None], np.array([solid.radius + extra])
+    return _alike(box, number, at, half, core[None], radius, ball, corners[None])
 
 
 def _alike(
@@ -214,7 +215,7 @@ def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
     links[2, :count] = owned
     ends = np.searchsorted(bodies.owner[owned], np.arange(first, shapes + 1))
     roots, used = [], count
-    for start, stop in zip(ends[:-1], ends[1:], strict=True):
+    for start, stop in itertools.pairwise(ends):
         root, used = _join(np.arange(start, stop), low, high, links, used)
         roots.append(root)
     root = -1
@@ -227,7 +228,7 @@ def build_tree(bodies: CompiledBodies, shapes: int, first: int) -> Tree:
 
 @njit(cache=True, nogil=True)
 def _join(items, low, high, links, used):  # type: ignore[no-untyped-def]
-    """Joins nodes by halves along the longest side of what holds their middles; the root, and the nodes used by then."""
+    """Joins nodes by halves along the longest side of what holds their middles; returns the root and the nodes used."""
     items = items.copy()
     waiting = np.empty((DEEPEST, 4), dtype=np.int64)  # from, to, parent, which child
     waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(items), -1, 0

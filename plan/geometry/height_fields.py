@@ -46,8 +46,8 @@ def read_heights(
     floor = low - THICK if base is None else base
     if not floor < low:
         raise SceneError(path, f"its lowest point, {low:g} m, is not above base_m, {floor:g} m", "give a lower base_m")
-    grids = [np.linspace(-0.5, 0.5, k) * side for k, side in zip(heights.shape[::-1], size, strict=True)]
-    points, triangles = _closed(heights, *grids, floor)
+    x, y = (np.linspace(-0.5, 0.5, k) * side for k, side in zip(heights.shape[::-1], size, strict=True))
+    points, triangles = _closed(heights, x, y, floor)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return Solid("heights", freeze(np.array([floor - middle[2]])), freeze(points - middle), triangles, note), middle
 
@@ -97,7 +97,9 @@ def _closed(
     rows, columns = heights.shape
     number = np.arange(rows * columns).reshape(rows, columns)
     top = np.column_stack([np.tile(x, rows), np.repeat(y, columns), heights.reshape(-1)])
-    a, b, c, d = (number[i : rows - 1 + i, k : columns - 1 + k].reshape(-1) for i, k in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    a, b, c, d = (
+        number[i : rows - 1 + i, k : columns - 1 + k].reshape(-1) for i, k in ((0, 0), (0, 1), (1, 1), (1, 0))
+    )
     edge = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2:0:-1, 0]])
     foot = top[edge].copy()
     foot[:, 2] = floor

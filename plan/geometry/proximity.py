@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Bool, Float, Int
 from ident.robot.arm import ArmModel
 from plan.geometry.boxes import Box
 
@@ -41,6 +41,7 @@ class Proximity:
         self._model = arm.model
         self._boxes, self._pairs = tuple(boxes), pairs
         self._geometry = _geometry_model(boxes, pairs)
+        self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._data = self._model.createData()
         self._geometry_data = self._geometry.createData()
         self._request = coal.DistanceRequest()
@@ -78,9 +79,19 @@ class Proximity:
         outside = np.maximum(np.abs(local) - self._half[first], 0.0)
         return np.linalg.norm(outside, axis=1) - self._radius[second]
 
-    def near_distances(self, q: Float[Array, " n"], beyond: float) -> Float[Array, " P"]:
-        """Signed distance of the pairs that may be nearer than a given distance, a lower bound of the others' [m]."""
+    def near_distances(
+        self, q: Float[Array, " n"], beyond: float | Array, known: Float[Array, " P"] | None = None
+    ) -> Float[Array, " P"]:
+        """Signed distance of the pairs that may be nearer than a given distance, a lower bound of the others' [m].
+
+        Args:
+            q: Position [rad].
+            beyond: That distance, for all pairs or for each [m].
+            known: Lower bounds that are known from elsewhere [m].
+        """
         found = self.bounds(q)
+        if known is not None:
+            found = np.maximum(found, known)
         for pair in np.flatnonzero(found < beyond):
             pin.computeDistance(self._geometry, self._geometry_data, int(pair))
             found[pair] = self._geometry_data.distanceResults[int(pair)].min_distance - self._grown[pair]
@@ -90,42 +101,62 @@ class Proximity:
         """Smallest signed distance at one position [m]; a metre where there is nothing to hit."""
         return float(min(self.distances(q), default=1.0))
 
-    def witness(self, q: Float[Array, " n"], pair: int) -> Witness:
-        """Nearest points of one pair at one position."""
+    def nearest_part(self, q: Float[Array, " n"], pair: int) -> int:
+        """Number of the triangle, or of the point, of a pair's first shape that is nearest to the second."""
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
         )
         pin.computeDistance(self._geometry, self._geometry_data, int(pair))
-        result = self._geometry_data.distanceResults[int(pair)]
-        if self._grown[pair] > 0.0:
-            result = self._from_ball(pair, result)
-        first, second = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
-        return Witness(float(result.min_distance), first, second, np.array(result.normal))
+        return int(self._geometry_data.distanceResults[int(pair)].b1)
 
-    def _from_ball(self, pair: int, nearest: coal.DistanceResult) -> coal.DistanceResult:
-        """The same for a cloud: from the ball about the point of it that Coal has found."""
-        cloud, link = (int(i) for i in self._pairs[pair])
-        place = self._geometry_data.oMg[cloud]
-        at = place.rotation @ self._boxes[cloud].solid.points[nearest.b1] + place.translation
-        ball, other = coal.Sphere(float(self._grown[pair])), self._geometry.geometryObjects[link].geometry
-        turned = self._geometry_data.oMg[link]
-        placed = coal.Transform3s(turned.rotation, turned.translation)
-        found = coal.DistanceResult()
-        coal.distance(ball, coal.Transform3s(np.eye(3), at), other, placed, self._request, found)
-        return found
+    def witness(self, q: Float[Array, " n"], pair: int, piece: Box | None = None) -> Witness:
+        """Nearest points of one pair at one position.
 
-    def gradient(self, q: Float[Array, " n"], pair: int) -> Float[Array, " n"]:
-        """Derivative of a pair's signed distance by the joints [m/rad].
+        Args:
+            q: Position [rad].
+            pair: Number of the pair.
+            piece: The piece in place of the pair's first shape, if that has pieces.
+        """
+        pin.forwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
+        return self._witness(pair, piece)
+
+    def gradients(
+        self, q: Float[Array, "m n"], pairs: Int[Array, " m"], pieces: Sequence[Box | None]
+    ) -> Float[Array, "m n"]:
+        """Derivatives of some pairs' signed distances by the joints [m/rad], each at its own position.
 
         A point fixed to joint frame i moves by J_v − [r]× J_ω, so the distance along the normal n from the first
         shape to the second changes by nᵀ(J₂ − J₁), each taken at its witness point.
         """
-        q = np.asarray(q, dtype=float)
-        found = self.witness(q, pair)
-        pin.computeJointJacobians(self._model, self._data, q)
-        first, second = self._pairs[pair]
-        apart = self._point_jacobian(int(second), found.second) - self._point_jacobian(int(first), found.first)
-        return found.normal @ apart
+        out = np.zeros((len(q), self._model.nv))
+        before = None
+        for row, (at, pair, piece) in enumerate(zip(np.asarray(q, dtype=float), pairs, pieces, strict=True)):
+            if before is None or not np.array_equal(at, before):
+                pin.computeJointJacobians(self._model, self._data, at)
+                before = at
+            found = self._witness(int(pair), piece)
+            for box, point, sign in zip(self._pairs[pair], (found.first, found.second), (-1.0, 1.0), strict=True):
+                if self._boxes[box].joint > 0:
+                    out[row] += sign * (found.normal @ self._point_jacobian(int(box), point))
+        return out
+
+    def _witness(self, pair: int, piece: Box | None) -> Witness:
+        """Of two shapes alone, so that the others cost nothing; where the arm is stands in the data."""
+        first, second = (self._boxes[i] for i in self._pairs[pair])
+        result = coal.DistanceResult()
+        sides = [*self._placed(piece or first, piece is None, pair, 0), *self._placed(second, True, pair, 1)]
+        coal.distance(*sides, self._request, result)
+        points = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+        return Witness(float(result.min_distance), *points, np.array(result.normal))
+
+    def _placed(self, box: Box, whole: bool, pair: int, side: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
+        """A shape as Coal knows it, and its place in the base frame."""
+        shape = self._shapes[int(self._pairs[pair][side])] if whole else box.solid.for_coal()
+        if box.joint == 0:
+            return shape, coal.Transform3s(np.array(box.rotation), np.array(box.centre))
+        joint = self._data.oMi[box.joint]
+        turn = joint.rotation
+        return shape, coal.Transform3s(turn @ box.rotation, turn @ box.centre + joint.translation)
 
     def collides(self, q: Float[Array, "T n"]) -> Bool[Array, " T"]:
         """Whether any pair overlaps, for a batch of positions at once."""
@@ -140,8 +171,6 @@ class Proximity:
 
     def _point_jacobian(self, box: int, point: Array) -> Array:
         joint = self._boxes[box].joint
-        if joint == 0:
-            return np.zeros((3, self._model.nv))
         jacobian = pin.getJointJacobian(self._model, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
         lever = point - self._data.oMi[joint].translation
         return jacobian[:3] - pin.skew(lever) @ jacobian[3:]

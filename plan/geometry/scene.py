@@ -17,19 +17,24 @@ from plan.dynamics.chain import Chain
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, StandIn, arm_shapes
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
+from plan.geometry.link_pairs import (
+    FLOOR,
+    Unchecked,
+    drop_always,
+    find_standing,
+    link_pairs,
+    names_of,
+    unchecked_pair,
+)
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
-from plan.geometry.solids import CLOSED
+from plan.geometry.separation import BAND
+from plan.geometry.solids import CLOSED, Solid
 from plan.geometry.sweep import gaps_of_states, least_of_states, sweep
 from plan.spline import Splines
 
-# A pair of links that overlaps in most positions is an overlap of the shapes, not of the arm.
-ALWAYS = 0.5
-PROBES = 500
-# Name of the obstacle on which the arm may stand.
-FLOOR = "floor"
-# Joints closer than this meet in one point [m].
-HUB = 1e-6
+# Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
+SHARP = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,25 +74,10 @@ class Carried:
         return {frozenset((b.name, name)): "it may touch what is carried" for b in self.boxes for name in self.touches}
 
 
-@dataclass(frozen=True)
-class Unchecked:
-    """Two links whose clearance is not looked at.
-
-    Attributes:
-        links: Their names.
-        reason: Why.
-    """
-
-    links: tuple[str, str]
-    reason: str
-
-    def to_dict(self) -> dict[str, object]:
-        return {"links": list(self.links), "reason": self.reason}
-
-
-def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked]) -> list[str]:
-    """What a proof of clearance does not speak of, a line each: shapes that stand in, pairs left out."""
+def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: Sequence[str] = ()) -> list[str]:
+    """What a proof of clearance does not speak of, a line each: shapes that stand in or hold more, pairs left out."""
     lines = [] if shapes.issue is None else [f"not the arm's own shape: {shapes.issue.evidence}"]
+    lines += [f"larger than its file says: {one}" for one in coarser]
     reasons: dict[str, list[str]] = {}
     for pair in unchecked:
         reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
@@ -137,19 +127,19 @@ class Scene:
         """
         shapes = arm_shapes(arm, stand_in)
         links = shapes.boxes if carried is None else (*shapes.boxes, *carried.placed(arm, shapes.boxes))
-        pairs, unchecked = _link_pairs(arm, links)
+        pairs, unchecked = link_pairs(arm, links)
         left_out = {**(disabled or {}), **({} if carried is None else carried.allowed())}
         unchecked += [
-            _unchecked(links, pair, left_out[key]) for pair in pairs if (key := _names(links, pair)) in left_out
+            unchecked_pair(links, pair, left_out[key]) for pair in pairs if (key := names_of(links, pair)) in left_out
         ]
-        pairs = [pair for pair in pairs if _names(links, pair) not in left_out]
+        pairs = [pair for pair in pairs if names_of(links, pair) not in left_out]
         if not self_collision:
-            unchecked += [_unchecked(links, pair, "self-collision is not asked for") for pair in pairs]
+            unchecked += [unchecked_pair(links, pair, "self-collision is not asked for") for pair in pairs]
             pairs = []
-        kept, always = _drop_always(arm, links, pairs)
-        unchecked += [_unchecked(links, pair, "their shapes overlap in most positions") for pair in always]
+        kept, always = drop_always(arm, links, pairs)
+        unchecked += [unchecked_pair(links, pair, "their shapes overlap in most positions") for pair in always]
         moving = [i for i, box in enumerate(links) if box.joint > 0]
-        standing = _standing(arm, links, obstacles)
+        standing = find_standing(arm, links, obstacles)
         unchecked += [Unchecked((links[i].name, obstacles[k].name), "it stands there") for k, i in standing]
         outside = [(len(links) + k, i) for k in range(len(obstacles)) for i in moving if (k, i) not in standing]
         every = np.array([*kept, *outside], dtype=np.int64).reshape(-1, 2)
@@ -160,6 +150,11 @@ class Scene:
     def obstacles(self) -> tuple[Box, ...]:
         """Shapes of the obstacles."""
         return tuple(box for box in self.boxes if box.body < 0)
+
+    @property
+    def coarser(self) -> tuple[str, ...]:
+        """Obstacles that are larger here than in their files, because these hold too much; and by how much."""
+        return tuple(f"{box.name}: {box.solid.note}" for box in self.obstacles if box.solid.note)
 
     @property
     def in_the_way(self) -> tuple[Box, ...]:
@@ -178,7 +173,14 @@ class Scene:
             q: Positions [rad].
             beyond: Gap from which on any larger one may stand for it: far pairs then cost next to nothing [m].
         """
-        return gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond)
+        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond)[0])
+
+    def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
+        """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
+        pieces: list[Box | None] = [None] * len(pairs)
+        for row in np.flatnonzero(np.isin(pairs, self._pieced)):
+            pieces[row] = self._piece(q[row], int(pairs[row]))
+        return self.proximity.gradients(q, pairs, pieces)
 
     def separation(self, q: Float[Array, "T n"]) -> Float[Array, " T"]:
         """Smallest gap at each position [m]; a metre where there is nothing to hit."""
@@ -199,14 +201,33 @@ class Scene:
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
         found = self.proximity.distances(q)
-        for pair in self._surfaces:
-            if found[pair] > 0.0 and self._engulfed(q, pair):
+        for pair in self._pieced:
+            closed = self.boxes[self.pairs[pair, 0]].solid.kind in CLOSED
+            if closed and found[pair] > 0.0 and self._engulfed(q, pair):
                 found[pair] = -found[pair]
         return found
 
+    def near_distances(self, q: Float[Array, " n"], target: float, near: float) -> Float[Array, " P"]:
+        """Exact signed distance of the pairs near a target, lower bounds of the others' [m].
+
+        What has thousands of pieces takes Coal milliseconds. There the compiled gap, which is never above the distance,
+        is looked at first, and Coal asked only where that comes close to the target.
+
+        Args:
+            q: Position [rad].
+            target: Distance that is asked about [m].
+            near: How far beyond it exact distances are wanted [m].
+        """
+        if len(self._pieced) == 0:
+            return self.proximity.near_distances(q, target + near)
+        known, beyond = np.full(len(self.pairs), -np.inf), np.full(len(self.pairs), target + near)
+        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near)[0][0]
+        known[self._pieced], beyond[self._pieced] = gaps, target + min(near, SHARP)
+        return self.proximity.near_distances(q, beyond, known)
+
     def tight(self, q: Float[Array, " n"], pair: int) -> tuple[Float[Array, " 3"], list[Box]]:
         """The normal between a pair's nearest points, and boxes that reach along it just as far as the shapes do."""
-        found = self.proximity.witness(q, pair)
+        found = self.proximity.witness(q, pair, self._piece(q, pair) if pair in self._pieced else None)
         sides = ((found.first, found.normal), (found.second, -found.normal))
         return found.normal, [self._tight(int(i), q, *side) for i, side in zip(self.pairs[pair], sides, strict=True)]
 
@@ -231,9 +252,26 @@ class Scene:
         return Chain.from_arm(self.arm)
 
     @cached_property
-    def _surfaces(self) -> list[int]:
-        """Pairs with a closed mesh, which has an inside that its surface alone does not know."""
-        return [i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in CLOSED]
+    def _pieced(self) -> Int[Array, " s"]:
+        """Pairs whose first shape is many bodies: a closed mesh, a height field or a cloud."""
+        kinds = (*CLOSED, "cloud")
+        return np.array([i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in kinds], dtype=np.int64)
+
+    def _piece(self, q: Array, pair: int) -> Box:
+        """The body of such a shape that is nearest to the pair's link."""
+        rows = self.pairs[pair : pair + 1]
+        gaps, nearest = gaps_of_states(*self._world, rows, self._tree, _rows(q[None]), 1e9)
+        whole, bodies, body = self.boxes[rows[0, 0]], self._bodies, int(nearest[0, 0])
+        if gaps[0, 0] > BAND:  # compiled gaps are bounds there, and their smallest may be another body's
+            return whole.part(self.proximity.nearest_part(q, pair))
+        rotation, at = bodies.rot[body], bodies.at[body]
+        if bodies.number[body] == 0:
+            return Box.around(whole.name, Solid.simple("sphere", bodies.radius[body]), 0, rotation, at)
+        start = bodies.first[body]
+        corners = bodies.corners[start : start + bodies.number[body]]
+        flat = len(corners) == 3
+        solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
+        return Box.around(whole.name, solid, 0, rotation, at)
 
     def _engulfed(self, q: Array, pair: int) -> bool:
         """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
@@ -309,67 +347,6 @@ class Scene:
 
 def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
     return np.ascontiguousarray(q, dtype=float)
-
-
-def _link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, int]], list[Unchecked]]:
-    """Pairs of links that can move against each other, parted into those to check and neighbours along the arm.
-
-    Links whose joints meet in one point, as a shoulder's two, are neighbours too: the boxes round such a hub overlap
-    where the rounded castings do not.
-    """
-    lengths = np.linalg.norm(Chain.from_arm(arm).offsets, axis=1)
-    pairs, unchecked = [], []
-    for i, a in enumerate(links):
-        for k, b in enumerate(links[i + 1 :], start=i + 1):
-            if a.joint == b.joint:
-                continue
-            if b.body - a.body <= 1:
-                unchecked.append(_unchecked(links, (i, k), "neighbours along the arm"))
-            elif lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
-                unchecked.append(_unchecked(links, (i, k), "their joints meet in one point"))
-            else:
-                pairs.append((i, k))
-    return pairs, unchecked
-
-
-def _names(links: Sequence[Box], pair: tuple[int, int]) -> frozenset[str]:
-    return frozenset((links[pair[0]].name, links[pair[1]].name))
-
-
-def _standing(arm: ArmModel, links: Sequence[Box], obstacles: Sequence[Box]) -> set[tuple[int, int]]:
-    """Floors, by number, and links that overlap with them wherever the arm is: those that turn on the base."""
-    floors = [k for k, box in enumerate(obstacles) if box.name == FLOOR]
-    near = [i for i, box in enumerate(links) if box.joint == 1]
-    pairs = [(k, i) for k in floors for i in near]
-    places = [(len(links) + floors.index(k), i) for k, i in pairs]
-    gaps = _probe(arm, (*links, *(obstacles[k] for k in floors)), len(links), places)
-    return {pair for k, pair in enumerate(pairs) if (gaps[:, k] < 0.0).all()}
-
-
-def _unchecked(links: Sequence[Box], pair: tuple[int, int], reason: str) -> Unchecked:
-    return Unchecked((links[pair[0]].name, links[pair[1]].name), reason)
-
-
-def _drop_always(
-    arm: ArmModel, links: Sequence[Box], pairs: list[tuple[int, int]]
-) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Parts the pairs into those to check and those whose shapes overlap in half of 500 fixed positions."""
-    share = (_probe(arm, links, len(links), pairs) < 0).mean(axis=0)
-    kept = [pair for pair, often in zip(pairs, share, strict=True) if often < ALWAYS]
-    return kept, [pair for pair, often in zip(pairs, share, strict=True) if often >= ALWAYS]
-
-
-def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[int, int]]) -> Float[Array, "500 p"]:
-    """Gaps of some pairs at fixed positions [m]."""
-    rng = np.random.default_rng(0)  # fixed: which pairs are checked must not depend on the run's seed
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    q = rng.uniform(low, high, (PROBES, arm.n))
-    if not pairs:
-        return np.empty((PROBES, 0))
-    bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
-    tree = build_tree(bodies, len(boxes), links)
-    room = bodies.rot.copy(), bodies.at.copy()
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9))
 
 
 def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:

@@ -84,27 +84,31 @@ def _projected_gap(c, t, ha, hb):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def body_gap(i, j, rot, at, bodies, warm):  # type: ignore[no-untyped-def]
-    """Signed separation of two bodies by number, placed at `rot` and `at` [m]; `warm` as in `simplex_gap`."""
+def body_gap(i, j, rot, at, bodies, warm, enough):  # type: ignore[no-untyped-def]
+    """Signed separation of two bodies by number, placed at `rot` and `at` [m]; `warm` as in `simplex_gap`.
+
+    What is known to be larger than `enough` is not looked at closer: any lower bound above it may come back.
+    """
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
     if simple and extra == 0.0:
         return box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j])
+    known = min(BAND, enough)
     apart = 0.0
     for k in range(3):
         apart += (at[i, k] - at[j, k]) ** 2
     bound = math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
-    if bound > BAND:
+    if bound > known:
         return bound
     if simple:
         bound = box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j])
-        if bound <= 0.0 or bound > BAND + extra:
+        if bound <= 0.0 or bound > known + extra:
             return bound - extra
     else:
         bound = box_gap(rot[i], at[i], bodies.half[i], rot[j], at[j], bodies.half[j])
-        if bound > BAND:
+        if bound > known:
             return bound
-    return simplex_gap(i, j, rot, at, bodies, BAND + extra, warm) - extra
+    return simplex_gap(i, j, rot, at, bodies, known + extra, warm) - extra
 
 
 def signed_separation(first: tuple[Array, Array, Array], second: tuple[Array, Array, Array]) -> float:

@@ -94,7 +94,7 @@ def simplex_gap(i, j, rot, at, bodies, enough, warm):  # type: ignore[no-untyped
         if count == 4 or length < 1e-10:
             break
     warm[0], warm[1], warm[2] = tx, ty, tz
-    return best if best > 0.0 else _deepest(tx, ty, tz, i, j, rot, at, bodies)
+    return best if best > min(enough, 0.0) else _deepest(tx, ty, tz, i, j, rot, at, bodies)
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""What a shape is exactly, beside the box around it: a ball, a rod, a hull, a surface of triangles, balls in a cloud."""
+"""What a shape is exactly, beside the box around it: a ball, a rod, a hull, a surface, a cloud of balls."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
     stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
-        best = min(best, body_gap(known, link, rot, at, bodies, warm))
+        best = min(best, body_gap(known, link, rot, at, bodies, warm, best))
     while top > 0:
         top -= 1
         if bounds[top] >= best:
@@ -92,7 +92,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
         node = stack[top]
         if tree.left[node] < 0:
             body = tree.body[node]
-            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3))
+            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3), best)
             if gap < best:
                 best, hint[0] = gap, body
             continue
@@ -166,7 +166,7 @@ def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_a
 
 @njit(cache=True, fastmath=True, nogil=True)
 def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
-    """Signed separation of every pair at every position, shape (T, P) [m].
+    """Signed separation of every pair at every position [m], and the nearest body of each first shape, both (T, P).
 
     Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: any gap beyond it stands
     for them. So of a hundred obstacles only those near the arm cost something.
@@ -180,10 +180,13 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
         tree: Of the world.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
+
+    Returns:
+        The gaps; and numbers of bodies of the world, -1 where none was looked for.
     """
     n, rot, at = q.shape[1], room[0], room[1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    out = np.empty((q.shape[0], pairs.shape[0]))
+    out, nearest = np.empty((q.shape[0], pairs.shape[0])), np.full((q.shape[0], pairs.shape[0]), -1)
     low, high = np.empty((links, 3)), np.empty((links, 3))
     hint, warm = np.full(1, -1), np.zeros(3)
     for t in range(q.shape[0]):
@@ -196,15 +199,16 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
             warm[:] = 0.0
             if a < links:
                 gap = _ball_gap(a, b, at, bodies)
-                out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm)
+                out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm, FAR)
                 continue
             root = tree.root[a - links]
             gap = _node_gap(root, tree, low[b], high[b], b, rot, at, bodies, beyond)
             if gap <= beyond:
                 hint[0] = -1
                 gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hint, warm)
+                nearest[t, p] = hint[0]
             out[t, p] = gap
-    return out
+    return out, nearest
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -244,7 +248,7 @@ def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
         least = FAR
         for p in range(pairs.shape[0]):
-            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p]))
+            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR))
         for m in moving:
             least = world_gap(m, root, tree, rot, at, bodies, least, hints[m], warm[pairs.shape[0] + m])
         out[t] = least
@@ -294,7 +298,7 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                     if clear[p] <= t:
                         if p < between:
                             low, link = bodies.carrier[pairs[p, 0]], pairs[p, 1]
-                            gap = body_gap(pairs[p, 0], link, rot, at, bodies, warm[p])
+                            gap = body_gap(pairs[p, 0], link, rot, at, bodies, warm[p], FAR)
                         else:
                             low, link = 0, moving[p - between]
                             gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], warm[p])

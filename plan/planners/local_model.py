@@ -160,9 +160,10 @@ class LocalModel:
             fine = _dips(closer, scene.gaps(self.grid.positions(coefficients, closer), bound), bound)
             shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
         order = np.argsort(found)[:MOST_NEAR]
+        order = order[np.argsort(shares[order])]  # pairs at one place share the arm's position
         shares, pairs, found = shares[order], pairs[order], found[order]
         q = self.grid.positions(coefficients, shares)
-        slopes = np.array([scene.proximity.gradient(at, int(pair)) for at, pair in zip(q, pairs, strict=True)])
+        slopes = scene.gradients(q, pairs)
         local = [-slopes / CLEARANCE_UNIT, np.zeros_like(slopes), np.zeros_like(slopes)]
         room = (found - self.problem.margin - self._extra) / CLEARANCE_UNIT
         return ConstraintRows(self._rows(*self.grid.at(shares), local), room)

@@ -57,7 +57,8 @@ def read_shape(reader: Reader, entry: Any, key: str, extra: set[str] | None = No
         raise SceneError(reader.file, f"{key}: shape is {kind!r}", f"use one of: {', '.join(SHAPE_KEYS)}")
     reader.only(entry, PLACE_KEYS | SHAPE_KEYS[kind] | (extra or set()), key)
     if kind in SCANNED and extra is not None:
-        raise SceneError(reader.file, f"{key}: what is carried is no {kind}", "give a shape, or a mesh (its hull counts)")
+        remedy = "give another shape, or a mesh, of which the hull counts"
+        raise SceneError(reader.file, f"{key}: {kind} can't be carried", remedy)
     rotation = rpy_to_matrix(reader.numbers(entry, f"{key}.rpy_rad", 3, np.zeros(3)))
     centre = reader.numbers(entry, f"{key}.xyz_m", 3, np.zeros(3) if kind in SCANNED else None)
     solid, middle = _solid(reader, entry, key, kind, extra is not None)

@@ -53,6 +53,7 @@ class Certificate:
         asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
+        coarser: Obstacles that count as larger than their files say.
     """
 
     energy: dict[Metric, float]
@@ -63,6 +64,7 @@ class Certificate:
     asked_clearance: float = 0.0
     unchecked: tuple[Unchecked, ...] = ()
     shapes: ArmShapes = NO_SHAPES
+    coarser: tuple[str, ...] = ()
     acceleration_share: Float[Array, " n"] | None = None
     jerk_share: Float[Array, " n"] | None = None
     time_law: TimeLaw = STANDING
@@ -83,7 +85,7 @@ class Certificate:
     @property
     def limits_of_proof(self) -> list[str]:
         """What the proof of clearance does not speak of, a line each."""
-        return limits_of_proof(self.shapes, self.unchecked)
+        return limits_of_proof(self.shapes, self.unchecked, self.coarser)
 
     @property
     def broken(self) -> list[str]:
@@ -124,6 +126,7 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         asked_clearance=problem.margin,
         unchecked=problem.scene.unchecked,
         shapes=problem.scene.shapes,
+        coarser=problem.scene.coarser,
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
         jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
         time_law=law,
@@ -303,6 +306,7 @@ class PlanResult(Result):
             "clearance_m": certificate.clearance.proven if certificate.clearance.checked else None,
             "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},
             "unchecked_pairs": [pair.to_dict() for pair in certificate.unchecked],
+            "coarser_obstacles": list(certificate.coarser),
             **certificate.shapes.to_dict(),
             "start_rad": points[0].tolist(),
             "goal_rad": points[-1].tolist(),

@@ -51,6 +51,7 @@ class ResultRecord(TypedDict):
     torque_reserve_Nm: NotRequired[list[float] | None]
     energy_half_width_J: NotRequired[float | None]
     unchecked_pairs: NotRequired[list[dict[str, Any]]]
+    coarser_obstacles: NotRequired[list[str]]
     stand_in: NotRequired[dict[str, Any]]
     issues: NotRequired[list[dict[str, Any]]]
     via_points_rad: NotRequired[list[list[float]]]

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
+from plyfile import PlyData, PlyElement
+from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
 
 from ident.model.hybrid import FitOptions, fit_hybrid
@@ -24,7 +26,7 @@ from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from plan.planners import Budget, Ledger
-from tests.fuzz.samples import CATALOGUE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
+from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.patches.diagnoses import write_diagnosis
 from tests.ident.recordings.test_bags import rows_of, write_bag
 
@@ -112,6 +114,12 @@ def _settings(folder: Path) -> None:
 def _scenes(folder: Path, arm: ArmModel) -> None:
     (folder / "cube.stl").write_text(stl())
     (folder / "cube.obj").write_text(obj())
+    corners = np.array(CUBE, dtype=np.float32)
+    rows = np.array([tuple(corner) for corner in corners], dtype=[(axis, "f4") for axis in "xyz"])
+    PlyData([PlyElement.describe(rows, "vertex")]).write(str(folder / "scan.ply"))
+    PointCloud.from_xyz_points(corners).save(folder / "scan.pcd")
+    np.save(folder / "scan.npy", corners)
+    np.savetxt(folder / "scan.csv", corners, delimiter=",", header="x,y,z", comments="")
     (folder / "scene.toml").write_text(SCENE)
     (folder / "vias.toml").write_text(VIAS)
     pairs = '<disable_collisions link1="link_1" link2="link_2" reason="Adjacent"/>'

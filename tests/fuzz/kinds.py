@@ -31,6 +31,8 @@ from ident.telemetry.report import TelemetryReport
 from ident.trajectories.command_files import read_commands
 from ident.trajectories.plan_files import read_plan
 from plan.experiment.question import ask
+from plan.geometry.clouds import read_cloud
+from plan.geometry.height_fields import read_heights
 from plan.geometry.mesh_obstacles import read_mesh
 from plan.geometry.srdf import read_disabled
 from plan.planners import Budget, Ledger
@@ -233,6 +235,12 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
     def mesh(path: Path) -> object:
         return read_mesh(path, np.ones(3), False)
 
+    def cloud(path: Path) -> object:
+        return read_cloud(path, 0.01, np.ones(3))
+
+    def field(path: Path) -> object:
+        return read_heights(path, np.ones(2), 1.0, None)
+
     def check_mesh(found: Any) -> None:
         finite("the mesh", found[0].points, found[1])
 
@@ -246,6 +254,11 @@ def scenes(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("srdf", folder / "arm.srdf", lambda path: read_disabled(path, arm), share=0.5),
         Kind("stl", folder / "cube.stl", mesh, check_mesh, 0.5),
         Kind("obj", folder / "cube.obj", mesh, check_mesh, 0.5),
+        *(
+            Kind(f"scan{end}", folder / f"scan{end}", cloud, check_mesh, 0.3)
+            for end in (".ply", ".pcd", ".npy", ".csv")
+        ),
+        Kind("ground.npy", folder / "scan.npy", field, check_mesh, 0.3),
         Kind("journal", folder / "journal.npz", lambda path: Ledger(Budget(10, 1.0), journal=path), share=0.5),
     ]
 

@@ -18,6 +18,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 from scipy.special import expit
 
 # Samples of a motion for torque and energy (even number of steps), and for collisions.
@@ -157,18 +158,84 @@ class Model:
         return total if self.net is None else total + self.net.torque(dq, ddq, rigid)
 
 
-class World:
-    """Coal on the URDF's own geometry and the scene's boxes."""
+class Scan:
+    """Balls about the points of a `.npy` file, looked at one by one near a link."""
 
-    def __init__(self, urdf: Path, packages: list[str], scene: dict[str, Any]) -> None:
+    def __init__(self, path: Path, radius: float, turn: np.ndarray, shift: np.ndarray) -> None:
+        self.points, self.ball = np.load(path) @ turn.T + shift, coal.Sphere(radius)
+        self.tree, self.radius = cKDTree(self.points), radius
+
+    def hits(self, shape: Any, pose: Any, request: Any) -> bool:
+        middle, reach = pose.transform(shape.aabb_center), shape.aabb_radius + self.radius + request.security_margin
+        for k in self.tree.query_ball_point(np.asarray(middle).ravel(), reach):
+            at = coal.Transform3s(np.eye(3), self.points[k])
+            if coal.collide(shape, pose, self.ball, at, request, coal.CollisionResult()):
+                return True
+        return False
+
+
+class Field:
+    """The triangles over a grid of heights from a `.npy` file; what is below them counts by a link's middle alone."""
+
+    def __init__(self, path: Path, size: list[float], turn: np.ndarray, shift: np.ndarray) -> None:
+        self.z = np.load(path)
+        rows, columns = self.z.shape
+        self.steps = np.array([size[0] / (columns - 1), size[1] / (rows - 1)])
+        self.low, self.pose = -np.array(size) / 2, coal.Transform3s(turn, shift)
+        vertices = [
+            [self.low[0] + c * self.steps[0], self.low[1] + r * self.steps[1], self.z[r, c]]
+            for r in range(rows)
+            for c in range(columns)
+        ]
+        self.surface = coal.BVHModelOBBRSS()
+        self.surface.beginModel(2 * rows * columns, rows * columns)
+        self.surface.addVertices(np.array(vertices))
+        cells = [r * columns + c for r in range(rows - 1) for c in range(columns - 1)]
+        faces = [(k, k + 1, k + columns + 1) for k in cells] + [(k, k + columns + 1, k + columns) for k in cells]
+        self.surface.addTriangles(np.array(faces, dtype=np.int32))
+        self.surface.endModel()
+
+    def hits(self, shape: Any, pose: Any, request: Any) -> bool:
+        there = np.asarray(pose.transform(shape.aabb_center)).ravel()
+        middle = np.asarray(self.pose.inverse().transform(there)).ravel()
+        at = (middle[:2] - self.low) / self.steps
+        column, row = np.floor(at).astype(int)
+        rows, columns = self.z.shape
+        under = 0 <= row < rows - 1 and 0 <= column < columns - 1
+        if under and middle[2] < self.z[row : row + 2, column : column + 2].min():
+            return True
+        return bool(coal.collide(shape, pose, self.surface, self.pose, request, coal.CollisionResult()))
+
+
+class Solid:
+    """A box."""
+
+    def __init__(self, size: list[float], turn: np.ndarray, shift: np.ndarray) -> None:
+        self.box, self.pose = coal.Box(*size), coal.Transform3s(turn, shift)
+
+    def hits(self, shape: Any, pose: Any, request: Any) -> bool:
+        return bool(coal.collide(shape, pose, self.box, self.pose, request, coal.CollisionResult()))
+
+
+class World:
+    """Coal on the URDF's own geometry and the scene's boxes, clouds and height fields."""
+
+    def __init__(self, urdf: Path, packages: list[str], scene: dict[str, Any], folder: Path = Path()) -> None:
         self.model = pin.buildModelFromUrdf(str(urdf))
         self.shapes = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=packages)
         self.data = self.model.createData()
-        self.boxes = []
+        self.things: list[tuple[str, Solid | Scan | Field]] = []
+        for one in self.shapes.geometryObjects:
+            one.geometry.computeLocalAABB()
         for entry in scene.get("obstacle", []):
             r, _ = place(ET.Element("origin", rpy=" ".join(map(str, entry.get("rpy_rad", [0, 0, 0])))))
-            pose = coal.Transform3s(r, np.array(entry["xyz_m"], dtype=float))
-            self.boxes.append((entry["name"], coal.Box(*entry["size_m"]), pose))
+            at = r, np.array(entry.get("xyz_m", [0, 0, 0]), dtype=float)
+            if "cloud" in entry:
+                self.things.append((entry["name"], Scan(folder / entry["cloud"], entry["radius_m"], *at)))
+            elif "heights" in entry:
+                self.things.append((entry["name"], Field(folder / entry["heights"], entry["size_m"], *at)))
+            else:
+                self.things.append((entry["name"], Solid(entry["size_m"], *at)))
 
     def near(self, named: dict[str, float], q: np.ndarray, left_out: set[frozenset[str]], margin: float) -> list[str]:
         """Pairs that come nearer than a margin somewhere along T positions of named joints."""
@@ -204,9 +271,9 @@ class World:
             for k, one in enumerate(objects):
                 if not carried[k]:
                     continue
-                for name, box, pose in self.boxes:
-                    request.security_margin = margin
-                    if coal.collide(one.geometry, poses[k], box, pose, request, coal.CollisionResult()):
+                request.security_margin = margin
+                for name, thing in self.things:
+                    if thing.hits(one.geometry, poses[k], request):
                         found.add(f"{links[k]} and {name}")
             request.security_margin = 0.0
             for a, b in pairs:

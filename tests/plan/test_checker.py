@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
@@ -64,3 +65,37 @@ def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -
     assert "speed" in faster
     assert "torque" in faster
     assert "goal is another" in found(goal_rad=[0.0, 0.0, 0.0])
+
+
+def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp_path: Path) -> None:
+    """A plan round the points on a box and over a height field is found sound; a straight one hits either."""
+    scene = tomllib.loads((DATA / "obstacle.toml").read_text())
+    (box,) = scene["obstacle"]
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.5, 0.5, (4000, 3))
+    face = rng.integers(3, size=4000)
+    points[np.arange(4000), face] = np.sign(points[np.arange(4000), face]) / 2
+    np.save(tmp_path / "scan.npy", points * box["size_m"])
+    y, x = np.mgrid[-1.0:1.0:21j, -1.0:1.0:31j]
+    np.save(tmp_path / "ground.npy", -0.2 + 0.05 * np.sin(4 * x) * np.cos(3 * y))
+    place = {key: box[key] for key in ("xyz_m", "rpy_rad") if key in box}
+    scene["obstacle"] = [
+        {"name": "monitor", "cloud": "scan.npy", "radius_m": 0.004, **place},
+        {"name": "ground", "heights": "ground.npy", "size_m": [2.0, 2.0]},
+    ]
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene))
+    plan = solve(path, folder, evaluations=300, gap=False).to_dict()
+    assert plan["status"] == "solved"
+    scene["task"]["objective"] = "energy"
+    limits = {name: getattr(arm, name)[:3] for name in ("lower", "upper")}
+    limits |= {"speed": arm.velocity_limit[:3], "torque": arm.effort_limit[:3], "clearance": 0.005}
+    world = World(URDF, [], scene, tmp_path)
+    assert faults(plan, scene, Model(folder), world, limits) == []
+    plan["via_points_rad"] = [
+        [(1 - s) * a + s * b for a, b in zip(plan["start_rad"], plan["goal_rad"], strict=True)] for s in (0.3, 0.7)
+    ]
+    plan["times_s"] = [0.3 * plan["duration_s"], 0.7 * plan["duration_s"]]
+    assert any("and monitor" in line for line in faults(plan, scene, Model(folder), world, limits))
+    named = dict.fromkeys(plan["joints"], float("nan"))
+    assert "link_3 and ground" in world.near(named, np.radians([[0.0, 130.0, 0.0]]), set(), 0.0)

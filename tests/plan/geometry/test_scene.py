@@ -84,7 +84,7 @@ def test_gradient_equals_finite_differences(scene: Scene) -> None:
         forward, backward = slopes(q, pair, h), slopes(q, pair, -h)
         if np.abs(forward - backward).max() > 1e-4:
             continue  # a kink: the nearest points jump here
-        assert np.abs(scene.proximity.gradient(q, pair) - (forward + backward) / 2).max() < 1e-5
+        assert np.abs(scene.gradients(q[None], np.array([pair]))[0] - (forward + backward) / 2).max() < 1e-5
         checked += 1
 
 

@@ -1,0 +1,245 @@
+"""Point clouds and height fields as obstacles: exact, thinned on the safe side, refused where broken."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plyfile import PlyData, PlyElement
+from pypcd4 import PointCloud
+
+from ident.errors import InputError
+from plan.geometry.boxes import Box
+from plan.geometry.clearance_proof import prove_clearance
+from plan.geometry.clouds import thin_points
+from plan.geometry.height_fields import coarser, read_heights
+from plan.geometry.mesh_obstacles import holds
+from plan.geometry.scene import Scene
+from plan.geometry.solids import Solid
+from plan.problem.task_file import load_task
+from plan.solving.set_up import set_up
+from plan.spline import Splines
+from tests.plan.geometry.test_real_scenes import CUBE, TASK
+from tests.plan.worlds import random_rotation, three_joints
+
+RADIUS = 0.02
+AWAY = np.array([0.3, 0.0, 0.0])
+
+
+def scanned(seed: int, count: int = 3000) -> np.ndarray:
+    """Points on balls round the arm."""
+    rng = np.random.default_rng(seed)
+    angle, middles = rng.uniform(-np.pi, np.pi, 8), np.empty((8, 3))
+    middles[:, 0], middles[:, 1], middles[:, 2] = 0.6 * np.cos(angle), 0.6 * np.sin(angle), rng.uniform(0.2, 1.0, 8)
+    around = rng.normal(size=(count, 3))
+    around *= 0.12 / np.linalg.norm(around, axis=1, keepdims=True)
+    points: np.ndarray = middles[rng.integers(8, size=count)] + around
+    return points
+
+
+def hills(rows: int = 12, columns: int = 15) -> np.ndarray:
+    """Heights over a grid: two waves."""
+    y, x = np.mgrid[0.0 : 1.0 : rows * 1j, 0.0 : 1.0 : columns * 1j]
+    heights: np.ndarray = 0.25 * np.sin(6.0 * x) * np.cos(5.0 * y) + 0.1
+    return heights
+
+
+@pytest.fixture(scope="module")
+def cloud() -> Scene:
+    points = scanned(0)
+    rotation = random_rotation(np.random.default_rng(1))
+    box = Box.around("scan", Solid.cloud(points @ rotation, RADIUS), 0, rotation, np.zeros(3))
+    return Scene.build(three_joints(), [box])
+
+
+@pytest.fixture(scope="module")
+def balls() -> Scene:
+    """The cloud's balls one by one."""
+    ball = Solid.simple("sphere", RADIUS)
+    return Scene.build(three_joints(), [Box.around(str(i), ball, 0, None, p) for i, p in enumerate(scanned(0)[:150])])
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    path = tmp_path_factory.mktemp("field") / "hills.npy"
+    np.save(path, hills())
+    solid, middle = read_heights(path, np.array([1.6, 1.2]), 1.0, None)
+    return Scene.build(three_joints(), [Box.around("hills", solid, 0, None, middle + AWAY)])
+
+
+def test_a_cloud_is_its_balls(balls: Scene) -> None:
+    """Gaps, exact distances and gradients of a cloud are those of its balls as single obstacles."""
+    points = scanned(0)[:150]
+    together = Scene.build(three_joints(), [Box.around("scan", Solid.cloud(points, RADIUS), 0, None, np.zeros(3))])
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (60, 3))
+    assert together.separation(q) == pytest.approx(balls.separation(q), abs=1e-6)
+    first, near = len(together.boxes) - 1, 0
+    for row in q:
+        one, many = together.distances(row), balls.distances(row)
+        for mine in np.flatnonzero(together.pairs[:, 0] == first):
+            single = np.flatnonzero((balls.pairs[:, 1] == together.pairs[mine, 1]) & (balls.pairs[:, 0] >= first))
+            best = int(single[np.argmin(many[single])])
+            assert (one[mine] < 0.0) == (many[best] < 0.0)
+            if -RADIUS / 2 < many[best] < 0.045 and np.sort(many[single])[1] > many[best] + 1e-4:
+                near += 1
+                assert one[mine] == pytest.approx(many[best], abs=1e-7)
+                ours, theirs = (s.gradients(row[None], np.array([p])) for s, p in ((together, mine), (balls, best)))
+                assert ours == pytest.approx(theirs, abs=1e-6)
+    assert near > 20
+
+
+@pytest.mark.parametrize("name", ["cloud", "field"])
+def test_gaps_are_never_above_the_distance(name: str, request: pytest.FixtureRequest) -> None:
+    """No compiled gap is above Coal's distance, near contact they agree, and both see the same collisions."""
+    scene: Scene = request.getfixturevalue(name)
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (150, 3))
+    ours, exact = scene.gaps(q), np.array([scene.distances(row) for row in q])
+    assert np.all((ours <= exact + 1e-6)[exact > 0.0])
+    near = (exact > 0.0) & (exact < 0.045)
+    assert near.sum() > 10
+    assert (exact - ours)[near].max() < 1e-4
+    assert np.array_equal(ours < -1e-6, exact < -1e-6)
+    assert (exact < 0.0).sum() > 10
+    some = np.array([scene.near_distances(row, 0.02, 0.2) for row in q])
+    assert np.all((some <= exact + 1e-6)[exact > 0.0])
+    assert some[exact < 0.02] == pytest.approx(np.maximum(exact, some)[exact < 0.02], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["cloud", "field"])
+def test_the_proof_holds(name: str, request: pytest.FixtureRequest) -> None:
+    """Proven clearance lies just below the least of dense exact distances; no collision is missed."""
+    scene: Scene = request.getfixturevalue(name)
+    rng, free = np.random.default_rng(4), 0
+    for _ in range(14):
+        points = rng.uniform(-1.5, 1.5, (1, 1, 3)) + np.cumsum(rng.normal(size=(1, 3, 3)) * 0.15, axis=1)
+        motion = Splines(points, np.full((1, 2), 0.3))
+        proof = prove_clearance(scene, motion, samples=40)
+        least = min(float(scene.distances(row).min()) for row in motion.at(np.linspace(0.0, 0.6, 400))[0])
+        assert proof.collision_free == (least > 0.0) or abs(least) < 1e-3
+        if proof.collision_free:
+            free += 1
+            assert min(least - 2e-3, 0.5 * least) - 1e-9 < proof.proven <= least + 1e-9
+    assert 0 < free < 14
+
+
+def test_a_link_under_a_height_field_collides(field: Scene) -> None:
+    """The body under the heights is solid: points in it are inside, and links in it have no free place."""
+    box = field.obstacles[0]
+    rng = np.random.default_rng(5)
+    places = rng.uniform([-0.8, -0.6, -1.2], [0.8, 0.6, 0.6], (300, 3))
+    grid = hills()
+    column, row = (places[:, 0] + 0.8) / 1.6 * 14, (places[:, 1] + 0.6) / 1.2 * 11
+    c, r = np.minimum(column.astype(int), 13), np.minimum(row.astype(int), 10)
+    u, v = column - c, row - r
+    low, right, up, far = grid[r, c], grid[r, c + 1], grid[r + 1, c], grid[r + 1, c + 1]
+    height = np.where(u > v, low + u * (right - low) + v * (far - right), low + v * (up - low) + u * (far - up))
+    inside = (places[:, 2] < height) & (places[:, 2] > grid.min() - 1.0)
+    clear = np.abs(places[:, 2] - height) > 1e-6
+    local = places + AWAY - box.centre
+    assert [holds(box.solid, point) for point in local[clear]] == list(inside[clear])
+
+
+def test_thinning_holds_every_ball() -> None:
+    """Fewer balls, grown by what is told, hold all balls of the many; where there are few nothing changes."""
+    points = scanned(6, 20_000)
+    few, lost = thin_points(points, 1500)
+    assert len(few) <= 1500
+    nearest = np.min(np.linalg.norm(points[::40, None] - few[None], axis=2), axis=1)
+    assert 0.0 < nearest.max() <= lost + 1e-12
+    assert lost < 0.05
+    same, none = thin_points(points[:100], 1500)
+    assert none == 0.0
+    assert np.array_equal(same, np.unique(points[:100], axis=0))
+
+
+def test_a_coarser_field_lies_nowhere_below() -> None:
+    """Between its corners, too, a coarser height field is as high as the one that it stands for."""
+    rng = np.random.default_rng(7)
+    fine = np.cumsum(rng.normal(size=(61, 83)), axis=0) * 0.01
+    rough = coarser(fine, 300)
+    assert rough.size <= 300
+    y, x = (np.linspace(0.0, k - 1.0, n) for k, n in zip(rough.shape, fine.shape, strict=True))
+    r, c = np.minimum(y.astype(int), rough.shape[0] - 2), np.minimum(x.astype(int), rough.shape[1] - 2)
+    lowest = np.minimum.reduce([rough[np.ix_(r + i, c + k)] for i in (0, 1) for k in (0, 1)])
+    assert np.all(lowest >= fine)
+
+
+def _write(path: Path, points: np.ndarray) -> None:
+    if path.suffix == ".ply":
+        rows = np.array([tuple(p) for p in points], dtype=[(axis, "f4") for axis in "xyz"])
+        PlyData([PlyElement.describe(rows, "vertex")]).write(str(path))
+    elif path.suffix == ".pcd":
+        PointCloud.from_xyz_points(points.astype(np.float32)).save(path)
+    elif path.suffix == ".npy":
+        np.save(path, points)
+    else:
+        comma = path.suffix == ".csv"
+        np.savetxt(path, points, delimiter="," if comma else " ", header="x,y,z" if comma else "", comments="")
+
+
+@pytest.mark.parametrize("name", ["scan.ply", "scan.pcd", "scan.npy", "scan.csv", "scan.xyz"])
+def test_clouds_of_all_files_are_the_same(tmp_path: Path, name: str) -> None:
+    """The same points come out of every kind of file; millimetres by a scale."""
+    points = np.round(scanned(8, 40), 3)
+    _write(tmp_path / name, 1000.0 * points)
+    path = tmp_path / "scene.toml"
+    path.write_text(f'{TASK}[[obstacle]]\ncloud = "{name}"\nradius_m = 0.01\nscale = 0.001\n')
+    (box,) = load_task(path).obstacles
+    assert box.solid.kind == "cloud"
+    found = box.centre + box.solid.points
+    assert np.sort(found, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-6)
+    scene = set_up(load_task(path)).scene
+    assert "link_3 and obstacle 1" in {scene.pair_name(i) for i in range(len(scene.pairs))}
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('cloud = "none.ply"\nradius_m = 0.01', "none.ply.*can't be read .No such file"),
+        ('cloud = "nan.npy"\nradius_m = 0.01', "point 3 of 40 is no number, nor are 2 others; leave"),
+        ('cloud = "bad.ply"\nradius_m = 0.01', "bad.ply.*can't be read"),
+        ('cloud = "bad.pcd"\nradius_m = 0.01', "bad.pcd.*can't be read"),
+        ('cloud = "scan.stl"\nradius_m = 0.01', "give one of: .ply"),
+        ('cloud = "wide.npy"\nradius_m = 0.01', "give scale = 0.001"),
+        ('cloud = "flat.npy"\nradius_m = 0.01', "no points; give three columns"),
+        ('cloud = "good.npy"', "radius_m is"),
+        ('cloud = "good.npy"\nradius_m = 0', "not above zero"),
+        ('cloud = "good.npy"\nradius_m = 0.01\nsize_m = [1, 1, 1]', "unknown key 'size_m'"),
+        ('heights = "nan.npy"\nsize_m = [1, 1]', "row 3, column 2 is no number"),
+        ('heights = "good.npy"\nsize_m = [1, 1]\nbase_m = 5', "give a lower base_m"),
+        ('heights = "good.npy"\nsize_m = [1, 0]', "not above zero"),
+        ('heights = "one.npy"\nsize_m = [1, 1]', "no grid"),
+        ('heights = "none.npy"\nsize_m = [1, 1]', "No such file"),
+    ],
+)
+def test_bad_clouds_and_fields(tmp_path: Path, table: str, words: str) -> None:
+    """What is missing, broken or without a number ends in one line that names the file or key, and the remedy."""
+    points = scanned(9, 40)
+    np.save(tmp_path / "good.npy", points)
+    np.save(tmp_path / "wide.npy", 1e4 * points)
+    np.save(tmp_path / "flat.npy", points[:, :2])
+    np.save(tmp_path / "one.npy", points[:1])
+    points[2:5, 1] = np.nan
+    np.save(tmp_path / "nan.npy", points)
+    (tmp_path / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n1\n")
+    (tmp_path / "bad.pcd").write_text("VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nDATA ascii\n1 2 3\n")
+    path = tmp_path / "scene.toml"
+    path.write_text(f"{TASK}[[obstacle]]\n{table}\n")
+    with pytest.raises(InputError, match=words) as error:
+        load_task(path)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_carried_is_convex(tmp_path: Path) -> None:
+    """A mesh that is carried counts by its hull, and a cloud can't be carried: the arm's own bodies are convex."""
+    (tmp_path / "cube.obj").write_text(CUBE)
+    _write(tmp_path / "scan.npy", scanned(10, 40))
+    path = tmp_path / "scene.toml"
+    path.write_text(f'{TASK}[[attached]]\nfile = "cube.obj"\nscale = 0.05\nxyz_m = [0, 0, 0.3]\n')
+    scene = set_up(load_task(path)).scene
+    assert scene.boxes[-1].solid.kind == "hull"
+    q = np.random.default_rng(11).uniform(-2.0, 2.0, (20, 3))
+    exact = np.array([scene.distances(row) for row in q])
+    assert np.all(scene.gaps(q) <= exact + 1e-6)
+    path.write_text(f'{TASK}[[attached]]\ncloud = "scan.npy"\nradius_m = 0.01\nxyz_m = [0, 0, 0.3]\n')
+    with pytest.raises(InputError, match="cloud can't be carried"):
+        load_task(path)
