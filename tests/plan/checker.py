@@ -207,7 +207,7 @@ class Field:
         return bool(coal.collide(shape, pose, self.surface, self.pose, request, coal.CollisionResult()))
 
 
-class Solid:
+class Crate:
     """A box."""
 
     def __init__(self, size: list[float], turn: np.ndarray, shift: np.ndarray) -> None:
@@ -224,7 +224,7 @@ class World:
         self.model = pin.buildModelFromUrdf(str(urdf))
         self.shapes = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=packages)
         self.data = self.model.createData()
-        self.things: list[tuple[str, Solid | Scan | Field]] = []
+        self.things: list[tuple[str, Crate | Scan | Field]] = []
         for one in self.shapes.geometryObjects:
             one.geometry.computeLocalAABB()
         for entry in scene.get("obstacle", []):
@@ -235,7 +235,7 @@ class World:
             elif "heights" in entry:
                 self.things.append((entry["name"], Field(folder / entry["heights"], entry["size_m"], *at)))
             else:
-                self.things.append((entry["name"], Solid(entry["size_m"], *at)))
+                self.things.append((entry["name"], Crate(entry["size_m"], *at)))
 
     def near(self, named: dict[str, float], q: np.ndarray, left_out: set[frozenset[str]], margin: float) -> list[str]:
         """Pairs that come nearer than a margin somewhere along T positions of named joints."""
