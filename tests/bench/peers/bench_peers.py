@@ -4,7 +4,7 @@
     python -m tests.bench.peers.bench_peers [--peer-python V/bin/python] [--only UR10,TM5] [--without sysid] [--seeds 1]
 
 Every peer is a program of its own (`run_*.py`) that is given positions and torque of the training runs and tells the
-torque of the test runs from their positions. Torque is scored through one zero-phase filter of 10 Hz, borders of 0.4 s
+torque of the test runs from their positions. Torque is scored through one zero-phase filter of 10 Hz, borders of 0.7 s
 left out, where a joint moves; against the truth without noise, and unfiltered, where that is known. Processor time and
 peak memory are the whole program's, imports included, on one thread. `lines` counts what a user has to write: of the
 peers' programs all that is neither comment nor import; armgap is one command. Recordings: IDENT_REAL_DATA.
@@ -33,7 +33,7 @@ from tests.bench.peers.job import lowpass, write_job
 from tests.bench.peers.sets import Recorded, fixture_sets, real_sets, shipped_set
 
 HERE = Path(__file__).parent
-BORDER_S, REST_RAD_S = 0.4, 0.02
+BORDER_S, REST_RAD_S = 0.7, 0.02
 PATIENCE_S = 900
 # A pseudo-inertia's eigenvalue this far below zero is rounding [kg m²].
 ROUNDING = -1e-7
@@ -124,7 +124,7 @@ def score(recorded: Recorded, found: list[tuple[Array, Array]]) -> tuple[float, 
     left, measured, moving = [], [], []
     for k, ((time, q, tau), (at, predicted)) in enumerate(zip(recorded.test, found, strict=True)):
         rate = 1.0 / float(np.median(np.diff(time)))
-        grid = np.arange(max(time[0], at[0]) + BORDER_S, min(time[-1], at[-1]) - BORDER_S, 1.0 / min(rate, 250.0))
+        grid = np.arange(time[0] + BORDER_S, time[-1] - BORDER_S, 1.0 / min(rate, 250.0))
         wanted = tau if recorded.truth is None else recorded.truth[k]
         told, asked, angle = (_at(grid, *one) for one in ((at, predicted), (time, wanted), (time, q)))
         if recorded.truth is None:

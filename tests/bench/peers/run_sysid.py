@@ -4,7 +4,7 @@ import mujoco
 import mujoco.sysid as sysid
 import numpy as np
 from job import Job, lowpass
-from mujoco.sysid import InertiaType, Parameter, ParameterDict
+from mujoco.sysid import InertiaType, Parameter, ParameterDict, model_modifier
 
 # Inverse dynamics is called sample by sample for each of 80 differences: so many rows a second, in all so many.
 ROWS_HZ, MOST_ROWS, BORDER_S = 10.0, 600, 0.25
@@ -32,6 +32,22 @@ def torque(model, run, coulomb, offset):
     return found + coulomb * np.sign(run[2]) + offset
 
 
+def body_setter(body):
+    """Writes a body's pseudo-inertia as principal moments: its own way leaves zeros that MuJoCo 4.0 refuses."""
+
+    def write(spec, parameter):
+        numbers, own = model_modifier.pi_from_theta(parameter.value), spec.body(body)
+        across = model_modifier.skew(numbers[1:4] / numbers[0])
+        moments, axes = np.linalg.eigh(numbers[4:].reshape(3, 3) + numbers[0] * across @ across)
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        own.mass, own.ipos, own.inertia = numbers[0], numbers[1:4] / numbers[0], np.maximum(moments, 1e-9)
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, axes.ravel())
+        own.iquat, own.explicitinertial, own.fullinertia = quaternion, True, np.full((6, 1), np.nan)
+
+    return write
+
+
 def setter(joint, key):
     return lambda spec, parameter: setattr(spec.joint(joint), key, parameter.value[0])
 
@@ -44,7 +60,8 @@ def main():
     unknown = ParameterDict()
     for joint in job.joints:
         body = model.body(model.jnt_bodyid[model.joint(joint).id]).name
-        unknown.add(sysid.body_inertia_param(spec, model, body, inertia_type=InertiaType.Pseudo))
+        kind = {"inertia_type": InertiaType.Pseudo, "modifier": body_setter(body)}
+        unknown.add(sysid.body_inertia_param(spec, model, body, **kind))
         if job.friction:
             unknown.add(Parameter(f"armature_{joint}", 0.1, 0.0, 20.0, modifier=setter(joint, "armature")))
             unknown.add(Parameter(f"damping_{joint}", 1.0, 0.0, 200.0))
