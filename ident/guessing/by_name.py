@@ -36,10 +36,11 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         if family is not None and not (channel == "current" and "effort" in chosen):
             chosen[channel] = family
     if not {"effort", "current"} & set(chosen):
+        goals = "; an arm that logs goal and position only is for `ident servo`" if "position_command" in chosen else ""
         raise RecordingError(
             table.source,
             f"no columns are named as torque or current of the {count} joints",
-            f"name them in [columns] of session.toml yourself; there are: {_listed(names)}",
+            f"name them in [columns] of session.toml yourself{goals}; there are: {_listed(names)}",
         )
     joints, why = _joints(position, arm, count)
     columns = {channel: _in_order(family, position, count) for channel, family in chosen.items()}

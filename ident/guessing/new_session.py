@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -39,6 +41,8 @@ from ident.telemetry.report import TelemetryReport
 from ident.untrusted_files import toml_key
 
 SCHEMA = "ident.new/1"
+# An element of a list: name.0, name_0, name[0].
+ELEMENT = re.compile(r"(?P<head>.+[._\[])(?P<number>\d+)(?P<tail>\]?)")
 HEAD = "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then `ident inspect`."
 SEAL = "# as written: sha256 "
 
@@ -189,8 +193,21 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         columns.update({column: f"{joint}/{native}" for column, joint in zip(own, joints, strict=True)})
     left = [] if refused is None else [f"velocity {refused}"]
     unused = [name for name in table.columns if name not in columns]
-    left += [f"not used: {', '.join(unused)}"] if unused else []
+    left += [f"not used: {', '.join(fold_names(unused))}"] if unused else []
     return Guess(columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
+
+
+def fold_names(names: Sequence[str]) -> list[str]:
+    """Names of a list's elements as one: `tau_ext[0]`, `tau_ext[1]`, … become `tau_ext[0…6]`, in their order."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        parts = ELEMENT.fullmatch(name)
+        key = (parts["head"], parts["tail"]) if parts else (name, "")
+        found.setdefault(key, []).append(parts["number"] if parts else "")
+    return [
+        f"{head}{numbers[0]}…{numbers[-1]}{tail}" if len(numbers) > 1 else f"{head}{numbers[0]}{tail}"
+        for (head, tail), numbers in found.items()
+    ]
 
 
 def _torque_settings(signs: dict[str, int], gains: dict[str, float]) -> dict[str, Any]:

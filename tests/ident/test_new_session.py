@@ -18,6 +18,7 @@ from ident.api.inspecting import inspect
 from ident.api.starting import new
 from ident.cli.app import app
 from ident.errors import InputError
+from ident.guessing.new_session import fold_names
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
@@ -169,6 +170,20 @@ def test_channels_in_files_of_their_own_are_told_so(run: Recording, arm: ArmMode
         new(tmp_path / "session", arm, tables=files)
     assert told.value.where in [str(one) for one in files]
     assert not (tmp_path / "session").exists()
+
+
+def test_elements_of_lists_are_told_as_one() -> None:
+    """What is not used of a message with a hundred numbers is a line, not a page; other names stay as they are."""
+    names = ["O_T_EE.0", "O_T_EE.1", "O_T_EE.2", "m_ee", "tau[0]", "tau[1]", "robot_mode", "temp_3"]
+    assert fold_names(names) == ["O_T_EE.0…2", "m_ee", "tau[0…1]", "robot_mode", "temp_3"]
+
+
+def test_an_arm_of_goals_and_positions_is_sent_to_servo(run: Recording, tmp_path: Path) -> None:
+    """A data set of a hobby arm has no torque, and is none of a fault."""
+    names = ["timestamp", *(f"{kind}.joint_{i}.pos" for kind in ("action", "observation.state") for i in range(1, 7))]
+    text_table(tmp_path / "log.csv", names, np.column_stack([run.time, run.position, run.position]))
+    with pytest.raises(InputError, match="for `ident servo`"):
+        new(tmp_path, "tm5-900")
 
 
 def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: Path) -> None:
