@@ -167,13 +167,14 @@ def main() -> None:
             place = Path(folder) / recorded.name.replace(" ", "_")
             place.mkdir()
             mjcf = _mjcf(recorded, place)
-            rows = [run_peer(peer, recorded, mjcf, place, asked.peer_python) for peer in peers]
-            table[recorded.name] = rows
-            for peer, row in zip(peers, rows, strict=True):
+            rows = table[recorded.name] = []
+            for peer in peers:
+                row = run_peer(peer, recorded, mjcf, place, asked.peer_python)
                 told = f"{row.rmse:8.4f}{row.worst_joint:8.4f}{row.worst_r2:10.4f}{row.cpu_s:8.1f}{row.memory_mb:7.0f}"
                 print(
                     f"{recorded.name:<20}{row.peer:<14}{told}{peer.lines:>7}  {row.consistent}{row.failed}", flush=True
                 )
+                rows.append(row)
     _tell_winners(table)
     print(f"peak memory of this program itself: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
