@@ -30,7 +30,7 @@ FIRST_FIGURE, FIRST_BODY = 0.1, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class PseudoInertias:
     """Links whose matrices have to stay positive semidefinite: P_i = start_i + Σ_k x_(K i + k) shape_ik.
 
     Attributes:
@@ -60,7 +60,7 @@ def minimise(
     score: Float[Array, " m"],
     free: Float[Array, " m"],
     bounded: Int[Array, " b"],
-    bodies: Bodies | None = None,
+    bodies: PseudoInertias | None = None,
 ) -> Float[Array, " m"] | None:
     """Where ½ xᵀ A x − bᵀ x is least within the bounds, and strictly inside them.
 
@@ -116,7 +116,7 @@ class _Problem:
     information: Array
     score: Array
     bounded: Array
-    bodies: Bodies | None
+    bodies: PseudoInertias | None
 
     @property
     def count(self) -> int:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.barrier import Bodies, minimise
+from ident.model.barrier import PseudoInertias, minimise
 
 # Row and column of each entry of a symmetric 4 × 4 matrix, in the order of Clarabel's triangles.
 TRIANGLE = [(row, column) for column in range(4) for row in range(column + 1)]
@@ -67,9 +67,9 @@ def solve_bounded(
     return _solve_in_general(information, score, bounded, links, scale)
 
 
-def _bodies(links: Float[Array, " 10n"], scale: Float[Array, " 10n"] | None) -> Bodies:
+def _bodies(links: Float[Array, " 10n"], scale: Float[Array, " 10n"] | None) -> PseudoInertias:
     steps = (np.ones(len(links)) if scale is None else scale).reshape(-1, 10)
-    return Bodies(pseudo_inertia(links.reshape(-1, 10)), steps[:, :, None, None] * pseudo_inertia(np.eye(10)))
+    return PseudoInertias(pseudo_inertia(links.reshape(-1, 10)), steps[:, :, None, None] * pseudo_inertia(np.eye(10)))
 
 
 def _solve_in_general(

@@ -142,9 +142,7 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
             if item.gates.evidence < needed:
                 refused[k] = "too weak among all the changes that were asked for"
             elif standing.p_value > ALARM:
-                refused[k] = (
-                    ANOTHER_DAY if standing.of_the_day else "runs of one set differ by as much among themselves"
-                )
+                refused[k] = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN
             elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
                 unlawful = True
         if not refused:
