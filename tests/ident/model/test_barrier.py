@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.model.barrier import Bodies, minimise
+from ident.model.barrier import PseudoInertias, minimise
 from ident.model.consistency import _bodies, _solve_in_general, is_consistent, pseudo_inertia, solve_bounded
 from ident.model.inertia import parameter_scale
 from ident.robot.arm import ArmModel
@@ -60,7 +60,7 @@ def test_the_conditions_of_a_least_value_hold_without_bodies() -> None:
 def test_bodies_are_changed_to_what_is_wanted() -> None:
     arm = ArmModel.load("panda")
     links = arm.inertial_parameters
-    bodies: Bodies = _bodies(links, parameter_scale(arm))
+    bodies: PseudoInertias = _bodies(links, parameter_scale(arm))
     rng = np.random.default_rng(2)
     roots = rng.standard_normal((arm.n, 4, 4))
     wanted = roots @ roots.transpose(0, 2, 1)
