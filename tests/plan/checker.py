@@ -116,6 +116,9 @@ class Net:
         record = json.loads((folder / "residual.json").read_text())
         self.mean, self.std = np.array(record["input_mean"]), np.array(record["input_std"])
         self.scale, self.members = np.array(record["output_std"]), record["options"]["members"]
+        # Beyond what the net was fitted on it is asked at the edge; older records have none.
+        edge = record.get("bounds")
+        self.edge = None if edge is None else (np.array(edge["low"]), np.array(edge["high"]))
         raw = (folder / "residual.safetensors").read_bytes()
         size = struct.unpack("<Q", raw[:8])[0]
         self.parts = {}
@@ -125,6 +128,9 @@ class Net:
                 self.parts[name] = np.frombuffer(raw[begin:end], "<f4").reshape(part["shape"]).astype(float)
 
     def torque(self, dq: np.ndarray, ddq: np.ndarray, load: np.ndarray) -> np.ndarray:
+        if self.edge is not None:
+            low, high = self.edge
+            dq, ddq, load = (np.clip(part, low[k], high[k]) for k, part in enumerate((dq, ddq, load)))
         steep = np.tanh(dq / 0.02)
         features = [dq, ddq, steep, np.tanh(dq / 0.15), load, np.sqrt(load**2 + 0.25) * steep]
         x = (np.stack(features, axis=2) - self.mean) / self.std
