@@ -47,7 +47,10 @@ def find_unexplained(
     colour = typical / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
     learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > settings.least_gap_share for c in ceilings]
-    much = typical**2 > settings.much_left * evidence.floor**2
+    # What all joints have in excess is the noise's estimate, up to a point.
+    excess = (typical / np.maximum(evidence.floor, 1e-12)) ** 2
+    shared = max(float(np.median(excess[moved])), 1.0) if moved.any() else 1.0
+    much = excess > min(settings.much_left * shared, settings.far_left)
     varying = varying_at_most(evidence, moved, settings)
     beyond = typical**2 > whitening.level**2 + varying
     left = moved & (np.array(learnt) | (beyond & ((colour > settings.stands_out * usual) | much)))

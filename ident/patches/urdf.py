@@ -20,6 +20,8 @@ from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
 PAYLOAD, LEVEL = "payload", "level"
+# Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
+LEFT = 1e-6
 # A payload is told as a point; simulators need some extent [m].
 PAYLOAD_RADIUS = 0.01
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
@@ -90,10 +92,15 @@ def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"]
         for other, pose in list(_hanging_on(root, link, np.eye(4), held)):
             own = other.find("inertial")
             if own is not None:
-                numbers = numbers + ten_numbers(pose @ pseudo_inertia(_ten_numbers(own)) @ pose.T)
-                other.remove(own)
+                taken = (1.0 - LEFT) * _ten_numbers(own)
+                numbers = numbers + ten_numbers(pose @ pseudo_inertia(taken) @ pose.T)
+                _set_numbers(own, LEFT / (1.0 - LEFT) * taken)
+    _set_numbers(inertial, numbers)
+
+
+def _set_numbers(inertial: ET.Element, numbers: Float[Array, " 10"]) -> None:
     mass = float(numbers[0])
-    centre = numbers[1:4] / mass
+    centre = numbers[1:4] / mass if mass > 0.0 else np.zeros(3)
     about_centre = _matrix(numbers[4:]) - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     _set_inertial(inertial, mass, centre, about_centre)
 

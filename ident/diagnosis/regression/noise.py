@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
@@ -80,10 +79,27 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
     own = covariance[0] - (_autocovariance(encoder, order)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
-    a = solve_toeplitz(covariance[:-1], covariance[1:])
-    innovation = max(covariance[0] - a @ covariance[1:], 1e-3 * covariance[0], 1e-18)
+    filtering, innovation = prediction_error(covariance)
+    innovation = max(innovation, 1e-3 * covariance[0], 1e-18)
     level = max(own, settings.least_own_noise * covariance[0])
-    return np.concatenate([[1.0], -a]), float(np.sqrt(innovation)), float(np.sqrt(level))
+    return filtering, float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def prediction_error(covariance: Float[Array, " k"]) -> tuple[Float[Array, " k"], float]:
+    """The filter (1, −a₁, …, −a_p) that leaves what can't be predicted, and the variance of that.
+
+    Sums over few samples with gaps between them need not be the autocovariance of anything: from the lag on at which
+    they are not, they are left alone, and the filter stays stable. Source: Durbin 1960 (his recursion).
+    """
+    filtering, innovation = np.zeros(len(covariance)), float(covariance[0])
+    filtering[0] = 1.0
+    for lag in range(1, len(covariance)):
+        reflection = -float(filtering[:lag] @ covariance[lag:0:-1]) / innovation
+        if not abs(reflection) < 1.0:
+            break
+        filtering[: lag + 1] += reflection * filtering[lag::-1]
+        innovation *= 1.0 - reflection**2
+    return filtering, innovation
 
 
 def _mostly_noise(j: int, held: Sequence[Rows], most: Float[Array, " p"]) -> Bool[Array, " p"]:

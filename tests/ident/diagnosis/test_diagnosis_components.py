@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_toeplitz
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
@@ -14,6 +15,7 @@ from ident.diagnosis.regression.baseline import UrdfError
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.friction_sums import FrictionSums
 from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.noise import prediction_error
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.selection.search import Search
@@ -93,6 +95,18 @@ def test_friction_of_a_joint_varies_as_the_others_do(healthy: Analysis) -> None:
     most = varying_at_most(alike, moved) / np.maximum(alike.friction_noise, 1e-12) ** 2
     assert np.all(most < 12.0)
     assert most[2] < 0.5 * most[0]
+
+
+def test_a_filter_of_few_samples_is_stable() -> None:
+    """Law: of an autocovariance the filter is Yule and Walker's; of what is none it ends at the lag that shows it."""
+    whole = np.array([1.0, 0.6, 0.3, 0.1, 0.05])
+    filtering, innovation = prediction_error(whole)
+    ahead = solve_toeplitz(whole[:-1], whole[1:])
+    assert np.allclose(filtering[1:], -ahead)
+    assert innovation == pytest.approx(1.0 - ahead @ whole[1:])
+    filtering, innovation = prediction_error(np.array([1.0, 0.2, -1.1, 0.3, 0.1]))
+    assert np.array_equal(filtering, [1.0, -0.2, 0.0, 0.0, 0.0])
+    assert innovation == pytest.approx(0.96)
 
 
 def search_of(analysis: Analysis) -> Search:
