@@ -6,30 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.effects.catalogue import CATALOGUE
+
 SIZES = (0.3, 1.0, 3.0)
-DRAWN = (
-    "stribeck_friction",
-    "nonlinear_viscous_friction",
-    "load_dependent_friction",
-    "thermal_friction",
-    "presliding_hysteresis",
-    "position_dependent_friction",
-    "asymmetric_friction",
-    "joint_coupling",
-    "joint_elasticity",
-    "backlash",
-    "torque_ripple",
-    "spring_torque",
-    "payload",
-    "link_inertial_error",
-    "gravity_misalignment",
-    "torque_gain_error",
-    "torque_offset",
-    "torque_delay",
-    "torque_saturation",
-    "encoder_offset",
-    "external_contact",
-)
+DRAWN = tuple(effect.id for effect in CATALOGUE)
 OUTSIDE = ("cable_at_the_end", "seal_after_rest", "floor_vibration", "squared_of_neighbour")
 WHOLE_ARM = ("payload", "gravity_misalignment", "torque_delay")
 

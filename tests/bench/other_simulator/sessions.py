@@ -14,7 +14,6 @@ from tests.bench.other_simulator.drawn import (
     DRAWN,
     OUTSIDE,
     SIZES,
-    WHOLE_ARM,
     Arm,
     Effect,
     World,
@@ -25,6 +24,15 @@ from tests.bench.other_simulator.drawn import (
 from tests.bench.other_simulator.motions import draw_reference
 from tests.bench.other_simulator.simulator import STEP, Simulator
 
+# Effects that are no torque of their own: they show in what the motors need.
+BY_DIFFERENCE = (
+    "payload",
+    "gravity_misalignment",
+    "link_inertial_error",
+    "joint_elasticity",
+    "backlash",
+    "encoder_offset",
+)
 # Least and largest amounts that an arm has, as factors of the drawn ones: a pilot may ask for more.
 FACTORS = (0.05, 6.0)
 
@@ -184,17 +192,9 @@ def scaled(
     for chosen in ((), effects):
         sim = Simulator(text, world, arm, chosen, np.random.default_rng(child))
         ran.append((sim, sim.run(some, np.random.default_rng(child))))
-    bodies = effects[0].name in (
-        *WHOLE_ARM,
-        "link_inertial_error",
-        "joint_elasticity",
-        "backlash",
-        "encoder_offset",
-        "torque_delay",
-    )
     if effects[0].name == "torque_delay":
         rate = np.gradient(ran[1][1]["tau"], STEP, axis=1)
         ran[1][1]["extra"] = -effects[0].size * rate
-    found = visible(ran[1][1], ran[0][1] if bodies and effects[0].name != "torque_delay" else None, ran[1][0])
+    found = visible(ran[1][1], ran[0][1] if effects[0].name in BY_DIFFERENCE else None, ran[1][0])
     factor = float(np.clip(wanted / max(found.max(), 1e-9), *FACTORS))
     return (replace(effects[0], size=effects[0].size * factor),), found * factor

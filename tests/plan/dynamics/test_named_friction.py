@@ -13,6 +13,7 @@ from plan.dynamics.named_friction import law_symbols
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.solving.bound import lower_bound
+from tests.plan.dynamics.differences import slopes_by_differences
 from tests.plan.planners.test_brute_force import block_error
 from tests.plan.worlds import joint_nets, model, problem, three_joints
 
@@ -62,14 +63,9 @@ def test_derivatives_are_those_of_the_torque(nets: bool) -> None:
     states = _states(30)
     found = differentiate_torque(arm, *states)
     assert found.tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
-    for order, part in enumerate((found.by_position, found.by_speed, found.by_acceleration)):
-        for joint in range(3):
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = [state.copy() for state in states]
-                moved[order][:, joint] += sign * 1e-6
-                ends.append(differentiate_torque(arm, *moved).tau)
-            assert part[:, :, joint] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-4)
+    parts = found.by_position, found.by_speed, found.by_acceleration
+    for order, joint, slope in slopes_by_differences(arm, states):
+        assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-4)
 
 
 @pytest.mark.parametrize("law", ALL, ids=list(LAWS))

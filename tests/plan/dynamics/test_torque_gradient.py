@@ -7,6 +7,7 @@ import pytest
 
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from tests.plan.dynamics.differences import slopes_by_differences
 from tests.plan.worlds import bounded_nets, dense_net, joint_nets, model
 
 
@@ -20,14 +21,8 @@ def test_derivatives_are_those_of_the_torque(net: CompiledDenseNet | CompiledJoi
     found = differentiate_torque(arm, *states)
     assert found.tau == pytest.approx(arm.torque(*(part[None] for part in states))[0], abs=1e-4)
     parts = (found.by_position, found.by_speed, found.by_acceleration)
-    for order, part in enumerate(parts):
-        for joint in range(3):
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = [state.copy() for state in states]
-                moved[order][:, joint] += sign * 1e-6
-                ends.append(differentiate_torque(arm, *moved).tau)
-            assert part[:, :, joint] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-5)
+    for order, joint, slope in slopes_by_differences(arm, states):
+        assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-5)
 
 
 def test_rounding_only_widens_the_sign() -> None:
