@@ -60,16 +60,6 @@ class Box:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         return cls.around(name, Solid.hull(points - middle), joint, rotation, centre + rotation @ middle, body)
 
-    def part(self, number: int) -> Box:
-        """One ball of a cloud, or one triangle of a surface."""
-        if self.solid.kind == "cloud":
-            at, solid = self.solid.points[number], Solid.simple("sphere", self.solid.grown)
-        else:
-            corners = self.solid.points[self.solid.triangles[number]]
-            at = corners.mean(axis=0)
-            solid = Solid.surface(corners - at, np.array([[0, 1, 2]]))
-        return Box.around(self.name, solid, self.joint, self.rotation, self.centre + self.rotation @ at)
-
     @property
     def corners(self) -> Float[Array, "8 3"]:
         """Corners in the joint frame [m]."""

@@ -97,4 +97,4 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
     bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
     tree = build_tree(bodies, len(boxes), links)
     room = bodies.rot.copy(), bodies.at.copy()
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9)[0])
+    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9))

@@ -101,14 +101,6 @@ class Proximity:
         """Smallest signed distance at one position [m]; a metre where there is nothing to hit."""
         return float(min(self.distances(q), default=1.0))
 
-    def nearest_part(self, q: Float[Array, " n"], pair: int) -> int:
-        """Number of the triangle, or of the point, of a pair's first shape that is nearest to the second."""
-        pin.updateGeometryPlacements(
-            self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
-        )
-        pin.computeDistance(self._geometry, self._geometry_data, int(pair))
-        return int(self._geometry_data.distanceResults[int(pair)].b1)
-
     def witness(self, q: Float[Array, " n"], pair: int, piece: Box | None = None) -> Witness:
         """Nearest points of one pair at one position.
 

@@ -28,9 +28,8 @@ from plan.geometry.link_pairs import (
 )
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
-from plan.geometry.separation import BAND
 from plan.geometry.solids import CLOSED, Solid
-from plan.geometry.sweep import gaps_of_states, least_of_states, sweep
+from plan.geometry.sweep import gaps_of_states, least_of_states, nearest_of_states, sweep
 from plan.spline import Splines
 
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
@@ -173,13 +172,14 @@ class Scene:
             q: Positions [rad].
             beyond: Gap from which on any larger one may stand for it: far pairs then cost next to nothing [m].
         """
-        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond)[0])
+        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond))
 
     def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
         """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
         pieces: list[Box | None] = [None] * len(pairs)
-        for row in np.flatnonzero(np.isin(pairs, self._pieced)):
-            pieces[row] = self._piece(q[row], int(pairs[row]))
+        rows = np.flatnonzero(np.isin(pairs, self._pieced))
+        for row, piece in zip(rows, self._pieces(q[rows], pairs[rows]), strict=True):
+            pieces[row] = piece
         return self.proximity.gradients(q, pairs, pieces)
 
     def separation(self, q: Float[Array, "T n"]) -> Float[Array, " T"]:
@@ -221,13 +221,14 @@ class Scene:
         if len(self._pieced) == 0:
             return self.proximity.near_distances(q, target + near)
         known, beyond = np.full(len(self.pairs), -np.inf), np.full(len(self.pairs), target + near)
-        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near)[0][0]
+        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near)[0]
         known[self._pieced], beyond[self._pieced] = gaps, target + min(near, SHARP)
         return self.proximity.near_distances(q, beyond, known)
 
     def tight(self, q: Float[Array, " n"], pair: int) -> tuple[Float[Array, " 3"], list[Box]]:
         """The normal between a pair's nearest points, and boxes that reach along it just as far as the shapes do."""
-        found = self.proximity.witness(q, pair, self._piece(q, pair) if pair in self._pieced else None)
+        piece = self._pieces(q[None], np.array([pair]))[0] if pair in self._pieced else None
+        found = self.proximity.witness(q, pair, piece)
         sides = ((found.first, found.normal), (found.second, -found.normal))
         return found.normal, [self._tight(int(i), q, *side) for i, side in zip(self.pairs[pair], sides, strict=True)]
 
@@ -257,21 +258,21 @@ class Scene:
         kinds = (*CLOSED, "cloud")
         return np.array([i for i, (a, _) in enumerate(self.pairs) if self.boxes[a].solid.kind in kinds], dtype=np.int64)
 
-    def _piece(self, q: Array, pair: int) -> Box:
-        """The body of such a shape that is nearest to the pair's link."""
-        rows = self.pairs[pair : pair + 1]
-        gaps, nearest = gaps_of_states(*self._world, rows, self._tree, _rows(q[None]), 1e9)
-        whole, bodies, body = self.boxes[rows[0, 0]], self._bodies, int(nearest[0, 0])
-        if gaps[0, 0] > BAND:  # compiled gaps are bounds there, and their smallest may be another body's
-            return whole.part(self.proximity.nearest_part(q, pair))
-        rotation, at = bodies.rot[body], bodies.at[body]
-        if bodies.number[body] == 0:
-            return Box.around(whole.name, Solid.simple("sphere", bodies.radius[body]), 0, rotation, at)
-        start = bodies.first[body]
-        corners = bodies.corners[start : start + bodies.number[body]]
-        flat = len(corners) == 3
-        solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
-        return Box.around(whole.name, solid, 0, rotation, at)
+    def _pieces(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> list[Box]:
+        """The body of each such pair's first shape that is nearest to its link, each at its own position."""
+        if len(pairs) == 0:
+            return []
+        bodies, rows = self._bodies, self.pairs[pairs]
+        found = []
+        for body in nearest_of_states(*self._world, rows, self._tree, _rows(q)):
+            name, rotation, at = self.boxes[bodies.owner[body]].name, bodies.rot[body], bodies.at[body]
+            solid = Solid.simple("sphere", bodies.radius[body])
+            if bodies.number[body] > 0:
+                corners = bodies.corners[bodies.first[body] :][: bodies.number[body]]
+                flat = len(corners) == 3
+                solid = Solid.surface(corners, np.array([[0, 1, 2]])) if flat else Solid.hull(corners)
+            found.append(Box.around(name, solid, 0, rotation, at))
+        return found
 
     def _engulfed(self, q: Array, pair: int) -> bool:
         """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""

@@ -84,16 +84,17 @@ def _projected_gap(c, t, ha, hb):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def body_gap(i, j, rot, at, bodies, warm, enough):  # type: ignore[no-untyped-def]
+def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
     """Signed separation of two bodies by number, placed at `rot` and `at` [m]; `warm` as in `simplex_gap`.
 
-    What is known to be larger than `enough` is not looked at closer: any lower bound above it may come back.
+    What is known to be larger than `enough`, or than `band`, is not looked at closer: any lower bound above it may
+    come back.
     """
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
     if simple and extra == 0.0:
         return box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j])
-    known = min(BAND, enough)
+    known = min(band, enough)
     apart = 0.0
     for k in range(3):
         apart += (at[i, k] - at[j, k]) ** 2

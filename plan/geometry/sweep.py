@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from plan.geometry.compiled import DEEPEST
-from plan.geometry.separation import body_gap
+from plan.geometry.separation import BAND, body_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
 STEPS = 24
@@ -70,11 +70,11 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # 
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ignore[no-untyped-def]
+def world_gap(link, root, tree, rot, at, bodies, most, hint, warm, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 
     The body that was nearest last time, `hint`, is looked at first, from its direction then, `warm`: that spares most
-    of the others.
+    of the others. Beyond `band` a gap is a lower bound, and another body than `hint` may be nearer.
     """
     if root < 0:
         return most
@@ -84,7 +84,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
     stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
-        best = min(best, body_gap(known, link, rot, at, bodies, warm, best))
+        best = min(best, body_gap(known, link, rot, at, bodies, warm, best, band))
     while top > 0:
         top -= 1
         if bounds[top] >= best:
@@ -92,7 +92,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm):  # type: ign
         node = stack[top]
         if tree.left[node] < 0:
             body = tree.body[node]
-            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3), best)
+            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3), best, band)
             if gap < best:
                 best, hint[0] = gap, body
             continue
@@ -166,7 +166,7 @@ def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_a
 
 @njit(cache=True, fastmath=True, nogil=True)
 def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
-    """Signed separation of every pair at every position [m], and the nearest body of each first shape, both (T, P).
+    """Signed separation of every pair at every position, shape (T, P) [m].
 
     Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: any gap beyond it stands
     for them. So of a hundred obstacles only those near the arm cost something.
@@ -180,15 +180,12 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
         tree: Of the world.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
-
-    Returns:
-        The gaps; and numbers of bodies of the world, -1 where none was looked for.
     """
     n, rot, at = q.shape[1], room[0], room[1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    out, nearest = np.empty((q.shape[0], pairs.shape[0])), np.full((q.shape[0], pairs.shape[0]), -1)
+    out = np.empty((q.shape[0], pairs.shape[0]))
     low, high = np.empty((links, 3)), np.empty((links, 3))
-    hint, warm = np.full(1, -1), np.zeros(3)
+    hints, warm = np.full((pairs.shape[0], 1), -1), np.zeros(3)
     for t in range(q.shape[0]):
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
@@ -196,7 +193,7 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
             _extent(b, rot, at, bodies, low[b], high[b])
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0], pairs[p, 1]
-            warm[:] = 0.0
+            warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
             if a < links:
                 gap = _ball_gap(a, b, at, bodies)
                 out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm, FAR)
@@ -204,11 +201,32 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
             root = tree.root[a - links]
             gap = _node_gap(root, tree, low[b], high[b], b, rot, at, bodies, beyond)
             if gap <= beyond:
-                hint[0] = -1
-                gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hint, warm)
-                nearest[t, p] = hint[0]
+                gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hints[p], warm)
             out[t, p] = gap
-    return out, nearest
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def nearest_of_states(chain, bodies, links, room, pairs, tree, q):  # type: ignore[no-untyped-def]
+    """The body of the world's shape that is nearest to the link, each pair at a position of its own, shape (m,).
+
+    Args:
+        chain, bodies, links, room, tree: As in `gaps_of_states`.
+        pairs: Shape of the world and link of each, shape (m, 2).
+        q: Positions, shape (m, n) [rad].
+    """
+    n, rot, at = q.shape[1], room[0], room[1]
+    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    out, hint, warm = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.zeros(3)
+    for t in range(q.shape[0]):
+        a, b = pairs[t, 0], pairs[t, 1]
+        place_frames(chain, q[t], frame_rot, frame_at)
+        place_bodies(bodies, b, b + 1, frame_rot, frame_at, rot, at)
+        if t > 0 and a != pairs[t - 1, 0]:
+            hint[0] = -1  # a body of another shape
+        world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, hint, warm, 1e9)
+        out[t] = hint[0]
+    return out
 
 
 @njit(cache=True, fastmath=True, nogil=True)

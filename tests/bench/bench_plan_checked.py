@@ -1,9 +1,10 @@
 """Random tasks on three arms, every plan looked at by a checker that shares no code with `plan`.
 
-    python tests/bench/bench_plan_checked.py [TASKS] [--seconds S] [--model FOLDER] [--first SEED]
+    python tests/bench/bench_plan_checked.py [TASKS] [--seconds S] [--evaluations E]
+                                             [--model FOLDER] [--first SEED]
 
 TM5-900 (all six joints, with the given model and its net, else with losses drawn), Panda and UR5, by turns; up to three
-boxes, energy or time, at most 400 evaluations a task. Ends after TASKS, or S seconds of processor time. Limits,
+boxes, energy or time, at most E evaluations a task (400). Ends after TASKS, or S seconds of processor time. Limits,
 clearance, ends, energy by Simpson's rule, dynamics, net and shapes (the URDF's meshes, by Coal) are computed anew.
 """
 
@@ -28,7 +29,8 @@ from plan.geometry.scene import Scene
 from tests.plan.checker import Model, World, faults
 
 ROBOTS = ("tm5-900", "ur5", "panda")
-EVALUATIONS = 400
+# Tasks after which the count so far is told: a long run that is ended early has then said something.
+TOLD_EVERY = 20
 
 
 def prepared(robot: str, folder: Path, given: str | None) -> Path:
@@ -70,6 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("tasks", nargs="?", type=int, default=1000)
     parser.add_argument("--seconds", type=float, default=1e9)
+    parser.add_argument("--evaluations", type=int, default=400)
     parser.add_argument("--model", default=None)
     parser.add_argument("--first", type=int, default=0)
     options = parser.parse_args()
@@ -84,6 +87,8 @@ def main() -> None:
         for i in range(options.first, options.first + options.tasks):
             if time.process_time() > options.seconds:
                 break
+            if i > options.first and (i - options.first) % TOLD_EVERY == 0:
+                print(f"{i - options.first} tasks: {dict(statuses)}, broken: {len(broken)}", flush=True)
             robot = ROBOTS[i % len(ROBOTS)]
             model, arm, free, checked = known[robot]
             rng = np.random.default_rng([2027, i])
@@ -92,7 +97,7 @@ def main() -> None:
             path.write_text(tomli_w.dumps(scene))
             began = time.process_time()
             try:
-                result = solve(path, model, objective=objective, evaluations=EVALUATIONS, gap=False, seed=i)
+                result = solve(path, model, objective=objective, evaluations=options.evaluations, gap=False, seed=i)
             except Exception as error:  # the task is at fault: an end inside a box
                 statuses[f"{robot}: refused ({type(error).__name__})"] += 1
                 continue

@@ -1,12 +1,15 @@
 """How near the optimum the default plans are, how fast they come, and whether TOPP-RA can still shorten them.
 
     python tests/bench/bench_plan_optimum.py [TASKS] [--joints 3,6,7] [--obstacles 0,1,12] [--objectives energy,time]
-                                             [--long STARTS] [--limit SECONDS] [--first SEED] [--model FOLDER]
+                                             [--long STARTS] [--limit SECONDS] [--equal SECONDS]
+                                             [--first SEED] [--model FOLDER]
 
 Each drawn task is solved by the default method, by the same method from many more starts of another seed together with
 CMA-ES from the best of them ("long", the best known), and by trees and TOPP-RA on their path (OMPL's RRTConnect where
-that is installed, our own trees where not). Every time plan is retimed by TOPP-RA under the full model, stretched until
-a dense check finds every limit kept. Processor seconds throughout; all figures of a row come from one run.
+that is installed, our own trees where not), drawn again and again until as much processor time is spent as the default
+method took, `--equal` seconds at most; that best is held against the default method's best by then. Every time plan is
+retimed by TOPP-RA under the full model, stretched until a dense check finds every limit kept. Processor seconds
+throughout; all figures of a row come from one run.
 
 Three joints: the TM5-900 with its wrist held. Six: the whole TM5-900. Seven: the Panda of example-robot-data.
 """
@@ -15,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +34,7 @@ from plan.initial.rrt import TreeOptions, connect, prune
 from plan.initial.starts import from_vias, straight
 from plan.planners import Budget, Ledger
 from plan.planners.evolution import Evolution
+from plan.planners.ompl_toppra import OmplToppra, is_installed
 from plan.planners.sequential import Sequential
 from plan.planners.toppra import Toppra
 from plan.problem.problem import Limits, PlanningProblem
@@ -45,6 +50,7 @@ class Row:
     ours: float
     best: float
     peer: float
+    by_then: float
     bound: float
     first: float
     near: float
@@ -114,32 +120,46 @@ def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | Non
     return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
 
 
-def peer(task: PlanningProblem) -> tuple[float, float]:
-    """Cost and processor time of a tree's path timed by TOPP-RA, or stretched to the time that the task gives."""
-    started = time.process_time()
-    path = tree_path(task)
-    if path is None:
-        return np.inf, time.process_time() - started
-    timed = from_vias(replace(task, objective="time", free="times"), path[1:-1], "trees", 2)
+def peer(task: PlanningProblem, seconds: float) -> tuple[float, float]:
+    """Best cost of trees timed by TOPP-RA, or stretched to the time that the task gives, and a try's processor time."""
+    started, best, tries = time.process_time(), np.inf, 0
+    while tries == 0 or time.process_time() - started < seconds:
+        best, tries = min(best, one_try(task, tries)), tries + 1
+    return best, (time.process_time() - started) / tries
+
+
+def one_try(task: PlanningProblem, seed: int) -> float:
+    """Cost of one path of the trees; infinite where there is none or it is not allowed."""
     ledger = Ledger(Budget(10**6, 60.0))
+    if is_installed():
+        OmplToppra(seconds=2.0).run([task], ledger, np.random.default_rng(seed))
+        return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
+    path = tree_path(task, seed)
+    if path is None:
+        return np.inf
+    timed = from_vias(replace(task, objective="time", free="times"), path[1:-1], "trees", 2)
     Toppra().run([timed], ledger, np.random.default_rng(0))
     best = ledger.best
-    spent = time.process_time() - started
     if best is None or not best.feasible:
-        return np.inf, spent
+        return np.inf
     if task.objective == "time":
-        return best.cost, spent
+        return best.cost
     motion = best.splines
     stretched = replace(motion, durations=motion.durations * float(task.durations.sum() / motion.total[0]))
     carrier = task.with_initial(stretched, free="vias")
     found = carrier.evaluate(carrier.initial[None])
-    return (float(found.cost[0]) if found.feasible[0] else np.inf), spent
+    return float(found.cost[0]) if found.feasible[0] else np.inf
 
 
-def tree_path(task: PlanningProblem) -> np.ndarray | None:
+def by(history: Sequence[tuple[int, float, float]], seconds: float) -> float:
+    """The lowest cost that a search had entered by a time."""
+    return min((row[2] for row in history if row[1] <= seconds), default=np.inf)
+
+
+def tree_path(task: PlanningProblem, seed: int) -> np.ndarray | None:
     options = TreeOptions(margin=task.margin, nodes=20000)
     low, high = np.maximum(task.limits.lower, -np.pi), np.minimum(task.limits.upper, np.pi)
-    found = connect(task.scene, task.start, task.goal, low, high, options, np.random.default_rng(0))
+    found = connect(task.scene, task.start, task.goal, low, high, options, np.random.default_rng(seed))
     return prune(task.scene, found.points, options) if found.found else None
 
 
@@ -150,7 +170,7 @@ def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped
     return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
 
 
-def measure(task: PlanningProblem, name: str, starts: int, seconds: float) -> Row | None:
+def measure(task: PlanningProblem, name: str, starts: int, seconds: float, equal: float) -> Row | None:
     result = solve(task, "sqp", 0, Budget(10**6, 30.0), gap=False)
     if not result.solved or result.splines is None:
         print(f"{name}: no plan ({result.reason})", flush=True)
@@ -162,14 +182,16 @@ def measure(task: PlanningProblem, name: str, starts: int, seconds: float) -> Ro
     gain = 0.0
     if task.objective == "time":
         gain = max(0.0, 1.0 - retimed(task, result.splines) / result.cost)
-    cost, spent = peer(task)
+    equal = min(equal, result.cpu_seconds)
+    cost, spent = peer(task, equal)
     bound = np.nan if result.bound is None else result.bound
-    return Row(name, result.cost, best, cost, bound, allowed[0][1], near, result.cpu_seconds, spent, gain)
+    spans = (allowed[0][1], near, result.cpu_seconds, spent)
+    return Row(name, result.cost, best, cost, by(allowed, equal), bound, *spans, gain)
 
 
 def show(rows: list[Row]) -> None:
-    heads = ["task", "ours", "best known", "above", "trees + TOPP-RA", "saved", "bound", "first [s]", "near [s]"]
-    heads += ["CPU [s]", "theirs [s]", "retimed"]
+    heads = ["task", "ours", "best known", "above", "trees + TOPP-RA", "ours by then", "saved", "bound"]
+    heads += ["first [s]", "near [s]", "CPU [s]", "theirs [s]", "retimed"]
     print("| " + " | ".join(heads) + " |")
     print("|" + "---|" * len(heads))
     for r in rows:
@@ -177,9 +199,10 @@ def show(rows: list[Row]) -> None:
     above = np.array([r.ours / r.best - 1 for r in rows])
     print(f"{len(rows)} tasks: above the best known {np.median(above):.2%} median, {above.max():.2%} worst")
     for objective in ("energy", "time"):
-        saved = [1 - r.ours / r.peer for r in rows if objective in r.name and np.isfinite(r.peer)]
+        saved = [1 - r.by_then / r.peer for r in rows if objective in r.name and np.isfinite(r.peer)]
         if saved:
-            print(f"{objective}: less than trees and TOPP-RA by {np.median(saved):.1%} median, {min(saved):.1%} least")
+            found = f"{np.median(saved):.1%} median, {min(saved):.1%} least"
+            print(f"{objective}: less than trees and TOPP-RA after the same time by {found}")
     gains = [r.gain for r in rows if "time" in r.name]
     if gains:
         print(f"retiming gains {np.median(gains):.2%} median, {max(gains):.2%} worst")
@@ -188,8 +211,8 @@ def show(rows: list[Row]) -> None:
 def line(r: Row) -> str:
     return (
         f"| {r.name} | {r.ours:.4g} | {r.best:.4g} | {r.ours / r.best - 1:+.2%} | {r.peer:.4g} | "
-        f"{1 - r.ours / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | {r.spent:.2f} | "
-        f"{r.peer_spent:.2f} | {r.gain:.2%} |"
+        f"{r.by_then:.4g} | {1 - r.by_then / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | "
+        f"{r.spent:.2f} | {r.peer_spent:.2f} | {r.gain:.2%} |"
     )
 
 
@@ -201,6 +224,7 @@ def main() -> None:
     parser.add_argument("--objectives", default="energy,time")
     parser.add_argument("--long", type=int, default=40)
     parser.add_argument("--limit", type=float, default=300.0)
+    parser.add_argument("--equal", type=float, default=1e9)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--model", default=None)
     options = parser.parse_args()
@@ -215,7 +239,11 @@ def main() -> None:
                 for i in range(options.first, options.first + options.tasks):
                     task = draw(arm, model, objective, boxes, np.random.default_rng([joints, boxes, i]))
                     row = measure(
-                        task, f"{joints} joints, {objective}, {boxes} boxes, {i}", options.long, options.limit
+                        task,
+                        f"{joints} joints, {objective}, {boxes} boxes, {i}",
+                        options.long,
+                        options.limit,
+                        options.equal,
                     )
                     if row is not None:
                         rows.append(row)

@@ -67,24 +67,24 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def test_a_cloud_is_its_balls(balls: Scene) -> None:
-    """Gaps, exact distances and gradients of a cloud are those of its balls as single obstacles."""
+    """Gaps, exact distances and gradients of a cloud, near and far, are those of its balls as single obstacles."""
     points = scanned(0)[:150]
     together = Scene.build(three_joints(), [Box.around("scan", Solid.cloud(points, RADIUS), 0, None, np.zeros(3))])
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (60, 3))
     assert together.separation(q) == pytest.approx(balls.separation(q), abs=1e-6)
-    first, near = len(together.boxes) - 1, 0
+    first, near, far = len(together.boxes) - 1, 0, 0
     for row in q:
         one, many = together.distances(row), balls.distances(row)
         for mine in np.flatnonzero(together.pairs[:, 0] == first):
             single = np.flatnonzero((balls.pairs[:, 1] == together.pairs[mine, 1]) & (balls.pairs[:, 0] >= first))
             best = int(single[np.argmin(many[single])])
             assert (one[mine] < 0.0) == (many[best] < 0.0)
-            if -RADIUS / 2 < many[best] < 0.045 and np.sort(many[single])[1] > many[best] + 1e-4:
-                near += 1
+            if -RADIUS / 2 < many[best] < 0.5 and np.sort(many[single])[1] > many[best] + 1e-4:
+                near, far = near + (many[best] < 0.045), far + (many[best] > 0.06)
                 assert one[mine] == pytest.approx(many[best], abs=1e-7)
                 ours, theirs = (s.gradients(row[None], np.array([p])) for s, p in ((together, mine), (balls, best)))
                 assert ours == pytest.approx(theirs, abs=1e-6)
-    assert near > 20
+    assert near > 20 and far > 20
 
 
 @pytest.mark.parametrize("name", ["cloud", "field"])
