@@ -19,6 +19,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.twins import more_usual_twin
 from ident.diagnosis.selection.urdf_share import added_evidence, best_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 
@@ -137,6 +138,24 @@ def _how_wrong(search: Search, found: SearchResults, session: SessionContext, ba
     return prior.error
 
 
+def _searched(search: Search, session: SessionContext) -> SearchResults:
+    """What a search finds, of each name's twins the one of the more usual figures."""
+    found = search.run()
+    for slot, item in enumerate(found.named):
+        groups = [one.group for one in found.named]
+        if not item.group.effect.twins:
+            continue
+        spare = inflation(search.evidence, project(search.evidence.gram(), search.evidence, search.prior, groups))
+        twin = more_usual_twin(search, session, groups, slot, spare)
+        if twin is not None:
+            changed = [twin if k == slot else group for k, group in enumerate(groups)]
+            judged = search.judged_beside(search.evidence.gram(), changed, slot)
+            if judged.gates.passed:
+                named = tuple(judged if k == slot else one for k, one in enumerate(found.named))
+                found = search.only(replace(found, named=named), range(len(named)))
+    return found
+
+
 def _sure(
     search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()
 ) -> Settled:
@@ -146,7 +165,7 @@ def _sure(
     So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
     """
     beaten = 0
-    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
+    found, held, joints = _searched(search, session), search.settings, baseline.nominal.joint_names
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
@@ -158,7 +177,7 @@ def _sure(
         if refused and len(doubted) <= held.most_doubted:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
-            found = search.run()
+            found = _searched(search, session)
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
@@ -166,7 +185,7 @@ def _sure(
         if not refused and beaten < held.most_doubted:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)
-            other = replace(search, barred=search.barred | lost).run()
+            other = _searched(replace(search, barred=search.barred | lost), session)
             if len(other.named) > len(kept):
                 search, found = replace(search, barred=search.barred | lost), other
                 continue

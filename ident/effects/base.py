@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
+from scipy.stats import norm
 
 from ident.arrays import Array, Float
 from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical
@@ -254,6 +255,19 @@ class Effect(ABC):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return None
+
+    def log_prior(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Float[Array, " k"]
+    ) -> float | None:
+        """Log density of such coefficients beforehand, or None where nothing is known of them.
+
+        By default normal about zero, `prior_scale` being two standard deviations.
+        """
+        usual = self.prior_scale(session, joint, variant)
+        if usual is None:
+            return None
+        deviation = 0.5 * usual[: len(coefficients)]
+        return float(np.sum(norm.logpdf(coefficients, scale=deviation)))
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """What reported figures can be on this arm, by name; figures that may be anything are left out."""

@@ -312,8 +312,13 @@ class PositionDependentFriction(Effect):
         return wave_figures(variant.inner["order"], coefficients, covariance)
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """Passive: where it takes friction away, no less than none may be left."""
-        most = coulomb_level(session, joint)
+        """Passive: where it takes friction away, no less than none may be left; at angles that were not seen, anything.
+
+        Coulomb friction is what there is on the mean of the way: the wave's own mean on that way is in it.
+        """
+        turned = figures["order"].value * np.concatenate([run.motion.q[:, joint] for run in session.runs])
+        wave = np.cos(turned - figures["phase_rad"].value)
+        most = coulomb_level(session, joint) / max(float(wave.mean() - wave.min()), 1e-9)
         return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:

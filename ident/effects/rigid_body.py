@@ -18,6 +18,7 @@ from ident.robot.arm import ArmModel
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].
 PAYLOAD_REACHES = (0.03, 0.12)
 LARGEST_PAYLOAD = 10.0  # [kg]
+LEAST_PAYLOAD_SHARE = 0.003  # of the arm's mass; what is less is no load
 LARGEST_LEVER = 0.3  # [m]
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 LARGEST_TILT = 0.1  # [rad]
@@ -94,6 +95,17 @@ class UnknownPayload(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         levers = np.full(len(_acting_axes(session.runs[0].arm)), LARGEST_LEVER)
         return LARGEST_PAYLOAD * np.concatenate([[1.0], levers])
+
+    def log_prior(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Float[Array, " k"]
+    ) -> float | None:
+        """A hundredth of the arm's mass is as likely as a half of it, centred anywhere in a tool's reach."""
+        arm = session.runs[0].arm
+        mass, most = float(coefficients[0]), float(arm.inertial_parameters[::10].sum())
+        if not LEAST_PAYLOAD_SHARE * most <= mass <= most:
+            return -np.inf
+        widths = 2.0 * LARGEST_TOOL_SHARE * arm_reach(arm) * mass * np.ones(len(coefficients) - 1)
+        return -float(np.log(mass * np.log(1.0 / LEAST_PAYLOAD_SHARE)) + np.sum(np.log(widths)))
 
 
 class LinkInertialError(Effect):

@@ -83,13 +83,13 @@ class Candidates:
 
     def cost_of(self, group: Group) -> float:
         """What a group's freedom and its grid cost [nats]."""
-        return len(group.columns) * self._cost_of_column(group) + self._choices[group.effect.id]
+        return len(group.columns) * self._cost_of_column(group) + self.choices[group.effect.id]
 
     def _cost_of_column(self, group: Group) -> float:
         return 0.5 * float(np.log(self._samples(group)))
 
     @cached_property
-    def _choices(self) -> dict[str, float]:
+    def choices(self) -> dict[str, float]:
         """For each effect the log of all its points and places: effects are as likely as each other beforehand."""
         groups = self.evidence.layout.groups
         counts = {effect.id: effect.screens for effect in (group.effect for group in groups)}

@@ -37,6 +37,7 @@ def main() -> None:
     parser.add_argument("--arms", default="tm5-900,ur5,panda")
     parser.add_argument("--healthy", type=float, default=0.35)
     parser.add_argument("--outside", type=float, default=0.1)
+    parser.add_argument("--pairs", type=float, default=0.0)
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
     arms = given.arms.split(",")
@@ -50,9 +51,7 @@ def main() -> None:
         answers = {}
         for i in range(given.sessions // len(arms)):
             draw = rng.random()
-            kind = (
-                "healthy" if draw < given.healthy else str(rng.choice(OUTSIDE if draw > 1 - given.outside else DRAWN))
-            )
+            kind = drawn_kind(draw, given, rng)
             session = f"session_{i:03d}"
             answers[session] = make_session(text, names, kind, int(rng.integers(2**62)), home / session)
             if answers[session]["largest_error_rad"] > LOST:  # the controller lost the arm: no session
@@ -62,7 +61,16 @@ def main() -> None:
                 continue
             (home / "answers.json").write_text(json.dumps(answers, indent=1), encoding="utf-8")
             told = answers[session]["effects"]
-            print(arm, session, kind, told[0]["visible"] if told else "", flush=True)
+            print(arm, session, kind, *((one["effect"], one["visible"]) for one in told), flush=True)
+
+
+def drawn_kind(draw: float, given: argparse.Namespace, rng: np.random.Generator) -> str:
+    """A session's kind from a number between 0 and 1: healthy, single, pair, outside in this order."""
+    if draw < given.healthy:
+        return "healthy"
+    if draw > 1.0 - given.outside:
+        return str(rng.choice(OUTSIDE))
+    return "pair" if draw > 1.0 - given.outside - given.pairs else str(rng.choice(DRAWN))
 
 
 if __name__ == "__main__":

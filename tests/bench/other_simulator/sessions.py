@@ -35,6 +35,7 @@ BY_DIFFERENCE = (
 )
 # Least and largest amounts that an arm has, as factors of the drawn ones: a pilot may ask for more.
 FACTORS = (0.05, 6.0)
+LONGEST_DELAY = 0.025  # [s]
 
 
 def strip(urdf: Path) -> str:
@@ -137,39 +138,39 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
     top = np.array([min(float(limits[n].get("velocity") or 2.0), 3.0) for n in names]) * 0.5
     world = draw_world(rated, rng)
     arm = draw_arm(text, rated, rng)
-    wanted = 0.0
-    effects: tuple[Effect, ...] = ()
-    if kind not in ("healthy",):
-        name = kind if kind in DRAWN + OUTSIDE else str(rng.choice(DRAWN))
-        effects = (draw_effect(name, arm, low, high, rng),)
-        wanted = float(rng.choice(SIZES, p=[0.2, 0.4, 0.4])) if kind in DRAWN else 2.0
+    drawn = [draw_effect(name, arm, low, high, rng) for name in hidden_names(kind, rng)]
+    sizes = {"outside": [2.0], "pair": [1.0, 3.0]}.get(kind_of(kind), list(SIZES))
+    chance = [0.2, 0.4, 0.4] if len(sizes) == len(SIZES) else None
+    wanted = [float(rng.choice(sizes, p=chance)) for _ in drawn]
     child = int(rng.integers(2**32))
     reference = draw_reference(world, low, high, top, rng)
-    if effects and effects[0].name == "torque_saturation":
-        plain = Simulator(text, world, arm, (), np.random.default_rng(child))
-        log = plain.run(reference[:2], np.random.default_rng(child))
-        knee = 0.6 * float(np.abs(log["tau"][:, :, effects[0].joint]).max())
-        effects = (replace(effects[0], figures={"knee": knee}),)
-    told = np.zeros(len(names))
-    if effects:
-        effects, told = scaled(text, world, arm, effects, reference, child, wanted)
+    effects: tuple[Effect, ...] = ()
+    told = []
+    for effect, size in zip(drawn, wanted, strict=True):
+        if effect.name == "torque_saturation":
+            plain = Simulator(text, world, arm, (), np.random.default_rng(child))
+            log = plain.run(reference[:2], np.random.default_rng(child))
+            knee = 0.6 * float(np.abs(log["tau"][:, :, effect.joint]).max())
+            effect = replace(effect, figures={"knee": knee})
+        grown, shown = scaled(text, world, arm, effect, reference, child, size)
+        effects, told = (*effects, grown), [*told, shown]
     sim = Simulator(text, world, arm, effects, np.random.default_rng(child))
     log = sim.run(reference, np.random.default_rng(child))
     out.mkdir(parents=True, exist_ok=True)
     for r, frame in enumerate(record(log, sim, names, np.random.default_rng(child + 1))):
         frame.to_parquet(out / f"run_{r:02d}.parquet")
     return {
-        "kind": "null" if not effects else ("outside" if effects[0].name in OUTSIDE else "single"),
+        "kind": kind_of(kind),
         "effects": [
             {
                 "effect": e.name,
                 "joint": names[e.joint] if e.joint >= 0 else None,
                 "size": e.size,
                 "params": e.figures,
-                "visible": round(float(told.max()), 2),
-                "shows_at": names[int(told.argmax())],
+                "visible": round(float(shown.max()), 2),
+                "shows_at": names[int(shown.argmax())],
             }
-            for e in effects
+            for e, shown in zip(effects, told, strict=True)
         ],
         "true_loss": {
             "motor_inertia_kgm2": arm.rotor.tolist(),
@@ -183,18 +184,33 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
     }
 
 
+def kind_of(kind: str) -> str:
+    """What a session shows: nothing, one effect, two of them, or a law of none."""
+    if kind in ("healthy", "pair"):
+        return {"healthy": "null"}.get(kind, kind)
+    return "outside" if kind in OUTSIDE else "single"
+
+
+def hidden_names(kind: str, rng: np.random.Generator) -> list[str]:
+    """The effects of a session; a pair's are two different ones."""
+    if kind == "healthy":
+        return []
+    return [str(name) for name in rng.choice(DRAWN, 2, replace=False)] if kind == "pair" else [kind]
+
+
 def scaled(
-    text: str, world: World, arm: Arm, effects: tuple[Effect, ...], reference: np.ndarray, child: int, wanted: float
-) -> tuple[tuple[Effect, ...], np.ndarray]:
+    text: str, world: World, arm: Arm, effect: Effect, reference: np.ndarray, child: int, wanted: float
+) -> tuple[Effect, np.ndarray]:
     """The effect at the amount whose pilot leaves `wanted` times the noise, if arms have it; and what it leaves."""
     some = reference[: min(4, len(reference))]
     ran = []
-    for chosen in ((), effects):
+    for chosen in ((), (effect,)):
         sim = Simulator(text, world, arm, chosen, np.random.default_rng(child))
         ran.append((sim, sim.run(some, np.random.default_rng(child))))
-    if effects[0].name == "torque_delay":
+    if effect.name == "torque_delay":
         rate = np.gradient(ran[1][1]["tau"], STEP, axis=1)
-        ran[1][1]["extra"] = -effects[0].size * rate
-    found = visible(ran[1][1], ran[0][1] if effects[0].name in BY_DIFFERENCE else None, ran[1][0])
-    factor = float(np.clip(wanted / max(found.max(), 1e-9), *FACTORS))
-    return (replace(effects[0], size=effects[0].size * factor),), found * factor
+        ran[1][1]["extra"] = -effect.size * rate
+    found = visible(ran[1][1], ran[0][1] if effect.name in BY_DIFFERENCE else None, ran[1][0])
+    least, most = FACTORS[0], FACTORS[1] if effect.name != "torque_delay" else LONGEST_DELAY / effect.size
+    factor = float(np.clip(wanted / max(found.max(), 1e-9), least, most))
+    return replace(effect, size=effect.size * factor), found * factor

@@ -247,7 +247,7 @@ class Simulator:
                 recorded[:, j] += e.size
             elif e.name == "torque_saturation":
                 over = np.maximum(np.abs(command[:, j]) - f["knee"], 0.0)
-                recorded[:, j] += np.sign(command[:, j]) * np.minimum(e.size * over**2, 0.6 * over)
+                recorded[:, j] -= np.sign(command[:, j]) * over**2 / (over + 1.0 / e.size)  # bends, then is flat
             elif e.name == "external_contact":
                 when = k * STEP
                 for r, d in enumerate(data):
@@ -257,5 +257,5 @@ class Simulator:
                         body = int(self.model.jnt_bodyid[j])
                         mujoco.mj_jac(self.model, d, jac, None, d.xpos[body], body)
                         outer[r] -= push * (jac.T @ np.array([f["x"], f["y"], f["z"]]))
-        # The log tells the command; what the motor delivers is less by gain, offset and saturation.
+        # The log tells the command; the drive's readings are off by gain and offset, and flatten.
         return outer, recorded
