@@ -30,6 +30,13 @@ class ChangeHeldoutRecord(TypedDict):
     shrink: float
 
 
+class OtherPlaceRecord(TypedDict):
+    """Where a change may sit as well; no joint for what acts on the whole arm."""
+
+    effect: str
+    joint: str | None
+
+
 # `class` is a word of Python's own, so this record is written as a call.
 ChangeRecord = TypedDict(
     "ChangeRecord",
@@ -40,6 +47,7 @@ ChangeRecord = TypedDict(
         "class": list[str],
         "action": str,
         "parameters": dict[str, IntervalRecord],
+        "elsewhere": list[OtherPlaceRecord],
         "heldout": ChangeHeldoutRecord,
         "evidence": dict[str, float],
     },

@@ -39,8 +39,14 @@ def _named(change: Mapping[str, Any]) -> str:
     """A change with its place; one of the whole arm has none."""
     if change["effect"] in OF_THE_ARM:
         return effect_name(change["effect"])
-    where = join_words(change["joints"]) if len(change["joints"]) <= 3 else "the whole arm"
+    where = places_of(change) if len(change["joints"]) <= 3 else "the whole arm"
     return f"{effect_name(change['effect'])} in {where}"
+
+
+def places_of(change: Mapping[str, Any]) -> str:
+    """A change's joints, and those where it may be as well."""
+    places = [one["joint"] for one in change.get("elsewhere", ()) if one["effect"] == change["effect"]]
+    return join_words(change["joints"]) + (f" (or {join_words(places)})" if places else "")
 
 
 def print_comparison(console: Console, comparison: ArmComparison) -> None:
@@ -78,7 +84,7 @@ def describe_change(change: ArmChange) -> str:
         f"{name} {fixed(before)} → {fixed(change.rms_after[name])} N m" for name, before in change.rms_before.items()
     ]
     return (
-        f"{join_words(change.joints)}: {effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
+        f"{places_of(change.to_dict())}: {effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
         f"error in the later set {', '.join(parts)} ({percent(change.shrink)} of what can be closed)"
     )
 

@@ -1,12 +1,13 @@
 """Compares pairs of simulated sessions of one arm each, over worlds, and counts what was named, how large, and alarms.
 
-    python tests/bench/bench_compare.py PAIRS [--seed N] [--out FILE.json] [--runs 6] [--seconds 6] [--budget S]
+    python tests/bench/bench_compare.py PAIRS [--seed N] [--out FILE.jsonl] [--runs 6] [--seconds 6] [--budget S]
 
 Each pair is drawn: a world, an arm, whether the motions are the same before and after, and what happens in between:
 nothing (every third pair), a payload that comes or goes, friction of one joint after a service, a drive's gain, an
 offset, something mounted on a link. Fresh from the system's entropy unless a seed is given. Counted: *named*: the
-effect (or one of its class) at its joint, with no false name beside; *sized*: the interval of the true figure holds it;
-*alarms*: anything told where nothing changed.
+effect (or one of its class) at its joint (or at one that the answer leaves open), with no false name beside; *strict*:
+the first name and place are the true ones; *alone*: strict, and nothing else is left open; *sized*: the interval of the
+true figure holds it; *alarms*: anything told where nothing changed. FILE gets a line of JSON for each pair.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Pair:
     size: float
     same_motions: bool
     verdict: str
-    told: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]
+    told: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[tuple[str, str], ...]], ...]
     interval: tuple[float, float, float] | None
     seconds: float
     doubted: tuple[str, ...]
@@ -71,8 +72,20 @@ class Pair:
     def sized(self) -> bool:
         return self.interval is not None and self.interval[1] <= self.size <= self.interval[2]
 
-    def _right(self, effect: str, near: tuple[str, ...], joints: tuple[str, ...]) -> bool:
-        return (effect == self.kind or self.kind in near) and (not self.joint or self.joint in joints)
+    @property
+    def strict(self) -> bool:
+        return len(self.told) == 1 and self.told[0][0] == self.kind and self.joint in ("", *self.told[0][2])
+
+    @property
+    def alone(self) -> bool:
+        """Whether the answer leaves neither another effect nor another place open."""
+        return self.strict and len(self.told[0][1]) <= 1 and not self.told[0][3]
+
+    def _right(
+        self, effect: str, near: tuple[str, ...], joints: tuple[str, ...], elsewhere: tuple[tuple[str, str], ...]
+    ) -> bool:
+        here = (effect == self.kind or self.kind in near) and (not self.joint or self.joint in joints)
+        return here or (self.kind, self.joint) in elsewhere
 
 
 def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
@@ -101,7 +114,7 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
     found = compare(before.session, after.session, arm)
     spent = time.process_time() - started
     truth = _truth(kind, arm.joint_names[joint], before, after, reverse)
-    told = tuple((one.effect, one.estimate.rivals, one.joints) for one in found.changes)
+    told = tuple((one.effect, one.estimate.rivals, one.joints, one.elsewhere) for one in found.changes)
     own = "" if kind in ("payload", "nothing") else arm.joint_names[joint]
     interval = None
     for one in found.changes:
@@ -150,15 +163,18 @@ def main() -> None:
         pair = draw_pair(seed + k, options.runs, options.seconds)
         pairs.append(pair)
         mark = "ok" if pair.named or (pair.kind == "nothing" and not pair.told) else "--"
-        said = "; ".join(f"{effect} {','.join(joints)}" for effect, _, joints in pair.told)
+        said = "; ".join(
+            f"{effect} {','.join(joints)} or {','.join((*near[1:], *(place for _, place in elsewhere))) or 'nothing'}"
+            for effect, near, joints, elsewhere in pair.told
+        )
         print(
             f"{mark} {seed + k} {pair.world} {pair.kind} {pair.joint} {pair.size:.3g} -> {pair.verdict}: {said} "
             f"{pair.interval} {pair.doubted} {pair.seconds:.1f} s",
             flush=True,
         )
         if options.out:
-            with open(options.out, "w", encoding="utf-8") as stream:
-                json.dump([vars(one) for one in pairs], stream, indent=1)
+            with open(options.out, "a", encoding="utf-8") as stream:
+                print(json.dumps({"seed": seed + k, **vars(pair)}), file=stream)
     print(json.dumps(summary(pairs), indent=1))
 
 
@@ -174,6 +190,8 @@ def summary(pairs: list[Pair]) -> dict[str, Any]:
         found[kind] = {
             "pairs": len(own),
             "named": sum(pair.named for pair in own),
+            "strict": sum(pair.strict for pair in own),
+            "alone": sum(pair.alone for pair in own),
             "seen": sum(pair.seen for pair in own),
             "sized": f"{sum(pair.sized for pair in told)} of {len(told)}",
             "silent": sum(not pair.told for pair in own),

@@ -15,8 +15,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.friction_doubt import GAIN, day_to_day_error, may_be_a_gain
-from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, look_at
+from ident.diagnosis.change.friction_doubt import GAIN, another_day, may_be_a_gain
+from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, enough, look_at
+from ident.diagnosis.change.places import open_places
 from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
@@ -46,6 +47,7 @@ LEAST_SEEN = 0.02
 ALARM = 0.01
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
+TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
 # Searches at the most, each without what did not stand.
 MOST_ROUNDS = 8
 
@@ -72,6 +74,7 @@ class _Told:
     estimates: tuple[Estimate, ...]
     standings: tuple[Standing, ...]
     doubted: tuple[Reservation, ...]
+    places: tuple[tuple[Group, ...], ...] = ()  # of each, where it may sit as well
     unlawful: bool = False  # something stood out whose figures no arm has
 
     @property
@@ -99,8 +102,12 @@ def compare(
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
-    selection = replace(settings.selection, family_error=ALARM)
     first = replace(look_at(before, after, arm), doubt=doubt)
+    if not enough(first.switched.evidence):
+        few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.switched.evidence.layout.groups]
+        hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
+        return ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden.values()))
+    selection = replace(settings.selection, family_error=ALARM)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     told = _tell(first, seed, selection, sessions)
     second = look_again(first, told.estimates, before, after, arm)
@@ -127,7 +134,7 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
     for _ in range(MOST_ROUNDS):
         found = search.run()
         if not found.named:
-            return _Told(found, (), (), doubted, unlawful)
+            return _Told(found, (), (), doubted, unlawful=unlawful)
         if (spare := _superfluous(search, found)) is not None:
             search = replace(search, barred=search.barred | {spare})
             continue
@@ -146,10 +153,13 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
             elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
                 unlawful = True
         if not refused:
-            return _Told(found, tuple(_with_gain(estimates, fine, look)), tuple(standings), doubted, unlawful)
+            named = [item.group for item in found.named]
+            places = tuple(open_places(search, named, slot) for slot in range(len(named)))
+            told = tuple(_with_bodies(*pair) for pair in zip(_with_gain(estimates, fine, look), places, strict=True))
+            return _Told(found, told, tuple(standings), doubted, places, unlawful)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
-    return _Told(search.only(found, ()), (), (), doubted, unlawful)
+    return _Told(search.only(found, ()), (), (), doubted, unlawful=unlawful)
 
 
 def least_nats(asked: int) -> float:
@@ -188,7 +198,7 @@ def _told_again(second: SecondLook, told: _Told, settings: SelectionSettings, se
         estimates.append(_widened(_as_read(raw, fine, look, added), raw, standing))
     score = search.held_out.score(second.groups)
     ladder = (*told.found.ladder[:-1], score)
-    return _Told(replace(told.found, ladder=ladder), tuple(estimates), told.standings, told.doubted, told.unlawful)
+    return replace(told, found=replace(told.found, ladder=ladder), estimates=tuple(estimates))
 
 
 def _standings(
@@ -203,9 +213,9 @@ def _standings(
     for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
         scale = evidence.scale[group.columns]
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        least = day_to_day_error(group, look.session, beta + more, sessions)
+        day = another_day(group, look.session, beta + more, evidence.spread, sessions)
         sides = look.switched, look.sides
-        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, sessions, least))
+        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, day))
     return found
 
 
@@ -217,6 +227,12 @@ def _with_gain(estimates: Sequence[Estimate], fine: Refined, look: SharedLook) -
         open_between = GAIN not in one.rivals and may_be_a_gain(one.told, look.session, beta, cells)
         found.append(replace(one, rivals=(*one.rivals, GAIN)) if open_between else one)
     return found
+
+
+def _with_bodies(estimate: Estimate, places: Sequence[Group]) -> Estimate:
+    """An estimate with the further effects that may sit at other places."""
+    ids = dict.fromkeys((*estimate.rivals, *(group.effect.id for group in places)))
+    return replace(estimate, rivals=tuple(ids))
 
 
 def _as_read(estimate: Estimate, fine: Refined, look: SharedLook, added: Float[Array, " k"]) -> Estimate:
@@ -277,7 +293,8 @@ def _result(
 ) -> ArmComparison:
     joints, floor = arm.joint_names, look.switched.evidence.floor
     found = []
-    for item, estimate, standing in zip(told.found.named, told.estimates, told.standings, strict=True):
+    each = zip(told.found.named, told.estimates, told.standings, told.places, strict=True)
+    for item, estimate, standing, places in each:
         acts = item.shown
         old, new = item.before.rms[acts], item.after.rms[acts]
         names = [joints[j] for j in acts]
@@ -292,6 +309,9 @@ def _result(
                 log_score=item.gates.log_score,
                 evidence=item.gates.evidence,
                 run_spread=standing.spread,
+                elsewhere=tuple(
+                    (one.effect.id, joints[one.joint] if one.effect.scope == "joint" else "") for one in places
+                ),
             )
         )
     found.sort(key=lambda change: -change.closed)

@@ -11,6 +11,8 @@ of a UR10e differ by 2 to 5 % of their friction.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ident.arrays import Array, Float
@@ -22,28 +24,62 @@ from ident.effects.typical_sizes import friction_level
 FRICTION, GAIN = "friction_change", "torque_gain_error"
 # Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.
 DAY_TO_DAY = 0.02
+
+
+@dataclass(frozen=True)
+class AnotherDay:
+    """What friction differs by though nothing was done, as shares of a change.
+
+    Attributes:
+        error: Standard deviation between any two sets of sessions, whatever their runs say.
+        step: Usual standard deviation from a run to the next; 0 for what does not wander.
+        sessions: Number of sessions of each set.
+    """
+
+    error: float = 0.0
+    step: float = 0.0
+    sessions: tuple[int, int] = (1, 1)
+
+
+SAME_DAY = AnotherDay()
 # Two shares are the same if they differ by less than so many standard deviations.
 SAME = 2.0
 
 
-def day_to_day_error(group: Group, session: SessionContext, beta: Array, sessions: tuple[int, int]) -> float:
-    """Standard deviation of a change of friction between any two sets of sessions, as a share of the change found.
+def share_of_friction(group: Group, session: SessionContext, beta: Array) -> float:
+    """Size of a change of friction, as a share of the joint's friction [1].
 
     Any law of friction passes for another level of it where a joint moves little: all are held against the same.
 
     Args:
-        group: The change; 0 for one that is not of friction.
+        group: The change.
         session: The runs.
         beta: Its coefficients.
-        sessions: Number of sessions of each set.
     """
-    if group.effect.id not in OF_FRICTION:
-        return 0.0
     runs = group.effect.asked(session)
     columns = np.concatenate(group.effect.columns(runs, group.joint, group.variant))
     friction = np.concatenate([run.friction[:, group.joint] for run in runs.runs])
-    share = np.sqrt(np.mean((columns @ beta) ** 2) / max(np.mean(friction**2), 1e-300))
-    return float(DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1]) / max(share, 1e-12))
+    return float(np.sqrt(np.mean((columns @ beta) ** 2) / max(np.mean(friction**2), 1e-300)))
+
+
+def another_day(
+    group: Group, session: SessionContext, beta: Array, spread: Float[Array, " n"], sessions: tuple[int, int]
+) -> AnotherDay:
+    """What friction differs by though nothing was done to the arm, as shares of the change found.
+
+    Args:
+        group: The change; of one that is not of friction nothing is expected.
+        session: The runs.
+        beta: Its coefficients.
+        spread: By how much each joint's friction differs from run to run of one set, as a share.
+        sessions: Number of sessions of each set.
+    """
+    if group.effect.id not in OF_FRICTION:
+        return SAME_DAY
+    share = max(share_of_friction(group, session, beta), 1e-12)
+    between = DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
+    # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
+    return AnotherDay(float(between / share), float(np.median(spread) / share), sessions)
 
 
 def may_be_a_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:

@@ -13,7 +13,7 @@ from ident.diagnosis.change.readings import STATED, GainDoubt
 from ident.diagnosis.change.switched import Sides, Switched, cut, switch
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.design import NotTestable, layout_of
-from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.regression.run_spread import estimate_run_spread
@@ -94,9 +94,19 @@ def look_at(
     whitening = None if known is None else known.whitening
     sums = gather(session, baseline, layout, whitening, sides.partition, alike=len(first))
     switched = switch(sums, sides, apart, frozenset(effect.id for effect in shared))
-    spread = _spread(switched, sides, baseline) if known is None else known.spread
+    if known is not None:
+        spread = known.spread
+    elif enough(switched.evidence):
+        spread = _spread(switched, sides, baseline)
+    else:
+        spread = np.full(layout.n, switched.evidence.settings.wide_spread)
     switched = replace(switched, evidence=switched.evidence.with_run_spread(spread))
     return SharedLook(baseline, session, sides, switched, tuple(silent))
+
+
+def enough(evidence: Evidence) -> bool:
+    """Whether there are more samples than the baseline has figures; else nothing is known, least of all the noise."""
+    return bool(evidence.samples.sum() > evidence.layout.tuned)
 
 
 def _grids(

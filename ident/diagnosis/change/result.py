@@ -50,16 +50,28 @@ class ArmChange(Explained):
         log_score: Gain on held-out runs with its standard error [nats].
         evidence: Log evidence [nats].
         run_spread: How much the effect differs from run to run of one set, as a share of the change.
+        elsewhere: Effects and joints ("" for the whole arm) at which it explains these recordings as well.
     """
 
     p_value: float
     log_score: tuple[float, float]
     evidence: float
     run_spread: float
+    elsewhere: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def action(self) -> str:
+        """What a person at the cell can do about it, other places told where recordings leave them open."""
+        where = [joint for effect, joint in self.elsewhere if effect == self.effect]
+        joints = [*self.joints, *where] if len(where) and self.estimate.told.effect.scope == "joint" else self.joints
+        sentence = self.estimate.told.effect.action((" or " if where else ", ").join(joints), self.estimate.parameters)
+        carried = self.effect != "payload" and any(effect == "payload" for effect, _ in self.elsewhere)
+        return f"{sentence}; or is it the tool? these recordings can't tell" if carried else sentence
 
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.told(),
+            "elsewhere": [{"effect": effect, "joint": joint or None} for effect, joint in self.elsewhere],
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,

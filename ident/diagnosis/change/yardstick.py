@@ -9,9 +9,9 @@ differ by, the part beyond noise is a variance component,
 and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
 of its set's information. A change is told where F = 1 / (k V) is beyond chance for its k columns, all changes asked.
 
-Friction is not as free from run to run: it wanders, as gears warm. What runs that follow each other differ by, q, then
-adds up, and a session of R runs that set out where the last one did has a mean that is off by q R / 3. Nobody can tell
-from a few runs whether it wanders or jumps; so it is taken to wander, and means of sessions to be free.
+Friction is not as free from run to run: it wanders (`wandering`). Nobody can tell from a few runs whether it wanders or
+jumps; so it is taken to wander, and means of sessions to be free. How far is a distribution, over which chances are
+taken.
 
 Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Satterthwaite 1946 (degrees of freedom).
 """
@@ -21,18 +21,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float, Int
-from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.change.friction_doubt import SAME_DAY, AnotherDay
 from ident.diagnosis.change.switched import Sides, Switched
+from ident.diagnosis.change.wandering import PRIOR_DOF, estimate_wandering
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.run_spread import excess_over_noise, residual_weights
-
-# Degrees of freedom that a variance from runs has beside those of the runs: arms of one kind differ by little.
-PRIOR_DOF = 2.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,6 @@ class Standing:
         error: Standard deviation of its size, as a share of it.
         spread: Standard deviation from run to run of the effect, as a share of the change.
         widening: Factor on the half-widths of intervals that count the blocks' noise alone.
-        dof: Degrees of freedom.
         daily: What of the error is there whatever the runs say, as one day differs from the next.
     """
 
@@ -52,7 +50,6 @@ class Standing:
     error: float
     spread: float
     widening: float
-    dof: float
     daily: float = 0.0
 
     @property
@@ -69,8 +66,7 @@ def measure_standing(
     beta: Float[Array, " k"],
     covariance: Float[Array, "k k"],
     asked: int,
-    sessions: tuple[int, int] = (1, 1),
-    least: float = 0.0,
+    day: AnotherDay = SAME_DAY,
 ) -> Standing:
     """Holds a change against the runs.
 
@@ -82,8 +78,7 @@ def measure_standing(
         beta: Its scaled coefficients.
         covariance: Their covariance by blocks.
         asked: How many changes were asked for.
-        sessions: Number of sessions of each set.
-        least: Error that it has whatever the runs say, as a share of it.
+        day: What it may differ by though nothing was done, as a share of it.
     """
     score, power = _by_block(switched, model, group, beta)
     runs = len(sides.later)
@@ -93,23 +88,35 @@ def measure_standing(
     seen = count > 1e-9 * count.max(initial=1e-300)
     size = np.where(seen, total / np.where(seen, count, 1.0), 0.0)
     noise = _noise(score - size[sides.run_of_block] * power, power)
-    spread, free, share = _component(size, noise / np.where(seen, count, 1.0), count, sides, seen)
+    by_noise = noise / np.where(seen, count, 1.0)
+    spread, free, share = _component(size, by_noise, count, sides, seen)
     along = _information(switched, model, group, beta) @ beta
     by_blocks = float(along @ covariance @ along) / max(float(beta @ along), 1e-300) ** 2
-    by_runs = spread**2 * share
-    if group.effect.id in OF_FRICTION:
-        wander, steps = _wandering(size, noise / np.where(seen, count, 1.0), sides, seen, sessions)
-        if wander > by_runs:
-            by_runs, free = wander, steps
-    by_runs = max(by_runs, _between_runs(size, count, sides, seen) - by_blocks)
-    variance = by_blocks + by_runs + least**2  # the last is known, not estimated
-    blocks = max(len(score) - 1.0, 1.0)
-    dof = variance**2 / (by_blocks**2 / blocks + by_runs**2 / (free + PRIOR_DOF) + 1e-300)
+    by_runs = max(spread**2 * share, _between_runs(size, count, sides, seen) - by_blocks)
+    of_sides = [np.flatnonzero((sides.later == side) & seen) for side in (False, True)]
+    sets = [(size[here], by_noise[here], number) for here, number in zip(of_sides, day.sessions, strict=True)]
+    wandering = estimate_wandering(sets, day.step)
+    # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
+    of_runs = np.where(by_runs > wandering.variance, by_runs**2 / (free + PRIOR_DOF), 0.0)
+    estimated = by_blocks**2 / max(len(score) - 1.0, 1.0) + of_runs
+    variance = by_blocks + np.maximum(by_runs, wandering.variance) + day.error**2
+    dof = variance**2 / (estimated + 1e-300)
     k = len(beta)
-    p_value = min(1.0, asked * float(fisher.sf(1.0 / (k * variance), k, dof)))
-    reach = float(student.ppf(0.975, dof)) / 1.96
-    widening = reach * float(np.sqrt(variance / max(by_blocks, 1e-300)))
-    return Standing(p_value, float(np.sqrt(variance)), float(spread), max(1.0, widening), float(dof), least)
+    p_value = min(1.0, asked * float(wandering.weight @ fisher.sf(1.0 / (k * variance), k, dof)))
+    reach = _quantile(variance, dof, wandering.weight) / 1.96
+    error = float(np.sqrt(wandering.weight @ variance))
+    widening = reach / float(np.sqrt(max(by_blocks, 1e-300)))
+    return Standing(p_value, error, float(spread), max(1.0, widening), day.error)
+
+
+def _quantile(variance: Float[Array, " m"], dof: Float[Array, " m"], weight: Float[Array, " m"]) -> float:
+    """Where 97.5 % of a mixture of Student's distributions lie below."""
+
+    def above(x: float) -> float:
+        return float(weight @ student.sf(x / np.sqrt(variance), dof)) - 0.025
+
+    far = float(np.max(student.ppf(0.975, dof) * np.sqrt(variance)))
+    return float(brentq(above, 0.0, far * (1.0 + 1e-9)))
 
 
 def _by_block(
@@ -168,25 +175,6 @@ def _between_runs(size: Float[Array, " R"], power: Float[Array, " R"], sides: Si
         apart = share * (size[here] - share @ size[here])
         found += float(np.sum(apart**2)) * len(here) / (len(here) - 1)
     return found
-
-
-def _wandering(
-    size: Float[Array, " R"],
-    variance: Float[Array, " R"],
-    sides: Sides,
-    seen: Array,
-    sessions: tuple[int, int],
-) -> tuple[float, float]:
-    """Variance of the difference of both sets' means if what runs differ by adds up, and its degrees of freedom."""
-    squares, steps, share = 0.0, 0, 0.0
-    for side, count in zip((False, True), sessions, strict=True):
-        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
-        if not len(here):
-            continue
-        squares += float(np.sum(np.diff(size[here]) ** 2 - variance[here][1:] - variance[here][:-1]))
-        steps += len(here) - 1
-        share += len(here) / count / 3.0 / count
-    return max(0.0, squares) / max(steps, 1) * share, float(steps)
 
 
 def _information(switched: Switched, model: Projection, group: Group, beta: Float[Array, " k"]) -> Float[Array, "k k"]:

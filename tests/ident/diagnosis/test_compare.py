@@ -12,6 +12,7 @@ from ident.diagnosis.change.compare import ALARM, compare, least_nats
 from ident.diagnosis.change.friction_doubt import may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.look import look_at
+from ident.diagnosis.change.places import told_apart
 from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.effects.typical_sizes import friction_level
@@ -53,6 +54,13 @@ def with_offset(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 
 def with_warmth(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     return wrong_everywhere(arm, q, dq, ddq) + at_joint(1, 0.05 * COULOMB[1] * np.tanh(dq[:, 1] / SLIP))
+
+
+def with_denser_link(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """A link between that is a tenth denser: not far from what a tool does."""
+    more = np.zeros_like(arm.inertial_parameters)
+    more[10:20] = 0.1 * arm.inertial_parameters[10:20]
+    return wrong_everywhere(arm, q, dq, ddq) + arm.regressor(q, dq, ddq) @ more
 
 
 def runs_of(arm: ArmModel, plant: Plant, seeds: range) -> list[Motion]:
@@ -152,6 +160,32 @@ def test_a_load_is_weighed_by_the_difference_and_its_leaving_too(arm: ArmModel, 
         assert "payload" in change.estimate.rivals
         figure = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
         assert figure.low <= sign * LOAD.mass_kg <= figure.high
+
+
+def test_a_body_is_told_with_all_its_places(arm: ArmModel, before: list[Motion]) -> None:
+    """Where a tool would pull alike, a person is told to look at it, too; and at no link that can't be it."""
+    (change,) = compared(arm, before, with_denser_link).changes
+    assert (change.effect, change.joints, change.elsewhere) == ("link_inertial_error", ("joint_2",), (("payload", ""),))
+    assert "payload" in change.estimate.rivals
+    assert "tool" in change.action
+
+
+def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        return healthy_torque(arm, q, dq, ddq)
+
+    sets = [made_motions(arm, law, range(seed, seed + 1), 1.2, 25.0, noise=NOISE) for seed in (0, 10)]
+    found = compare(*sets, arm, (Side(), Side()))
+    assert (found.verdict, found.changes) == ("not_testable", ())
+    assert found.not_testable
+
+
+def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
+    """Noise that is alike in size, whatever it adds up to, tells nothing; what every block says does."""
+    alike = np.random.default_rng(3).standard_normal(100)
+    assert not told_apart(alike - alike.mean() + 0.1)
+    assert told_apart(alike - alike.mean() + 0.3)
+    assert not told_apart(-3.0 * np.abs(alike))
 
 
 def test_friction_of_another_day_is_no_change(arm: ArmModel, before: list[Motion]) -> None:
