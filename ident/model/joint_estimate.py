@@ -22,7 +22,7 @@ from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.named_laws import NamedLaw
-from ident.model.run_effects import USUAL_RUNS, USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
+from ident.model.run_effects import USUAL_SPREAD, RunEffect, RunSums, fit_run_effects, wandering
 from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
@@ -227,7 +227,7 @@ class JointProblem:
         by_blocks = scores.T @ scores * blocks / max(1.0, blocks - self.size / self.n)
         bread = _inverse(self._with_prior(weighted.information))
         walk = self._wandering(weighted.effects)
-        covariance, dof = self._covariance(bread, by_blocks, by_runs, blocks, walk)
+        covariance, dof = self._covariance(bread, by_blocks, by_runs, blocks, walk, self._freedom(weighted.effects))
         return JointEstimate(
             values=values,
             covariance=covariance,
@@ -255,8 +255,15 @@ class JointProblem:
             free[index] = dof
         return variance, free
 
+    def _freedom(self, effects: list[RunEffect]) -> Float[Array, " m"]:
+        """Degrees of freedom of what the runs' changes add to each figure's variance."""
+        free = np.full(self.size, np.median([effect.dof for effect in effects]))
+        for j, effect in enumerate(effects):
+            free[self.index(j)[list(self.friction)]] = effect.dof
+        return free
+
     def _covariance(
-        self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int, walk: tuple[Array, Array]
+        self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int, walk: tuple[Array, Array], of_runs: Array
     ) -> tuple[Array, Array]:
         """Covariance of the figures and the degrees of freedom of each one's variance.
 
@@ -272,7 +279,7 @@ class JointProblem:
         parts = [np.maximum(np.diag(part), floor) for part in (from_blocks, from_runs, from_prior)]
         parts.append(np.maximum(walk[0], floor))
         total = sum(parts, np.zeros(self.size))
-        free = (max(1.0, blocks - self.size / self.n), len(self.labels) - 1 + USUAL_RUNS, np.inf, walk[1])
+        free = (max(1.0, blocks - self.size / self.n), of_runs, np.inf, walk[1])
         dof = 1.0 / sum(((part / total) ** 2 / d for part, d in zip(parts, free, strict=True)), np.zeros(self.size))
         return from_blocks + from_runs + from_prior + np.diag(walk[0]), np.maximum(dof, 1.0)
 

@@ -1,32 +1,32 @@
 """Friction that varies from run to run: a random change of each joint's viscous and Coulomb friction, run by run.
 
 The torque of run g at a joint is y = X θ + X D u_g + e with D = diag(viscous, Coulomb) on those two columns and
-u_g ~ N(0, Λ): relative changes of friction that no function of the state removes. Λ is found joint by joint by
-restricted maximum likelihood (expectation-maximisation), what is usual counting as some runs more; the weights
-V⁻¹ = (σ² I + X D Λ Dᵀ Xᵀ)⁻¹ of a run need only its sums, by Woodbury's identity.
+u_g ~ N(0, Λ): relative changes of friction that no function of the state removes. Λ is found for all joints together
+(see `shared_variance`) from how much of each change the data tell; the weights V⁻¹ = (σ² I + X D Λ Dᵀ Xᵀ)⁻¹ of a run
+need only its sums, by Woodbury's identity.
 
-Source: Laird and Ware 1982 (random effects by EM).
+Source: Laird and Ware 1982 (random effects); MacKay 1992 (variances by the number of well-told changes).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.model.shared_variance import USUAL_RUNS, USUAL_SPREAD, share_variance
 
-# Steps of the expectation-maximisation at each pass of the weights.
-EM_STEPS = 20
-# What is usual: a warm UR10e repeats its friction to about a per cent. It counts as so many runs more, fewer than a
-# session has: few runs then prove nothing to the contrary, and one run is not taken for perfect repeats.
-USUAL_SPREAD, USUAL_RUNS = 0.01, 2
+__all__ = ["USUAL_RUNS", "USUAL_SPREAD", "RunEffect", "RunSums", "fit_run_effects", "wandering"]
+
+# Steps towards the variances at each pass of the weights.
+STEPS = 10
 
 # A run counts for how friction wanders if its data take away this share of what is unknown of it; and it takes so many.
 LEAST_KNOWN, LEAST_WALK = 0.5, 2
 # Variance that a walk gathers over the session, in variances of the independent changes: none, or of any order between
-# what is not seen and what hides the rest, all as likely before the data.
+# what is not seen and what hides the rest, all as likely before the data. (Half of all for none held too few starts.)
 WALKS = np.array([0.0, *np.geomspace(0.03, 30.0, 19)])
 TINY = 1e-30
 
@@ -49,6 +49,7 @@ class RunEffect:
         noise: σ², what one row is worth [N² m²].
         gain: For each run the matrix K of V⁻¹ = (I − X D K Dᵀ Xᵀ) / σ², shape (g, 2, 2).
         change: Most probable relative change in each run, shape (g, 2).
+        dof: Degrees of freedom of the two spreads.
     """
 
     columns: Float[Array, "p 2"]
@@ -56,6 +57,7 @@ class RunEffect:
     noise: float
     gain: Float[Array, "g 2 2"]
     change: Float[Array, "g 2"]
+    dof: Float[Array, " 2"] = field(default_factory=lambda: np.full(2, float(USUAL_RUNS)))
 
     @property
     def known(self) -> Float[Array, "g 2"]:
@@ -111,17 +113,23 @@ def fit_run_effects(
     met = [values @ part for values, part in zip(estimates, through, strict=True)]
     score = (np.stack(left) - np.stack(met)) / noise[:, None, None]
     runs = inner.shape[1]
+    dof = np.full(spread.shape, float(USUAL_RUNS))
     if runs > 1:
-        for _ in range(EM_STEPS):
+        for _ in range(STEPS):
             covariance = _posterior(inner, spread)
             change = (covariance @ score[..., None])[..., 0]
-            second = change**2 + np.diagonal(covariance, axis1=-2, axis2=-1)
-            usual = USUAL_RUNS * USUAL_SPREAD**2
-            spread = np.sqrt((second.sum(axis=1) + usual) / (runs - 1 + USUAL_RUNS))
+            left = np.diagonal(covariance, axis1=-2, axis2=-1).sum(axis=1)
+            told = runs - np.divide(left, spread**2, out=np.full_like(left, runs), where=spread > 0.0)
+            told = np.maximum(told, 0.0) * (runs - 1) / runs  # the mean over the runs is no change
+            squares = (change**2).sum(axis=1).reshape(1, -1)
+            shared = share_variance(squares, told.ravel())
+            spread = np.sqrt(shared.moderate(squares, told.ravel())).reshape(spread.shape)
+            dof = told + shared.freedom
     covariance = _posterior(inner, spread)
     change = (covariance @ score[..., None])[..., 0]
     return [
-        RunEffect(columns[j], spread[j], float(noise[j]), covariance[j] / noise[j], change[j]) for j in range(len(sums))
+        RunEffect(columns[j], spread[j], float(noise[j]), covariance[j] / noise[j], change[j], dof[j])
+        for j in range(len(sums))
     ]
 
 
@@ -144,7 +152,7 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
     variance ν have the same power in each of its terms, a walk of step variance q has q / (2 sin(π k / 2g))² in the
     k-th. The ratio of the two is one for all joints of an arm; it is averaged over what the changes leave possible, as
     the likeliest ratio is often zero where the walk is merely small. The mean of a walk lies at a variance of
-    q (g + 1) (2 g + 1) / (6 g) from its start.
+    q (g + 1) (2 g + 1) / (6 g) from its start. Joints of whose changes nothing is known wander as the others do.
 
     Args:
         effects: Of all joints, runs in the order of their time.
@@ -154,23 +162,26 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
 
     Source: Patterson and Thompson 1971 (restricted likelihood); Ahmed, Natarajan and Rao 1974 (cosine transform).
     """
-    variance, dof = np.zeros((len(effects), 2)), np.ones((len(effects), 2))
-    surprise = np.zeros(len(WALKS))
-    levels = np.zeros((len(effects), 2, len(WALKS)))
+    shape = len(effects), 2
+    squares, dof, surprise = np.zeros((len(WALKS), *shape)), np.zeros(shape), np.zeros(len(WALKS))
     for j, effect in enumerate(effects):
         for e, (change, known) in enumerate(zip(effect.change.T, effect.known.T, strict=True)):
             told = known >= LEAST_KNOWN
             runs = int(told.sum())
             if runs >= LEAST_WALK:
-                power, gain = _modes(change[told] / known[told])
+                # A change that is told by half shows half of its variance.
+                power, gain = _modes(change[told] / np.sqrt(known[told]))
                 spread = 1.0 + WALKS[:, None] / runs * gain
-                level = np.mean(power / spread, axis=1)
-                surprise += 0.5 * ((runs - 1) * np.log(level) + np.log(spread).sum(axis=1))
-                levels[j, e] = level * WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
+                squares[:, j, e] = np.sum(power / spread, axis=1)
+                surprise += 0.5 * np.log(spread).sum(axis=1)
                 dof[j, e] = runs - 1
-    likely = np.exp(surprise.min() - surprise)
-    variance = levels @ (likely / likely.sum())
-    return variance, dof
+    if not dof.any():
+        return np.zeros(shape), np.ones(shape)
+    squares = squares.reshape(len(WALKS), -1)
+    shared = share_variance(squares, dof.ravel(), surprise)
+    runs = len(effects[0].change)
+    factor = WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
+    return shared.moderate(squares, dof.ravel(), factor).reshape(shape), dof + shared.freedom
 
 
 def _modes(change: Float[Array, " g"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

@@ -115,36 +115,43 @@ def _moved(new: float, old: float, size: float) -> bool:
     return abs(new - old) > SETTLED * np.sqrt(size)
 
 
-@compiled("f1 f1 i f f f f1", _predict, _update, _moved)
-def _log_likelihood(z: Array, dt: Array, regular: int, s: float, speed: float, rate: float, out: Array) -> None:
-    """Sums of log innovation variance and of normalised squared innovations, for r = 1.
+@compiled("f1 f1 f1 f1 f f f f1", _predict, _update, _moved)
+def _log_likelihood(
+    z: Array, dt: Array, starts: Array, regular: Array, s: float, speed: float, rate: float, out: Array
+) -> None:
+    """Sums of log innovation variance and of normalised squared innovations of runs end to end, for r = 1.
 
-    `speed` and `rate` are the standard deviations of the first velocity and acceleration.
+    `starts` holds each run's first row and, last, the number of rows; `dt` the interval after each row. `speed` and
+    `rate` are the standard deviations of the first velocity and acceleration.
     """
-    a, b, c, d, e, f = 1.0, 0.0, 0.0, speed * speed, 0.0, rate * rate
-    x0, x1, x2 = z[0], 0.0, 0.0
-    variance, k0, k1, k2, settled = 1.0, 0.0, 0.0, 0.0, False
-    log_sum, square_sum = 0.0, 0.0
-    for k in range(1, len(z)):
-        h = dt[k - 1]
-        if not settled:
-            pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
-            variance = pa + 1.0
-            k0, k1, k2 = pa / variance, pb / variance, pc / variance
-            oa, ob, oc, od, oe, of = a, b, c, d, e, f
-            a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, 1.0)
-            if regular:
-                settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
-                settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
-        x0 += h * x1 + 0.5 * h * h * x2
-        x1 += h * x2
-        innovation = z[k] - x0
-        log_sum += np.log(variance)
-        square_sum += innovation * innovation / variance
-        x0 += k0 * innovation
-        x1 += k1 * innovation
-        x2 += k2 * innovation
-    out[0], out[1] = log_sum, square_sum
+    out[0], out[1] = 0.0, 0.0
+    for run in range(len(regular)):
+        first, end = int(starts[run]), int(starts[run + 1])
+        a, b, c, d, e, f = 1.0, 0.0, 0.0, speed * speed, 0.0, rate * rate
+        x0, x1, x2 = z[first], 0.0, 0.0
+        variance, k0, k1, k2, settled = 1.0, 0.0, 0.0, 0.0, False
+        log_sum, square_sum = 0.0, 0.0
+        for k in range(first + 1, end):
+            h = dt[k - 1]
+            if not settled:
+                pa, pb, pc, pd, pe, pf = _predict(a, b, c, d, e, f, h, s)
+                variance = pa + 1.0
+                k0, k1, k2 = pa / variance, pb / variance, pc / variance
+                oa, ob, oc, od, oe, of = a, b, c, d, e, f
+                a, b, c, d, e, f = _update(pa, pb, pc, pd, pe, pf, 1.0)
+                if regular[run] > 0.0:
+                    settled = not (_moved(a, oa, a * a) or _moved(b, ob, a * d) or _moved(c, oc, a * f))
+                    settled = settled and not (_moved(d, od, d * d) or _moved(e, oe, d * f) or _moved(f, of, f * f))
+            x0 += h * x1 + 0.5 * h * h * x2
+            x1 += h * x2
+            innovation = z[k] - x0
+            log_sum += np.log(variance)
+            square_sum += innovation * innovation / variance
+            x0 += k0 * innovation
+            x1 += k1 * innovation
+            x2 += k2 * innovation
+        out[0] += log_sum
+        out[1] += square_sum
 
 
 @compiled("f1 f1 i f f f f f2 f2 f1", _predict, _update, _moved)
@@ -304,17 +311,19 @@ def _fit_one_joint(
     interval: float,
     settings: MotionSettings,
 ) -> tuple[float, float]:
-    count, sums = sum(len(z) - 1 for z in columns), np.empty(2)
+    count, sums, z = sum(len(one) - 1 for one in columns), np.empty(2), np.concatenate(columns)
+    dt = np.concatenate([np.append(own, 0.0) for own, _ in steps])
+    starts = np.cumsum([0.0, *(len(one) for one in columns)])
+    regular = np.array([float(flag) for _, flag in steps])
+    # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
+    first = FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4
 
     def ratio(log_frequency: float) -> float:
         return float((2 * np.pi * np.exp(log_frequency)) ** 6 * interval)
 
     def profile(log_frequency: float) -> tuple[float, float]:
-        s, log_sum, square_sum = ratio(log_frequency), 0.0, 0.0
-        for z, (dt, regular) in zip(columns, steps, strict=True):
-            # With r = 1 the prior is in units of the (unknown) position noise; 1e-4 rad is its usual size.
-            _log_likelihood(z, dt, regular, s, FIRST_VELOCITY_STD / 1e-4, FIRST_ACCELERATION_STD / 1e-4, sums)
-            log_sum, square_sum = log_sum + float(sums[0]), square_sum + float(sums[1])
+        _log_likelihood(z, dt, starts, regular, ratio(log_frequency), *first, sums)
+        log_sum, square_sum = float(sums[0]), float(sums[1])
         noise = max(square_sum / count, LEAST_NOISE**2)
         return count * np.log(noise) + log_sum, noise
 

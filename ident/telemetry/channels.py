@@ -86,9 +86,10 @@ def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Arr
     """Stretches long enough to be a stuck channel, given how long the channel usually repeats a value."""
     found = holds(values)
     lengths = found[:, 1] - found[:, 0] + 1
-    usual = float(np.median(lengths))
-    long = lengths >= max(STUCK_SAMPLES, STUCK_REPETITIONS * usual if len(found) > 2 else 0.0)
-    long &= time[found[:, 1]] - time[found[:, 0]] >= STUCK_S
+    long = lengths >= STUCK_SAMPLES
+    long[long] = np.diff(time[found[long]], axis=1)[:, 0] >= STUCK_S
+    if len(found) > 2 and long.any():  # what is usual takes longer to find than that nothing is long
+        long &= lengths >= STUCK_REPETITIONS * float(np.median(lengths))
     return found[long]
 
 
@@ -97,8 +98,10 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
     frozen = np.zeros(run.position.shape, dtype=bool)
     for joint in range(len(run.joints)):
         q = run.position[:, joint]
-        usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
         long = _long_holds(q, run.time)
+        if not len(long):
+            continue
+        usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
         usual_lag = _usual_lag(run, joint, long)
         for first, last in long:
             stretch = slice(first, last + 1)

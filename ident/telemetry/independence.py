@@ -86,16 +86,18 @@ def _least_share(recordings: Sequence[Float[Array, "p 5 5"]]) -> float:
     """The least share over all that is left where one recording, or a part of the only one, is left out."""
     if not recordings:
         return float("nan")
-    parts = [one.sum(axis=0) for one in recordings] if len(recordings) > 1 else list(recordings[0])
-    whole = np.sum(parts, axis=0)
-    return min(_share(whole - part) for part in parts)
+    parts = np.array([one.sum(axis=0) for one in recordings] if len(recordings) > 1 else list(recordings[0]))
+    shares = _shares(parts.sum(axis=0) - parts)
+    return float(np.min(shares, initial=np.inf, where=np.isfinite(shares))) if np.isfinite(shares).any() else np.nan
 
 
-def _share(sums: Float[Array, "5 5"]) -> float:
-    """Of the last column's variance, what does not follow from the others."""
-    columns, target = sums[:4, :4], sums[:4, 4]
-    size = np.sqrt(np.maximum(np.diag(columns), 1e-300))
-    weights = np.linalg.pinv(columns / np.outer(size, size), rcond=1e-9, hermitian=True) @ (target / size)
-    variance = sums[4, 4] - target[0] ** 2 / sums[0, 0]
-    left = sums[4, 4] - weights @ (target / size)
-    return float(np.clip(left / variance, 0.0, 1.0)) if variance > 0.0 else float("nan")
+def _shares(sums: Float[Array, "p 5 5"]) -> Float[Array, " p"]:
+    """Of the last column's variance, what does not follow from the others; of several sums."""
+    columns, target = sums[:, :4, :4], sums[:, :4, 4]
+    size = np.sqrt(np.maximum(np.diagonal(columns, axis1=1, axis2=2), 1e-300))
+    inverse = np.linalg.pinv(columns / (size[:, :, None] * size[:, None, :]), rcond=1e-9, hermitian=True)
+    explained = np.einsum("pi,pij,pj->p", target / size, inverse, target / size)
+    variance = sums[:, 4, 4] - target[:, 0] ** 2 / sums[:, 0, 0]
+    known = variance > 0.0
+    share = np.divide(sums[:, 4, 4] - explained, variance, out=np.full(len(sums), np.nan), where=known)
+    return np.where(known, np.clip(share, 0.0, 1.0), np.nan)

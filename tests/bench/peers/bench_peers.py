@@ -2,6 +2,7 @@
 
     pip install -e .[bench]     # or, kept apart: V/bin/pip install figaroh==1.0.2 mujoco[sysid]==4.0.0 filterpy
     python -m tests.bench.peers.bench_peers [--peer-python V/bin/python] [--only UR10,TM5] [--without sysid] [--seeds 1]
+        [--patience 300]
 
 Every peer is a program of its own (`run_*.py`) that is given positions and torque of the training runs and tells the
 torque of the test runs from their positions. Torque is scored through one zero-phase filter of 10 Hz, borders of 0.7 s
@@ -34,7 +35,8 @@ from tests.bench.peers.sets import Recorded, fixture_sets, real_sets, shipped_se
 
 HERE = Path(__file__).parent
 BORDER_S, REST_RAD_S = 0.7, 0.02
-PATIENCE_S = 900
+# Processor time after which a program is stopped, unless another is asked for [s].
+PATIENCE_S = 300
 # A pseudo-inertia's eigenvalue this far below zero is rounding [kg m²].
 ROUNDING = -1e-7
 
@@ -80,8 +82,8 @@ class Row:
     failed: str = ""
 
 
-def run_peer(peer: Peer, recorded: Recorded, mjcf: Path, place: Path, python: str) -> Row:
-    """Runs one peer on one set in a process of its own."""
+def run_peer(peer: Peer, recorded: Recorded, mjcf: Path, place: Path, python: str, patience: int) -> Row:
+    """Runs one peer on one set in a process of its own, for so many seconds of processor time at most."""
     facts = {
         "urdf": str(recorded.urdf),
         "mjcf": str(mjcf),
@@ -98,10 +100,12 @@ def run_peer(peer: Peer, recorded: Recorded, mjcf: Path, place: Path, python: st
     line = [python if peer.own_python else sys.executable, str(HERE / peer.script), str(folder)]
     # A shell's child alone is waited for here, so that peak memory is that of the peer.
     watched = subprocess.run(
-        [sys.executable, "-c", WATCH, str(PATIENCE_S), *line], capture_output=True, text=True, env=environment
+        [sys.executable, "-c", WATCH, str(patience), *line], capture_output=True, text=True, env=environment
     )
     cpu, memory = (float(word) for word in (watched.stdout.split() or ["nan", "nan"])[-2:])
     if not (folder / "out.npz").is_file():
+        if cpu >= patience:
+            return Row(peer.name, cpu_s=cpu, memory_mb=memory, failed=f"not done in {patience} s")
         return Row(peer.name, cpu_s=cpu, failed=(watched.stderr.strip().splitlines() or ["no answer"])[-1][:80])
     with np.load(folder / "out.npz") as arrays:
         found = [(arrays[f"time{k}"], arrays[f"tau{k}"]) for k in range(len(recorded.test))]
@@ -110,10 +114,11 @@ def run_peer(peer: Peer, recorded: Recorded, mjcf: Path, place: Path, python: st
     return Row(peer.name, rmse, worst, r2, cpu, memory, consistent)
 
 
-# Runs a program, prints its processor time [s] and peak memory [MB].
+# Runs a program, the system ends it after its processor time; prints what it took of that [s] and of memory [MB].
 WATCH = """
 import resource, subprocess, sys
-subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, timeout=float(sys.argv[1]))
+resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[1]), int(sys.argv[1]) + 5))
+subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 """
@@ -155,6 +160,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="parts of sets' names, with commas")
     parser.add_argument("--without", default="", help="peers that are left out, with commas")
     parser.add_argument("--seeds", type=int, default=5, help="noise seeds of the known truth")
+    parser.add_argument("--patience", type=int, default=PATIENCE_S, help="processor time of one program [s]")
     asked = parser.parse_args()
     only, without = ([part for part in text.split(",") if part] for text in (asked.only, asked.without))
     peers = [peer for peer in PEERS if peer.name not in without]
@@ -169,7 +175,7 @@ def main() -> None:
             mjcf = _mjcf(recorded, place)
             rows = table[recorded.name] = []
             for peer in peers:
-                row = run_peer(peer, recorded, mjcf, place, asked.peer_python)
+                row = run_peer(peer, recorded, mjcf, place, asked.peer_python, asked.patience)
                 told = f"{row.rmse:8.4f}{row.worst_joint:8.4f}{row.worst_r2:10.4f}{row.cpu_s:8.1f}{row.memory_mb:7.0f}"
                 print(
                     f"{recorded.name:<20}{row.peer:<14}{told}{peer.lines:>7}  {row.consistent}{row.failed}", flush=True

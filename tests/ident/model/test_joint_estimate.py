@@ -49,13 +49,18 @@ def _inside(found: Identified) -> Array:
 
 
 def test_intervals_hold_the_truth_when_friction_changes_from_run_to_run(nominal: ArmModel) -> None:
-    """Of 16 arms, about 95 % of the friction figures lie in their intervals, and the spread itself is found."""
-    inside, spreads = [], []
+    """Of 16 arms, 95 % of the friction figures or more lie in their intervals, and the spread itself is found.
+
+    Of four figures nothing proves that friction did not wander: the intervals allow for that, within bounds.
+    """
+    inside, spreads, widths = [], [], []
     for seed in range(16):
         found = identify(_measured(nominal, seed, spread=0.02), nominal, "consistent")
         inside.append(_inside(found))
         spreads.append(found.spread)
-    assert 0.90 <= np.mean(inside) <= 0.995
+        widths.append(np.diff(found.loss.conf_int()[:, 1:3], axis=-1)[..., 0] / TRUTH[:, 1:])
+    assert np.mean(inside) >= 0.90
+    assert np.median(widths) < 2 * 2.0 * 0.02 * 2.0 / np.sqrt(8.0)  # twice what independent changes alone would leave
     assert np.median(spreads) == pytest.approx(0.02, abs=0.007)
 
 
