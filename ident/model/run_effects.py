@@ -177,11 +177,11 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
                 dof[j, e] = runs - 1
     if not dof.any():
         return np.zeros(shape), np.ones(shape)
-    squares = squares.reshape(len(WALKS), -1)
-    shared = share_variance(squares, dof.ravel(), surprise)
+    flat: Float[Array, "w v"] = squares.reshape(len(WALKS), -1)
+    shared = share_variance(flat, dof.ravel(), surprise)
     runs = len(effects[0].change)
     factor = WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
-    return shared.moderate(squares, dof.ravel(), factor).reshape(shape), dof + shared.freedom
+    return shared.moderate(flat, dof.ravel(), factor).reshape(shape), dof + shared.freedom
 
 
 def _modes(change: Float[Array, " g"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

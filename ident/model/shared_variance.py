@@ -1,10 +1,10 @@
 """How much a joint's friction varies, known from all joints of an arm: variances of one law.
 
-Of a few runs a joint's own variance is hardly known: of four, one joint in twenty shows a third of it, and a joint whose
-friction drowns in noise shows none. So the variances of all joints' viscous and Coulomb friction are taken for draws of
-one scaled inverse chi-squared law with ν degrees of freedom about s². Both are averaged over what the joints leave
-possible, so that an arm whose joints are alike lends much and one whose joints differ lends little. What is usual for
-arms counts as one joint more.
+Of a few runs a joint's own variance is hardly known: of four, one joint in twenty shows a third of its spread, and a
+joint whose friction drowns in noise shows none. So the variances of all joints' viscous and Coulomb friction are taken
+for draws of one scaled inverse chi-squared law with ν degrees of freedom about s². Both are averaged over what the
+joints leave possible, so that an arm whose joints are alike lends much and one whose joints differ lends little. What
+is usual for arms counts as one joint more.
 
 Source: Smyth 2004 (moderated variances); Gelman et al., Bayesian Data Analysis, 3rd ed. (scaled inverse chi-squared).
 """
