@@ -12,7 +12,7 @@ from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_besid
 from ident.diagnosis.detectable import find_limits
 from ident.diagnosis.explained import measure_shrink
 from ident.diagnosis.gap.gap_map import map_gap, told
-from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy
+from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
@@ -173,7 +173,7 @@ def _gap(
             ceiling_rms=float(max(floors[j], ceilings[j].rms)),
             unexplained=ceilings[j].kind,
             tuned_away=float(tolerance.torque[j]) if tolerance.exceeded else 0.0,
-            energy_error=(float(energy[:, j].mean()), float(energy[:, j].std())),
+            energy_error=(float(energy[:, j].mean()), _spread(energy[:, j : j + 1])),
         )
         for j, name in enumerate(joints)
     }
@@ -207,9 +207,10 @@ def _findings(
     return tuple(sorted(findings, key=lambda finding: -finding.closed))
 
 
-def _spread(energies: Float[Array, "R k"]) -> float:
-    """Standard deviation over the runs of what some joints err by together [J]."""
-    return float(energies.sum(axis=1).std())
+def _spread(energies: Float[Array, "R k"]) -> float | None:
+    """Standard deviation over the runs of what some joints err by together [J]; None of a single run."""
+    found = spread_of_runs(energies.sum(axis=1))
+    return None if found is None else float(found)
 
 
 def _together(found: SearchResults, floors: Float[Array, " n"], reach: Reach) -> AllNames:

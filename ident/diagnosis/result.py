@@ -13,7 +13,7 @@ from ident.diagnosis.baseline_record import TunedJoint
 from ident.diagnosis.detectable import SizeLimit
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.gap.gap_map import Place, maps_record
-from ident.diagnosis.gap.improvement import Reach
+from ident.diagnosis.gap.improvement import ONE_RUN, Reach, spreads
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
@@ -35,14 +35,14 @@ class Finding(Explained):
     Attributes:
         named: How it was judged.
         energy_before, energy_after: Mean energy error of a run at its joints, without and with it [J].
-        energy_std: Standard deviation over the runs of both [J].
+        energy_std: Standard deviation over the runs of both [J]; None of a single run.
         share: Its order-free share of what all names close.
     """
 
     named: Named
     energy_before: float
     energy_after: float
-    energy_std: tuple[float, float]
+    energy_std: tuple[float | None, float | None]
     share: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -53,8 +53,7 @@ class Finding(Explained):
                 "rms_after_Nm": self.rms_after,
                 "energy_error_before_J": self.energy_before,
                 "energy_error_after_J": self.energy_after,
-                "energy_error_before_std_J": self.energy_std[0],
-                "energy_error_after_std_J": self.energy_std[1],
+                **spreads(*self.energy_std),
                 "gain_rms_Nm": self.gain,
                 "shrink": self.shrink,
                 "share": self.share,
@@ -80,7 +79,7 @@ class JointGap:
         ceiling_rms: What any function of the state would leave beside the names [N m].
         unexplained: What kind of inputs explain more than the names do, or None where none does.
         tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
-        energy_error: Mean and standard deviation over the runs [J].
+        energy_error: Mean and standard deviation over the runs [J]; a single run has no deviation.
         model_rms: Error of the user's own model [N m], or None where there is none.
     """
 
@@ -90,7 +89,7 @@ class JointGap:
     ceiling_rms: float
     unexplained: str | None
     tuned_away: float
-    energy_error: tuple[float, float]
+    energy_error: tuple[float, float | None]
     model_rms: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -103,7 +102,7 @@ class JointGap:
             "ceiling_rms_Nm": self.ceiling_rms,
             "unexplained": self.unexplained,
             "tuned_away_Nm": self.tuned_away,
-            "energy_error_J": {"mean": mean, "std": std},
+            "energy_error_J": {"mean": mean, "std": std, **({} if std is not None else {"std_missing": ONE_RUN})},
             **own,
         }
 

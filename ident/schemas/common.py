@@ -46,7 +46,8 @@ class IntervalRecord(TypedDict):
 
 
 class MeanStdRecord(TypedDict):
-    """Mean and standard deviation over the runs."""
+    """Mean and standard deviation over the runs; a single run has none, and the record says so."""
 
     mean: float
-    std: NotRequired[float]
+    std: NotRequired[float | None]
+    std_missing: NotRequired[str]

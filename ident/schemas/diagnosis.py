@@ -54,8 +54,9 @@ class FindingHeldoutRecord(TypedDict):
     energy_error_after_J: Any
     shrink: float | None
     share: NotRequired[float]
-    energy_error_before_std_J: NotRequired[float]
-    energy_error_after_std_J: NotRequired[float]
+    energy_error_before_std_J: NotRequired[float | None]
+    energy_error_after_std_J: NotRequired[float | None]
+    energy_error_std_missing: NotRequired[str]
     gain_rms_Nm: NotRequired[float]
 
 
@@ -84,8 +85,9 @@ class HeldoutRecord(TypedDict, total=False):
     without_names_rms_Nm: ByJoint
     energy_error_before_J: ByJoint
     energy_error_after_J: ByJoint
-    energy_error_before_std_J: ByJoint
-    energy_error_after_std_J: ByJoint
+    energy_error_before_std_J: ByJoint | None
+    energy_error_after_std_J: ByJoint | None
+    energy_error_std_missing: str
     forward: Any
 
 

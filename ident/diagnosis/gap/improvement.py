@@ -18,6 +18,9 @@ from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.search import Search
 
+# Why a spread is missing.
+ONE_RUN = "a single run tells nothing of what runs differ by"
+
 
 @dataclass(frozen=True, eq=False)
 class Reach:
@@ -52,14 +55,25 @@ class Reach:
         def named(values: Array) -> dict[str, float]:
             return dict(zip(joints, map(float, values), strict=True))
 
+        stds = (spread_of_runs(energies) for energies in (self.runs_before, self.runs_after))
         return {
             "without_names_rms_Nm": named(self.without_names),
             "energy_error_before_J": named(self.energy_before),
             "energy_error_after_J": named(self.energy_after),
-            "energy_error_before_std_J": named(self.runs_before.std(axis=0)),
-            "energy_error_after_std_J": named(self.runs_after.std(axis=0)),
+            **spreads(*(None if std is None else named(std) for std in stds)),
             "forward": self.forward.to_dict(joints),
         }
+
+
+def spread_of_runs(energies: Float[Array, "R ..."]) -> Float[Array, "..."] | None:
+    """Standard deviation over runs; None of a single run, which tells nothing of what runs differ by."""
+    return None if len(energies) < 2 else np.asarray(np.std(energies, axis=0))
+
+
+def spreads(before: Any, after: Any) -> dict[str, Any]:
+    """The record's entries of what energy errors differ by from run to run, or why they are missing."""
+    found = {"energy_error_before_std_J": before, "energy_error_after_std_J": after}
+    return found if before is not None else {**found, "energy_error_std_missing": ONE_RUN}
 
 
 def measure_reach(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ident.diagnosis.verdict import above_noise
-from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
+from ident.show.report.numbers import DASH, fixed, glue, pair, percent, plural, row_places, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words, with_units
@@ -35,7 +35,7 @@ class DiagnosisVerdictSection(Section):
             "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
             "motion": glue(describe_motion(record)),
             "doubts": [glue(line) for line in describe_reservations(record)],
-            "session": f"{session.get('runs', 0)} runs, {session.get('samples', 0):,} samples, "
+            "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
             f"{fixed(session.get('duration_s', 0.0), 0)} s",
             "gaps": gap_rows(record),
             "untuned": untuned(record),
@@ -201,7 +201,7 @@ def gap_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     gaps = record.get("gap", {})
     heldout = record.get("heldout") or {}
     after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
-    joules, spread = (heldout.get(f"energy_error_after_{what}", {}) for what in ("J", "std_J"))
+    joules, spread = (heldout.get(f"energy_error_after_{what}") or {} for what in ("J", "std_J"))
     top = max((max(gap["rms_Nm"], gap.get("fixed_rms_Nm", 0.0)) for gap in gaps.values()), default=0.0)
     scale = 100.0 / top if top > 0 else 0.0
     named = bool(record.get("findings"))

@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.gap.improvement import run_energy
+from ident.diagnosis.gap.improvement import ONE_RUN, run_energy, spread_of_runs, spreads
 from ident.diagnosis.gap.replay import integrate, replay
 from ident.diagnosis.gap.settings import USUAL_REPLAY
 from ident.diagnosis.gap.shapley import shapley_shares
@@ -169,3 +169,12 @@ def test_energy_error_is_minus_the_work_of_what_is_left(pair: Analysis) -> None:
 def _stretches(counts: Array) -> list[Array]:
     pieces = itertools.groupby(np.flatnonzero(counts), key=lambda at: at - int(np.sum(counts[:at])))
     return [np.array(list(group)) for _, group in pieces]
+
+
+def test_a_single_run_has_no_spread_and_the_record_says_why() -> None:
+    """Zero would read as: all runs err alike."""
+    one, several = np.array([[1.0, -2.0]]), np.array([[1.0, -2.0], [3.0, -2.0]])
+    assert spread_of_runs(one) is None
+    np.testing.assert_allclose(spread_of_runs(several), [1.0, 0.0])
+    assert spreads(None, None)["energy_error_std_missing"] == ONE_RUN
+    assert spreads(0.0, 1.0) == {"energy_error_before_std_J": 0.0, "energy_error_after_std_J": 1.0}

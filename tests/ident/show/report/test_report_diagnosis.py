@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 import json
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,18 @@ def test_one_run_has_no_spread(tmp_path: Path) -> None:
     assert "± 0.00" in written(tmp_path, record)
     record["session"]["runs"] = 1
     assert "± 0.00" not in written(tmp_path, record)
+
+
+def test_every_cell_of_the_gap_tells_what_it_is_where_the_table_is_too_wide(tmp_path: Path) -> None:
+    """A phone shows rows as cards: each value with the words of its column, and a reader hears a table all the same."""
+    text = written(tmp_path, RECORD)
+    table = text[text.index('class="glance cards"') : text.index("</table>")]
+    rows = table[table.index("<tbody") :].split("</tr>")[:-1]
+    headed = re.findall(r'role="columnheader"[^>]*>([^<]*)<', table)
+    assert len(rows) == len(RECORD["gap"])
+    for row in rows:
+        assert re.findall(r'data-label="([^"]*)"', row) == headed[2:]
+        assert row.count("<td") == row.count('role="cell"')
 
 
 def test_doubts_tell_figures_by_words_and_units() -> None:
