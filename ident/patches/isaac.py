@@ -17,6 +17,7 @@ HEADER = '''"""Figures for Isaac Lab, beside robot.urdf, whose link inertias are
 
 ImplicitActuatorCfg(**ACTUATOR, stiffness=…, damping=…), or
 DelayedPDActuatorCfg(**ACTUATOR, **LIMITS, stiffness=…, damping=…, min_delay=…, max_delay=…)
+Isaac Lab 3 has other names for an actuator's limits: LIMITS_3 in place of LIMITS.
 
 Frictions are efforts [N m], as Isaac Sim 5 and later take them (before, a share of the load); armature is rotor
 inertia at the joint [kg m²]. The controller's gains are the user's. `delay_steps(dt)` gives the bounds of the
@@ -54,11 +55,12 @@ def write_isaac(arm: ArmModel, losses: Losses, delay: tuple[float, float] = (0.0
     }
     # A limit that a URDF does not state is zero or beyond all measure there.
     limits = {key: values for key, values in known.items() if ((values > 0.0) & (values < 1e6)).all()}
+    renamed = {f"actuator_{key}": values for key, values in limits.items()}
     return (
         f"{HEADER}\nROBOT = {arm.name!a}\n"
         f"DELAY_S = ({float(delay[0])!r}, {float(delay[1])!r})\n"
         f'ACTUATOR = {{\n    "joint_names_expr": {list(names)!a},\n{_tables(names, actuator)}}}\n'
-        f"LIMITS = {{\n{_tables(names, limits)}}}\n{CALL}"
+        f"LIMITS = {{\n{_tables(names, limits)}}}\nLIMITS_3 = {{\n{_tables(names, renamed)}}}\n{CALL}"
     )
 
 

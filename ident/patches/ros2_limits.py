@@ -1,6 +1,6 @@
 """Limits of an identified arm as ros2_control reads them: what the URDF says, and the acceleration that torque allows.
 
-Source: ros2_control, package joint_limits, `declare_parameters`.
+Source: ros2_control, joint_limits, `declare_parameters` and `get_joint_limits` (keys, types, shape of the file).
 """
 
 from __future__ import annotations
@@ -20,12 +20,15 @@ UNLIMITED = 1e6
 
 
 def write_limits(arm: ArmModel, losses: Losses) -> str:
-    """YAML text: `joint_limits`, one table a joint."""
+    """YAML text: a file of parameters for any node, `joint_limits` with one table a joint."""
     acceleration = allowed_acceleration(arm, losses)
     lines = [
         "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's effort limit",
         "# leaves at its worst pose for this joint alone, from rest, after gravity and dry friction.",
-        "joint_limits:",
+        "# Start a node with --params-file; MoveIt and URDF macros take what lies below ros__parameters.",
+        "/**:",
+        "  ros__parameters:",
+        "    joint_limits:",
     ]
     for j, name in enumerate(arm.joint_names):
         low, high = float(arm.lower[j]), float(arm.upper[j])
@@ -36,11 +39,11 @@ def write_limits(arm: ArmModel, losses: Losses) -> str:
             ("effort", ("max_effort",), (float(arm.effort_limit[j]),)),
         ]
         # A JSON string is a YAML string, whatever a joint is called.
-        lines.append(f"  {json.dumps(name)}:")
+        lines.append(f"      {json.dumps(name)}:")
         for what, keys, values in figures:
             told = all(abs(value) < UNLIMITED for value in values) and (what == "position" or values[0] > 0.0)
-            lines.append(f"    has_{what}_limits: {str(told).lower()}")
-            lines += [f"    {key}: {value!r}" for key, value in zip(keys, values, strict=True) if told]
+            lines.append(f"        has_{what}_limits: {str(told).lower()}")
+            lines += [f"        {key}: {value!r}" for key, value in zip(keys, values, strict=True) if told]
     return "\n".join(lines) + "\n"
 
 

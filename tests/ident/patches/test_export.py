@@ -1,6 +1,7 @@
 """Laws of exported models and of the gate."""
 
 import ast
+import dataclasses
 import shutil
 import subprocess
 import tomllib
@@ -86,6 +87,33 @@ def test_isaac_lab_figures_are_the_model_s(model: HybridModel, tmp_path: Path) -
     assert found["viscous_friction"] == dict.fromkeys(model.joint_names, 8.0)
 
 
+# Fields of DelayedPDActuatorCfg and its bases. Source: Isaac Lab 2.3 and 3.0, isaaclab/actuators/actuator_cfg.py,
+# actuator_base_cfg.py and actuator_pd_cfg.py.
+COMMON_FIELDS = {"joint_names_expr", "stiffness", "damping", "armature", "friction", "dynamic_friction"}
+COMMON_FIELDS |= {"viscous_friction", "effort_limit_sim", "velocity_limit_sim", "min_delay", "max_delay"}
+LIMIT_FIELDS = {
+    "LIMITS": {"effort_limit", "velocity_limit"},
+    "LIMITS_3": {"actuator_effort_limit", "actuator_velocity_limit", "joint_effort_limit", "joint_velocity_limit"},
+}
+
+
+@pytest.mark.parametrize("limits", LIMIT_FIELDS)
+def test_isaac_lab_s_configurations_take_the_figures_as_keywords(model: HybridModel, limits: str) -> None:
+    """By the published fields: every keyword is one, values are numbers by joint, delays whole steps."""
+    found: dict[str, Any] = {}
+    exec(write_isaac(model.robot, NO_LOSSES, (0.011, 0.019)), found)
+    fields = COMMON_FIELDS | LIMIT_FIELDS[limits]
+    config = dataclasses.make_dataclass("DelayedPDActuatorCfg", [(name, Any, None) for name in sorted(fields)])
+    least, most = found["delay_steps"](0.005)
+    made = config(**found["ACTUATOR"], **found[limits], stiffness=1.0, damping=1.0, min_delay=least, max_delay=most)
+    for name, value in vars(made).items():
+        if isinstance(value, dict):
+            assert set(value) == set(made.joint_names_expr), name
+            assert all(isinstance(one, float) for one in value.values()), name
+    assert isinstance(least, int)
+    assert isinstance(most, int)
+
+
 def test_a_delay_is_told_in_physics_steps(model: HybridModel) -> None:
     """Bounds in whole steps that hold the interval; none where no recording told of a delay."""
     for delay, steps in (((0.0, 0.0), (0, 0)), ((0.011, 0.019), (2, 4))):
@@ -97,7 +125,7 @@ def test_a_delay_is_told_in_physics_steps(model: HybridModel) -> None:
 def test_ros2_limits_are_the_urdf_s_and_the_acceleration_leaves_torque(model: HybridModel) -> None:
     """At the told acceleration every pose's torque keeps the effort limit; more breaks it somewhere."""
     yaml = pytest.importorskip("yaml")
-    found = yaml.safe_load(write_limits(model.robot, NO_LOSSES))["joint_limits"]
+    found = yaml.safe_load(write_limits(model.robot, NO_LOSSES))["/**"]["ros__parameters"]["joint_limits"]
     assert list(found) == list(model.joint_names)
     arm, rng = model.robot, np.random.default_rng(3)
     q = rng.uniform(np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0), (200, 6))
@@ -108,6 +136,22 @@ def test_ros2_limits_are_the_urdf_s_and_the_acceleration_leaves_torque(model: Hy
         need = np.abs(arm.inverse_dynamics(q, np.zeros_like(q), ddq)[:, j])
         assert np.mean(need > 1.02 * one["max_effort"]) < 0.02
         assert need.max() > 0.5 * one["max_effort"]
+
+
+def test_ros2_control_s_reader_takes_every_limit_of_the_file(model: HybridModel) -> None:
+    """Keys and types as joint_limits declares them: a switch is a bool, a limit is a double, an integer is refused."""
+    yaml = pytest.importorskip("yaml")
+    kinds = ("position", "velocity", "acceleration", "deceleration", "jerk", "effort")
+    declared = {f"has_{kind}_limits": bool for kind in kinds} | {"angle_wraparound": bool, "min_position": float}
+    declared |= {f"max_{kind}": float for kind in kinds}
+    for arm in (model.robot, sliding_arm()):
+        losses = Losses(*(np.full(arm.n, 0.01) for _ in range(5)))
+        found = yaml.safe_load(write_limits(arm, losses))["/**"]["ros__parameters"]["joint_limits"]
+        for one in found.values():
+            assert {key: type(value) for key, value in one.items()} == {key: declared[key] for key in one}
+            for kind in kinds:
+                ends = [f"max_{kind}", *(["min_position"] if kind == "position" else [])]
+                assert all((end in one) == one.get(f"has_{kind}_limits", False) for end in ends)
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
