@@ -17,7 +17,7 @@ class TreeOptions:
     Attributes:
         step: Longest edge, by the largest joint difference [rad].
         resolution: Distance at which edges are checked [rad]; the final motion is checked without gaps.
-        nodes: Most nodes of both trees.
+        nodes: Most nodes of both trees, and most positions that are drawn.
         margin: Clearance that every node and edge keeps [m].
     """
 
@@ -111,7 +111,9 @@ def connect(
     swapped = False
     if edge_is_free(scene, start, goal, options):
         return Path(np.array([start, goal]), 2)
-    while trees[0].size + trees[1].size < options.nodes:
+    for _ in range(options.nodes):
+        if trees[0].size + trees[1].size >= options.nodes:
+            break
         near, far = trees if not swapped else trees[::-1]
         grown = _extend(scene, near, rng.uniform(low, high), options)
         if grown is not None:

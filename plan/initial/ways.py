@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,23 +10,30 @@ import numpy as np
 from ident.arrays import Array, Float
 from plan.initial.detours import iterate_seeds
 from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
-from plan.initial.starts import from_vias, straight
+from plan.initial.starts import from_vias, straight, time_stamps
 from plan.problem.problem import PlanningProblem
+from plan.spline import Splines
 
 # Nodes and reach beyond the ends [rad] of the trees that look for any way at all, the quick look first.
-QUICK = ((400, 0.7), (3000, np.pi), (12000, np.pi))
+QUICK = ((400, 0.7), (3000, np.pi), (20000, np.pi))
 # Nodes of the trees that look for further ways.
 FURTHER = 2000
-# Bent lines: standard deviation of the middle's offset [rad].
-BEND = 0.6
+# Bent lines: standard deviation of the middle's offset [rad]; where something is in the way, of so many that are drawn
+# the one that collides least.
+BEND, DRAWN = 0.6, 6
+# Sections by which a way of trees is followed closely, fewest first, and factors by which it is then slowed down.
+CLOSELY, SLOWER = (20, 40, 80), 1.5 ** np.arange(9)
 
 
-def iterate_ways(problem: PlanningProblem, rng: np.random.Generator) -> Iterator[PlanningProblem]:
+def iterate_ways(
+    problem: PlanningProblem, rng: np.random.Generator, solved: Callable[[], bool]
+) -> Iterator[PlanningProblem]:
     """Initial trajectories without end, so that the one who asks decides when it is enough.
 
     Args:
         problem: The task, started from the straight line.
         rng: Source of randomness.
+        solved: Whether a plan is known; asked after the first way, which is followed closely if not.
 
     Yields:
         The task from one initial trajectory after the other, each with its label.
@@ -37,20 +44,47 @@ def iterate_ways(problem: PlanningProblem, rng: np.random.Generator) -> Iterator
         way = _any_way(problem, rng)
         if way is not None:
             yield from_vias(problem, way, "trees", problem.via_count)
+            if not solved():
+                yield follow_closely(problem, way)
     yield problem
     number = 0
     seeds = iterate_seeds(problem, rng, replace(options, nodes=FURTHER)) if blocked else iter(())
     while True:
         number += 1
-        for seed in seeds:
-            if not seed.reason and len(seed.vias):
-                yield from_vias(problem, seed.vias, seed.label, problem.via_count)
-                break
+        seed = next(seeds, None)
+        if seed is not None and not seed.reason and len(seed.vias):
+            yield from_vias(problem, seed.vias, seed.label, problem.via_count)
         if blocked:
             way = _drawn_way(problem, rng, FURTHER)
             if way is not None:
                 yield from_vias(problem, way, f"trees {number}", problem.via_count)
-        yield _bent(problem, rng, f"bent {number}")
+        bends = [_bent(problem, rng, f"bent {number}") for _ in range(DRAWN if blocked else 1)]
+        yield min(bends, key=lambda bent: float(bent.initial_evaluation.collision[0])) if blocked else bends[0]
+
+
+def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> PlanningProblem:
+    """The task from a trajectory that is bent round the way's corners, and nowhere else far from it.
+
+    A spline through a few via points leaves the edges between them, and in a narrow place gradients alone don't find
+    back. Where time is free, it takes as long as it must for the limits to hold.
+    """
+    points = np.concatenate([[problem.start], way, [problem.goal]])
+    total = float(problem.durations.sum())
+    stamps = np.concatenate([[0.0], np.cumsum(time_stamps(points, problem.limits.speed, total))])
+    found = []
+    for count in CLOSELY:
+        even = np.linspace(0.0, total, count + 1)
+        near = np.stack([np.interp(even, stamps, column) for column in points.T], axis=1)
+        splines = Splines(near[None], np.full((1, count), total / count))
+        found.append((-float(problem.scene.sweep(splines, problem.margin)[0][0]), splines))
+        if -found[-1][0] >= problem.margin:
+            break
+    splines = min(found, key=lambda pair: pair[0])[1]
+    for factor in SLOWER if problem.objective == "time" else (1.0,):
+        slower = problem.with_initial(Splines(splines.points, splines.durations * factor), label="trees, closely")
+        if not slower.initial_evaluation.speed[0] + slower.initial_evaluation.torque[0] > 0.0:
+            break
+    return slower
 
 
 def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array, "V n"] | None:

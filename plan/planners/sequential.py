@@ -36,11 +36,15 @@ DENSE = freeze(np.unique(np.concatenate([np.linspace(0.0, 1.0, 97), section_node
 # Most times that limits are aimed lower because they were passed between the nodes, or at them by no more than a share:
 # a motion slowed down for a thousandth too much torque ends per cent above one that aims a thousandth lower.
 SETTLINGS, NEARLY = 2, 0.01
-# Starts after which the best of them goes through all grids at once: so a plan near the best one comes early, and the
-# same steps are not taken again where it is still among the best when all have been tried.
-LEAD = 3
+# Starts after which the best of them goes on at once, by so many grids for energy and for time: so a plan near the best
+# comes early, and the same steps are not taken again where it is still among the best when all have been tried.
+LEAD, LEADS = 3, (2, 1)
 # A start whose cost lies this many times above the best after a third of its steps is given up.
 FAR = 1.25
+# Where a plan is known, so is one that collides so much by then, in units of 10 cm.
+LOST = 0.2
+# Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
+FINEST = 80
 # Share of its limit that a search aims at below what the ledger asks for.
 AIM = 0.9999
 
@@ -85,26 +89,28 @@ class Sequential(Planner):
             return
         courses: list[Course] = []
         known: Refined = {}
-        for problem in self._initial(problems, rng):
-            course = self._try(begin_course(problem), ledger, courses)
-            courses.append(course)
+        for problem in self._initial(problems, ledger, rng):
+            courses.append(self._try(begin_course(problem), ledger, courses))
             if ledger.remaining == 0:
                 return
             if len(courses) == LEAD < self.starts:
-                self._finer([min(courses, key=lambda course: course.rank)], ledger, known)
+                best = min(courses, key=lambda course: course.rank)
+                self._finer([best], ledger, known, LEADS[best.local.timed])
         courses.sort(key=lambda course: course.rank)
-        self._finer(courses, ledger, known)
+        most = self.levels[courses[0].local.timed]
+        self._finer(courses[:1], ledger, known, most)
+        self._finer(courses, ledger, known, most)
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
-        """Steps on the coarse grid; given up early where it lies far above the best of the others."""
+        """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
         course = descend(course, ledger, *bounds(course.local), self.first // 3, 0.3, 1e-4)
         enter(course, ledger)
         if ledger.best is None or not ledger.best.feasible:
             course, _ = self._settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
-        if best < (False, course.look.cost / FAR):
+        if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
             return course
         course = descend(course, ledger, *bounds(course.local), self.first - self.first // 3, 0.1, 1e-4)
         return self._settle(course, ledger, 1)[0]
@@ -119,7 +125,9 @@ class Sequential(Planner):
             cost = min(cost, enter(course, ledger))
         return course, cost
 
-    def _initial(self, problems: Sequence[PlanningProblem], rng: np.random.Generator) -> Iterator[PlanningProblem]:
+    def _initial(
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+    ) -> Iterator[PlanningProblem]:
         first = problems[0]
         if len(problems) > 1 or first.label != "straight":
             yield from problems
@@ -130,10 +138,11 @@ class Sequential(Planner):
             vias=straight(first.start, first.goal, FIRST_VIAS),
             durations=np.full(count, first.durations.sum() / count),
         )
-        for _, problem in zip(range(self.starts), iterate_ways(base, rng), strict=False):
+        ways = iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
+        for _, problem in zip(range(self.starts), ways, strict=False):
             yield problem
 
-    def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined) -> None:
+    def _finer(self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int) -> None:
         """Halves the sections until that brings less than the gain; from grid to grid for fewer of the courses.
 
         What a course costs on a coarse grid tells little of what it will on a fine one: of ten starts the seventh best
@@ -143,11 +152,14 @@ class Sequential(Planner):
             courses: The best ones first.
             ledger: Counts what is evaluated.
             done: What became of courses on finer grids; filled.
+            most: Most refinements.
         """
         timed, known = courses[0].local.timed, np.inf
-        for level in range(self.levels[timed]):
+        for level in range(most):
             finer = []
             for course in courses[: self.kept[min(level, len(self.kept) - 1)]]:
+                if course not in done and 2 * course.local.grid.sections > FINEST:
+                    done[course] = (course.look.cost if course.kept else np.inf, course)
                 if course not in done:
                     done[course] = self._refine(course, ledger, level)
                 cost, refined = done[course]

@@ -7,6 +7,7 @@ from plan.geometry.boxes import Box
 from plan.initial.detours import _Tip, find_seeds, midplane_targets
 from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
 from plan.initial.starts import MOST_VIAS, from_seeds, from_vias, straight, time_stamps
+from plan.initial.ways import follow_closely, iterate_ways
 from plan.problem.problem import PlanningProblem
 from tests.plan.worlds import GOAL, MONITOR, START, problem
 
@@ -75,6 +76,42 @@ def test_pruning_shortens_and_stays_free(task: PlanningProblem) -> None:
     assert len(short) < len(path)
     for i in range(1, len(short) - 1):
         assert not edge_is_free(task.scene, short[i - 1], short[i + 1], options)
+
+
+def test_a_search_ends_where_nothing_can_be_reached(task: PlanningProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions drawn are counted, not only nodes grown: trees that are shut in end, too."""
+    monkeypatch.setattr("plan.initial.rrt.edge_is_free", lambda *_: False)
+    path = connect(task.scene, START, GOAL, START - 1.0, GOAL + 1.0, TreeOptions(nodes=50), np.random.default_rng(0))
+    assert "50 nodes" in path.reason
+
+
+@pytest.mark.parametrize("objective", ["energy", "time"])
+def test_a_way_is_followed_closely(objective: str) -> None:
+    """The trajectory stays by a way with many corners, which few via points could not; time is taken as needed."""
+    free = problem(duration=0.1, objective=objective, free="vias" if objective == "energy" else "both")
+    turns = np.where(np.arange(8)[:, None] % 2, 0.12, -0.12) * [1.0, -1.0, 0.5]
+    way = straight(START, GOAL, 8) + turns
+    points = np.concatenate([[START], way, [GOAL]])
+
+    def farthest(carrier: PlanningProblem) -> float:
+        times = np.linspace(0.0, carrier.durations.sum(), 400)
+        q = carrier.decode(carrier.initial).at(times)[0]
+        share = np.linspace(0.0, 1.0, 200)[:, None, None]
+        edges = points[:-1] + share * (points[1:] - points[:-1])
+        return float(np.linalg.norm(q[:, None] - edges.reshape(-1, 3), axis=2).min(axis=1).max())
+
+    close = follow_closely(free, way)
+    assert farthest(close) < 0.04 < 0.1 < farthest(from_vias(free, way, "thinned", 2))
+    if objective == "time":
+        assert close.initial_evaluation.violation[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_way_comes_again_only_while_no_plan_is_known(task: PlanningProblem) -> None:
+    """Behind the first way its close follower stands, unless the search has come through already."""
+    for solved in (False, True):
+        ways = iterate_ways(task, np.random.default_rng(0), lambda solved=solved: solved)  # type: ignore[misc]
+        labels = [next(ways).label for _ in range(2)]
+        assert labels == ["trees", "straight" if solved else "trees, closely"]
 
 
 def test_blocked_search_says_so(task: PlanningProblem) -> None:
