@@ -9,7 +9,10 @@ any. A single joint's energy error grows in 18 of 112 (`tests/bench/bench_net_sp
 
 Asked of whole runs instead of stretches of a few seconds, energy decides by chance where runs are few: a joint whose
 friction changes by two per cent from run to run errs by tens of joules in one, whatever its model. That gate was
-measured too: it kept less and left more error.
+measured too: it kept less and left more error. On all fifteen choices of four of six runs of a UR10e, whose first
+joint's friction differs by 3 % between runs, the net takes the torque error of the other two from 2.03 to 1.36 N m and
+the energy error from 25.6 to 24.5 J (more in eight, less in seven: 19.7 to 21.7 J of it are joint 1's, 11 to 4 J the
+others'). With each joint's net let go whose runs held back err by more energy it is 1.57 N m and 22.5 J.
 """
 
 from __future__ import annotations
