@@ -200,7 +200,7 @@ class _Look:
         columns, scaled = group.columns[kept], (beta * self.search.evidence.scale[group.columns])[kept]
         scaled = np.where(self.views[0].seen(columns), scaled, 0.0)
         power = float(scaled @ self.views[0].rest[np.ix_(columns, columns)] @ scaled)
-        needed = np.sqrt(2.0 * self._nats(group, absorbed)) + NINE_IN_TEN
+        needed = np.sqrt(2.0 * self._nats(group, absorbed, beta)) + NINE_IN_TEN
         by_noise = needed * np.sqrt((1.0 if absorbed else self.spare) / max(power, 1e-300))
         joints = group.acts_on(self.search.evidence.layout.n)
         closed = np.array([self._closed(self.views[absorbed], columns, scaled, j) for j in joints])
@@ -261,9 +261,13 @@ class _Look:
         """Whether encoder noise lets nobody see some of the columns."""
         return bool(self.views[0].buried(columns).any())
 
-    def _nats(self, group: Group, absorbed: bool) -> float:
-        """Nats that a name needs: what its freedom and grid cost, and more than chance gives to any candidate."""
+    def _nats(self, group: Group, absorbed: bool, beta: Float[Array, " k"]) -> float:
+        """Nats that a name needs: what its size, freedom and grid cost, and more than chance gives to any candidate."""
         held, cost = self.search.settings, self.search.cost_of(group)
+        if group.prior is not None:
+            told = self.views[0].rest[np.ix_(group.columns, group.columns)]
+            scaled = beta * self.search.evidence.scale[group.columns]
+            return self.search.inertial_nats + self.search.cost_of_size(group, group.prior, scaled, told)
         if absorbed:
             return held.absorbed_nats + cost
         return max(float(np.log(len(self.search.evidence.layout.groups) / held.family_error)), cost)

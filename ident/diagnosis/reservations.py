@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,17 +81,20 @@ def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: 
     return {weakest: open_ones[weakest]}
 
 
-def find_uneven(search: Search, groups: Sequence[Group], asked: Sequence[int]) -> dict[int, str]:
+def find_uneven(
+    search: Search, groups: Sequence[Group], asked: Sequence[int], hidden: Collection[int] = ()
+) -> dict[int, str]:
     """The name whose size differs most from run to run, if one's does by much, and beyond chance.
 
     Args:
         search: The search that gave the names.
         groups: All names.
         asked: Which of them are asked about; events and what grows in a run have no one size.
+        hidden: Which of them tuned inertias hide.
     """
     held = search.settings
     constant = [k for k in asked if not (groups[k].effect.event or groups[k].effect.by_run)]
-    found = {k: measure_agreement(search, groups, k) for k in constant}
+    found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
     uneven = {k: one for k, one in found.items() if one.spread > held.most_uneven and one.p_value < held.uneven_chance}
     if not uneven:
         return {}

@@ -19,7 +19,6 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.prior_check import measure_tolerance
 from ident.diagnosis.selection.refine import Refined, refine
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.twins import more_usual_twin
 from ident.diagnosis.selection.urdf_share import added_evidence, best_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 
@@ -129,31 +128,11 @@ def _how_wrong(search: Search, found: SearchResults, session: SessionContext, ba
         if not exceeded or one_link_is_wrong(search, baseline, groups, spare):
             return prior.error
         return best_belief(search, baseline, groups, spare).error
-    kinds = {group.key for group in evidence.layout.groups if group.effect.inertia_like}
-    needed = float(np.log(settings.inertial_odds * len(kinds)))
     for group in absorbed:
         others = [other for other in groups if other is not group]
-        if added_evidence(search, session, baseline, group, others, spare) < needed:
+        if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
             return best_belief(search, baseline, others, spare).error
     return prior.error
-
-
-def _searched(search: Search, session: SessionContext) -> SearchResults:
-    """What a search finds, of each name's twins the one of the more usual figures."""
-    found = search.run()
-    for slot, item in enumerate(found.named):
-        groups = [one.group for one in found.named]
-        if not item.group.effect.twins:
-            continue
-        spare = inflation(search.evidence, project(search.evidence.gram(), search.evidence, search.prior, groups))
-        twin = more_usual_twin(search, session, groups, slot, spare)
-        if twin is not None:
-            changed = [twin if k == slot else group for k, group in enumerate(groups)]
-            judged = search.judged_beside(search.evidence.gram(), changed, slot)
-            if judged.gates.passed:
-                named = tuple(judged if k == slot else one for k, one in enumerate(found.named))
-                found = search.only(replace(found, named=named), range(len(named)))
-    return found
 
 
 def _sure(
@@ -165,19 +144,20 @@ def _sure(
     So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
     """
     beaten = 0
-    found, held, joints = _searched(search, session), search.settings, baseline.nominal.joint_names
+    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
-        refused = refused or find_uneven(search, groups, kept)
+        hidden = [k for k in kept if found.named[k].absorbed]
+        refused = refused or find_uneven(search, groups, kept, hidden)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         if refused and len(doubted) <= held.most_doubted:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
-            found = _searched(search, session)
+            found = search.run()
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
@@ -185,7 +165,7 @@ def _sure(
         if not refused and beaten < held.most_doubted:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)
-            other = _searched(replace(search, barred=search.barred | lost), session)
+            other = replace(search, barred=search.barred | lost).run()
             if len(other.named) > len(kept):
                 search, found = replace(search, barred=search.barred | lost), other
                 continue

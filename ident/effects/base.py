@@ -13,10 +13,10 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from scipy.stats import norm
 
 from ident.arrays import Array, Float
 from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical
+from ident.effects.size_prior import SizePrior
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import choose_runs
 from ident.robot.arm import ArmModel
@@ -256,18 +256,12 @@ class Effect(ABC):
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
         return None
 
-    def log_prior(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Float[Array, " k"]
-    ) -> float | None:
-        """Log density of such coefficients beforehand, or None where nothing is known of them.
+    def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior | None:
+        """What is known of its coefficients beforehand; None where each costs what any free figure does.
 
-        By default normal about zero, `prior_scale` being two standard deviations.
+        Needed of what is known well enough to tell a small one from the errors that a URDF has anyway.
         """
-        usual = self.prior_scale(session, joint, variant)
-        if usual is None:
-            return None
-        deviation = 0.5 * usual[: len(coefficients)]
-        return float(np.sum(norm.logpdf(coefficients, scale=deviation)))
+        return None
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """What reported figures can be on this arm, by name; figures that may be anything are left out."""

@@ -12,13 +12,14 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_
 from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
 from ident.effects.knowledge import Expression, Range, Typical, exactly_as
 from ident.effects.plausible import LARGEST_SMALL_ANGLE, arm_reach
+from ident.effects.size_prior import SizePrior
 from ident.effects.typical_sizes import coefficient_interval, near_one_pose
 from ident.robot.arm import ArmModel
 
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].
 PAYLOAD_REACHES = (0.03, 0.12)
 LARGEST_PAYLOAD = 10.0  # [kg]
-LEAST_PAYLOAD_SHARE = 0.003  # of the arm's mass; what is less is no load
+LEAST_PAYLOAD_SHARE = 0.003  # of the arm's mass
 LARGEST_LEVER = 0.3  # [m]
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 LARGEST_TILT = 0.1  # [rad]
@@ -96,16 +97,24 @@ class UnknownPayload(Effect):
         levers = np.full(len(_acting_axes(session.runs[0].arm)), LARGEST_LEVER)
         return LARGEST_PAYLOAD * np.concatenate([[1.0], levers])
 
-    def log_prior(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Float[Array, " k"]
-    ) -> float | None:
-        """A hundredth of the arm's mass is as likely as a half of it, centred anywhere in a tool's reach."""
+    def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
+        """A hundredth of the arm's mass is as likely as a half, its centre anywhere in a tool's reach.
+
+        Lighter than a tool, or heavier than the arm, by a factor of two is one deviation off.
+        """
         arm = session.runs[0].arm
-        mass, most = float(coefficients[0]), float(arm.inertial_parameters[::10].sum())
-        if not LEAST_PAYLOAD_SHARE * most <= mass <= most:
-            return -np.inf
-        widths = 2.0 * LARGEST_TOOL_SHARE * arm_reach(arm) * mass * np.ones(len(coefficients) - 1)
-        return -float(np.log(mass * np.log(1.0 / LEAST_PAYLOAD_SHARE)) + np.sum(np.log(widths)))
+        most, far = float(arm.inertial_parameters[::10].sum()), LARGEST_TOOL_SHARE * arm_reach(arm)
+        axes = len(_acting_axes(arm))
+
+        def log_density(coefficients: Float[Array, " k"]) -> float:
+            mass = float(coefficients[0])
+            if mass <= 0.0:
+                return -np.inf
+            beyond = np.log(mass / np.clip(mass, LEAST_PAYLOAD_SHARE * most, most)) / np.log(2.0)
+            inside = np.log(mass * np.log(1.0 / LEAST_PAYLOAD_SHARE)) + axes * np.log(2.0 * far * mass)
+            return -float(inside + 0.5 * beyond**2)
+
+        return SizePrior(0.5 * self.prior_scale(session, joint, variant), log_density)
 
 
 class LinkInertialError(Effect):
@@ -167,6 +176,9 @@ class LinkInertialError(Effect):
         mass = LARGEST_INERTIA_SHARE * max(float(link[0]), 0.1)
         lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), 0.1)
         return np.array([mass, mass * lever, mass * lever, mass * lever])[_acting(arm, joint)]
+
+    def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
+        return SizePrior.about_zero(0.5 * self.prior_scale(session, joint, variant))
 
 
 class GravityMisalignment(Effect):

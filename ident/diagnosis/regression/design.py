@@ -17,6 +17,7 @@ import numpy as np
 
 from ident.arrays import Array, Int
 from ident.effects.base import Effect, SessionContext, Variant
+from ident.effects.size_prior import SizePrior
 
 LOSS_FIGURES = 3
 
@@ -33,12 +34,14 @@ class Group:
         joint: Its joint; 0 for an effect of the whole arm.
         variant: The point of the inner grid.
         columns: Its columns in the big regression.
+        prior: What is known of its coefficients beforehand, if that decides.
     """
 
     effect: Effect
     joint: int
     variant: Variant
     columns: Int[Array, " k"]
+    prior: SizePrior | None = None
 
     @property
     def key(self) -> Key:
@@ -156,11 +159,12 @@ def layout_of(
     own: list[list[int]] = [[] for _ in range(session.n)]
     shared: list[int] = []
     for effect, joint, variants in grids:
+        asked = effect.asked(session)
         for variant in variants:
             width = effect.columns(sample, joint, variant)[0].shape[-1]
             columns = np.arange(start, start + width)
             start += width
-            groups.append(Group(effect, joint, variant, columns))
+            groups.append(Group(effect, joint, variant, columns, effect.size_prior(asked, joint, variant)))
             (own[joint] if effect.rows == "own" else shared).extend(columns)
     return Layout(
         rank=rank,

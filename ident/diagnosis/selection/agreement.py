@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 
 # A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
@@ -41,15 +41,16 @@ class Agreement:
     most: float
 
 
-def measure_agreement(search: Search, groups: Sequence[Group], slot: int) -> Agreement:
+def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorbed: bool = False) -> Agreement:
     """How well the folds of a session agree on the size of one of several names.
 
     Args:
         search: The session's sums and the belief about the URDF.
         groups: The names.
         slot: Which of them is asked about.
+        absorbed: Whether tuned inertias hide it: then it is seen against the URDF held fast, as it was judged.
     """
-    along, power = _scores(search, groups, slot)
+    along, power = _scores(search, search.fixed.prior if absorbed else search.prior, groups, slot)
     folds = search.evidence.fold_of_block
     parts = [folds == fold for fold in np.unique(folds)]
     least = LEAST_SEEN * float(power.sum())
@@ -73,13 +74,15 @@ def _own_variation(score: Array, power: Array) -> float:
     return float(power.sum()) if blocks < 2 else float(score @ score) * blocks / (blocks - 1)
 
 
-def _scores(search: Search, groups: Sequence[Group], slot: int) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+def _scores(
+    search: Search, prior: Prior, groups: Sequence[Group], slot: int
+) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
     """For each block Σ x e and Σ x x of a name."""
     evidence, gram = search.evidence, search.evidence.gram()
-    whole = project(gram, evidence, search.prior, groups)
+    whole = project(gram, evidence, prior, groups)
     left = np.zeros(evidence.layout.size + 1)
     left[whole.inside], left[-1] = -whole.estimate, 1.0
-    beside = project(gram, evidence, search.prior, [other for k, other in enumerate(groups) if k != slot])
+    beside = project(gram, evidence, prior, [other for k, other in enumerate(groups) if k != slot])
     torque = np.zeros_like(left)
     for column in groups[slot].columns:
         size = float(whole.estimate[np.flatnonzero(whole.inside == column)[0]])

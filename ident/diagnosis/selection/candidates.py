@@ -16,6 +16,7 @@ from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
+from ident.effects.size_prior import SizePrior
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,10 @@ class Candidates:
 
         Columns that make a group what it is must earn their own place; until they do, they alone count.
         """
-        gain, _ = projection.gain(group)
+        gain, scaled = projection.gain(group)
+        if group.prior is not None:
+            told = projection.rest[np.ix_(group.columns, group.columns)]
+            return 0.5 * gain - self.cost_of_size(group, group.prior, scaled, told) - self._choices[group.effect.id]
         column = self._cost_of_column(group)
         essential = group.effect.essential(group.variant)
         if essential:
@@ -83,13 +87,31 @@ class Candidates:
 
     def cost_of(self, group: Group) -> float:
         """What a group's freedom and its grid cost [nats]."""
-        return len(group.columns) * self._cost_of_column(group) + self.choices[group.effect.id]
+        return len(group.columns) * self._cost_of_column(group) + self._choices[group.effect.id]
+
+    def cost_of_size(self, group: Group, prior: SizePrior, scaled: Array, told: Array) -> float:
+        """What coefficients cost of whose size something is known [nats].
+
+        Args:
+            group: The group.
+            prior: What is known.
+            scaled: Its scaled coefficients.
+            told: What the recordings tell about these, beside the model.
+        """
+        scale = self.evidence.scale[group.columns]
+        return prior.cost(scaled / scale, scale[:, None] * told * scale)
+
+    @cached_property
+    def inertial_nats(self) -> float:
+        """What a name of the inertias' kind needs, its size counted [nats]."""
+        kinds = {group.key for group in self.evidence.layout.groups if group.effect.inertia_like}
+        return float(np.log(self.settings.inertial_odds * len(kinds)))
 
     def _cost_of_column(self, group: Group) -> float:
         return 0.5 * float(np.log(self._samples(group)))
 
     @cached_property
-    def choices(self) -> dict[str, float]:
+    def _choices(self) -> dict[str, float]:
         """For each effect the log of all its points and places: effects are as likely as each other beforehand."""
         groups = self.evidence.layout.groups
         counts = {effect.id: effect.screens for effect in (group.effect for group in groups)}
@@ -142,16 +164,23 @@ class Candidates:
         held_fast = project(gram, self.evidence, self.fixed.prior, chosen)
         p_values = self.p_values(tuned, [group for _, group in short])
         without: dict[bool, tuple[HeldOutScore, HeldOutScore]] = {}
-        found = []
-        for score, group in short:
-            absorbed = self.is_absorbed(tuned, held_fast, group)
+
+        def judged(score: float, group: Group, absorbed: bool) -> Named:
             scorer = self.fixed if absorbed else self.held_out
             if absorbed not in without:
                 without[absorbed] = scorer.score(), scorer.score(chosen)
             first, before = without[absorbed]
             after = scorer.score([*chosen, group])
             gates = self._gates(group, p_values[group.key], score, absorbed, (first, before, after))
-            found.append(Named(group, gates, before, after, absorbed))
+            return Named(group, gates, before, after, absorbed)
+
+        found = []
+        for score, group in short:
+            item = judged(score, group, self.is_absorbed(tuned, held_fast, group))
+            if group.prior is not None and not (item.absorbed or item.gates.passed):
+                # Tuned inertias make up for it on other runs, too; that they would have to go so far is what speaks.
+                item = judged(score, group, True)
+            found.append(item)
         return found
 
     def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
@@ -201,6 +230,8 @@ class Candidates:
             own_share=float(closed[most] / first[most]),
             evidence=score,
             absorbed=absorbed,
+            # Of what a size prior is known, a belief about the URDF that is free to change has the last word.
+            absorbed_nats=self.settings.absorbed_nats if group.prior is None else self.settings.unlikely_nats,
             event=group.effect.event,
             bursts=group.effect.bursts,
             settings=self.settings,

@@ -1,6 +1,7 @@
 """The gates that a name must pass, and what came of the candidates.
 
-1. The sign-flip test over all candidates: family-wise error 5 %.
+1. The sign-flip test over all candidates: family-wise error 5 %. What shows in a handful of stretches can't pass it,
+   however large: where half of a joint's error on runs that it never saw is gone, none is asked for.
 2. The log score on held-out runs gains more than one standard error.
 3. The size matters: on held-out runs the torque error of a joint that the effect acts on falls by 2 % or more, and by
    10 % or more of what is left above the noise. What comes in bursts drowns in a mean over the session: there the
@@ -39,6 +40,7 @@ class Gates:
         own_share: Share of its joint's gap that it closes, of what there was before anything was named.
         evidence: Log evidence [nats]: with the shares the only gate of an absorbed effect, and one of an event.
         absorbed: Whether it is one.
+        absorbed_nats: Least evidence that an absorbed effect needs.
         event: Whether it happened once.
         bursts: Whether it comes in bursts.
         settings: What it is held to.
@@ -52,6 +54,7 @@ class Gates:
     own_share: float
     evidence: float
     absorbed: bool
+    absorbed_nats: float = USUAL_SELECTION.absorbed_nats
     event: bool = False
     bursts: bool = False
     settings: SelectionSettings = USUAL_SELECTION
@@ -64,11 +67,12 @@ class Gates:
             return strong and self.share >= held.least_share
         counts = self.share >= held.least_share and self.own_share >= held.least_own_share
         if self.absorbed:
-            return self.evidence >= held.absorbed_nats and counts
+            return self.evidence >= self.absorbed_nats and counts
         gain, error = self.log_score
         large = self.rms_fall >= held.least_rms_fall or (self.bursts and self.evidence >= held.burst_nats)
         large = large and self.gap_fall >= held.least_gap_fall and counts
-        return self.p_value <= held.family_error and gain > error and large
+        beyond_chance = self.p_value <= held.family_error or self.rms_fall >= held.foretold_fall
+        return beyond_chance and gain > error and large
 
     @property
     def beyond_chance(self) -> bool:

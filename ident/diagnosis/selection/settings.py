@@ -14,6 +14,12 @@ class SelectionSettings(Settings):
     family_error: float = number(
         0.05, "1", "chance of a false alarm over all candidates, sign-flip test", "law: the usual 5 %"
     )
+    foretold_fall: float = number(
+        0.5,
+        "1",
+        "share of a joint's held-out error whose fall makes that test needless",
+        "chosen: chance foretells no three quarters of a mean square",
+    )
     flips: int = number(999, "1", "draws of signs: the least p-value is one over one more", "law: resolution of 0.001")
     voices: int = number(
         24,

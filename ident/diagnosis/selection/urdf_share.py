@@ -71,8 +71,8 @@ def added_evidence(
 ) -> float:
     """Log evidence for a name of the inertias' kind, the URDF as wrong as it likes with it and without it [nats].
 
-    Its coefficients are as large beforehand as its catalogue says (`Effect.prior_scale`), or cost what any free figure
-    does.
+    Its coefficients are as large beforehand as its catalogue says (`Effect.size_prior`, or `Effect.prior_scale`), or
+    cost what any free figure does.
     """
     evidence, gram = search.evidence, search.evidence.gram()
     columns = np.append(group.columns, len(gram) - 1)
@@ -83,14 +83,16 @@ def added_evidence(
         prior = Prior.believing(evidence, baseline, error)
         alone = _evidence(search, prior, others, spare) - _cost(error, search.settings)
         view = project(gram, evidence, prior, others, columns)
-        if usual is None:
-            occam = 2.0 * search.cost_of(group)
+        (gain, scaled), told = view.gain(lone), view.rest[:-1, :-1] / spare
+        if group.prior is not None:
+            cost = search.cost_of_size(group, group.prior, scaled, told)
+        elif usual is None:
+            cost = search.cost_of(group)
         else:
             size = usual[: len(group.columns)] * evidence.scale[group.columns]
-            told = size[:, None] * view.rest[:-1, :-1] * size / spare
-            occam = float(np.linalg.slogdet(np.eye(len(size)) + told)[1])
+            cost = 0.5 * float(np.linalg.slogdet(np.eye(len(size)) + size[:, None] * told * size)[1])
         without.append(alone)
-        beside.append(alone + 0.5 * (view.gain(lone)[0] / spare - occam))
+        beside.append(alone + 0.5 * gain / spare - cost)
     return max(beside) - max(without)
 
 

@@ -132,27 +132,6 @@ def test_what_to_do_bears_the_figures() -> None:
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
 
 
-def test_a_last_link_of_twice_its_weight_carries_something(session: SessionContext) -> None:
-    """Law: the more weight the last link gains, the more it speaks for a load; of a twentieth more, against one."""
-    load, link = find_effect("payload"), find_effect("link_inertial_error")
-    last, own = session.n - 1, float(session.runs[0].arm.inertial_parameters[-10])
-
-    def odds(share: float) -> float:
-        mass = share * own
-        told = [
-            effect.log_prior(session, joint, effect.variants(session, joint)[0], mass * np.array([1.0, 0.0, 0.0, 0.03]))
-            for effect, joint in ((load, 0), (link, last))
-        ]
-        assert told[0] is not None
-        assert told[1] is not None
-        return told[0] - told[1]
-
-    growing = [odds(share) for share in (0.05, 0.6, 1.0, 2.0)]
-    assert np.all(np.diff(growing) > 0.0)
-    assert growing[0] < 0.0 < growing[-2]
-    assert load.log_prior(session, 0, load.variants(session, 0)[0], -np.ones(4)) == -np.inf
-
-
 def test_friction_may_vary_more_than_there_is_where_it_was_not_seen(session: SessionContext) -> None:
     """Law: a wave of which only a slope was seen may be larger than Coulomb friction; one that was seen whole not."""
     effect = find_effect("position_dependent_friction")
