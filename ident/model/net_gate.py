@@ -4,7 +4,7 @@ On what was held back, the prediction of a net that did not see it is compared w
 weight that leaves least torque error there, if that is surely less than without (by Student's test over stretches or
 runs) and the energy error is not more by a standard error; else it is silent. Then joints let go until the energy error
 of all of them together is no more either. On 18 splits of real recordings and the shipped ones, geometric means, torque
-error on unseen runs falls to 0.76 of what it is without and the energy error of all joints to 0.49; neither grows in
+error on unseen runs falls to 0.77 of what it is without and the energy error of all joints to 0.55; neither grows in
 any. A single joint's energy error grows in 18 of 112 (`tests/bench/bench_net_splits.py`).
 
 Asked of whole runs instead of stretches of a few seconds, energy decides by chance where runs are few: a joint whose
