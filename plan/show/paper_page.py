@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.files import atomic_write
 from plan.show.pictures import draw_comparison, draw_motion, save_figure
-from plan.solving.paper import Line, Repeat
+from plan.solving.paper import Effort, Line, Repeat
 
 MISSING = """## What can't be repeated, and why
 
@@ -42,7 +42,7 @@ def write_page(repeat: Repeat, out: Path) -> Path:
         if result.splines is not None:
             save_figure(draw_motion(problem, result), out / f"{name}.png")
             drawn.add(f"{name}.png")
-    parts = [f"{MARK}\n", "# The paper's plans and ours\n"]
+    parts = [f"{MARK}\n", "# The paper's plans and ours\n", _effort(repeat.effort)]
     for table, lines in groupby(repeat.lines, key=lambda line: line.table):
         parts += [f"## {table}\n", _table(list(lines))]
     parts += [f"## {words}\n\n![{words}]({name})\n" for name, words in PICTURES.items() if name in drawn]
@@ -50,6 +50,18 @@ def write_page(repeat: Repeat, out: Path) -> Path:
     with atomic_write(page) as part:
         part.write_text("\n".join([*parts, MISSING]), encoding="utf-8")
     return page
+
+
+def _effort(effort: Effort) -> str:
+    """What was run, beside what is run where nothing else is asked for."""
+    full = Effort()
+    pairs = (
+        ("epochs of PPO on Table 3's task, 4.2 times as many with the obstacle", effort.epochs, full.epochs),
+        ("generations of the genetic algorithm in Fig. 10", effort.generations, full.generations),
+        ("trials", effort.trials, full.trials),
+        ("values of each variable in the brute force search", effort.levels, full.levels),
+    )
+    return f"Ours ran {'; '.join(f'{ours} {name} (in full {theirs})' for name, ours, theirs in pairs)}.\n"
 
 
 def _table(lines: list[Line]) -> str:

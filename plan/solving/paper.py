@@ -102,11 +102,13 @@ class Repeat:
         lines: Rows of the tables.
         search: Costs of PPO and the genetic algorithm on the obstacle task, for Fig. 10.
         motions: Problem and plan of what Figs. 11 and 13 show, by the name of the picture.
+        effort: How much was run.
     """
 
     lines: tuple[Line, ...]
     search: Comparison
     motions: dict[str, tuple[PlanningProblem, PlanResult]]
+    effort: Effort
 
 
 def repeat_paper(model: HybridModel | None, effort: Effort, progress: Progress | None = None) -> Repeat:
@@ -135,7 +137,7 @@ def repeat_paper(model: HybridModel | None, effort: Effort, progress: Progress |
         lines += more
         if motion is not None:
             motions[f"figure_13_{table[-1]}"] = motion
-    return Repeat(tuple(lines), search, motions)
+    return Repeat(tuple(lines), search, motions, effort)
 
 
 def _problem(model: HybridModel | None, duration: float, obstacles: tuple[Box, ...]) -> PlanningProblem:

@@ -17,10 +17,12 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     result = solve(task, "reference", gap=False)
     failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
     lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0))
-    repeat = Repeat(lines, Comparison("fig. 10", "energy", 100, 1.0, (result,)), {"figure_11": (task, result)})
+    compared = Comparison("fig. 10", "energy", 100, 1.0, (result,))
+    repeat = Repeat(lines, compared, {"figure_11": (task, result)}, Effort(epochs=7))
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
+    assert "7 epochs" in text
     assert "can't be repeated" in text
     for name in ("figure_10.png", "figure_11.png"):
         assert f"({name})" in text
