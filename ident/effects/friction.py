@@ -191,7 +191,7 @@ class NonlinearViscousFriction(Effect):
         return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        law = f"{figures['coefficient'].value:.3g} |v|^{figures['exponent'].value:.2g}"
+        law = f"{figures['coefficient'].value:.3g} N m (|v| / (1 rad/s))^{figures['exponent'].value:.2g}"
         return f"give {where} a curved friction law, {law}, beside its line; grease that has aged bends it too"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

@@ -121,8 +121,8 @@ def _log_likelihood(
 ) -> None:
     """Sums of log innovation variance and of normalised squared innovations of runs end to end, for r = 1.
 
-    `starts` holds each run's first row and, last, the number of rows; `dt` the interval after each row. `speed` and
-    `rate` are the standard deviations of the first velocity and acceleration.
+    `starts`: each run's first row, and the number of rows; `dt`: the interval after each; `speed`, `rate`: standard
+    deviations of the first velocity and acceleration.
     """
     out[0], out[1] = 0.0, 0.0
     for run in range(len(regular)):
@@ -130,7 +130,6 @@ def _log_likelihood(
         a, b, c, d, e, f = 1.0, 0.0, 0.0, speed * speed, 0.0, rate * rate
         x0, x1, x2 = z[first], 0.0, 0.0
         variance, k0, k1, k2, settled = 1.0, 0.0, 0.0, 0.0, False
-        log_sum, square_sum = 0.0, 0.0
         for k in range(first + 1, end):
             h = dt[k - 1]
             if not settled:
@@ -145,13 +144,11 @@ def _log_likelihood(
             x0 += h * x1 + 0.5 * h * h * x2
             x1 += h * x2
             innovation = z[k] - x0
-            log_sum += np.log(variance)
-            square_sum += innovation * innovation / variance
+            out[0] += np.log(variance)
+            out[1] += innovation * innovation / variance
             x0 += k0 * innovation
             x1 += k1 * innovation
             x2 += k2 * innovation
-        out[0] += log_sum
-        out[1] += square_sum
 
 
 @compiled("f1 f1 i f f f f f2 f2 f1", _predict, _update, _moved)
@@ -323,9 +320,8 @@ def _fit_one_joint(
 
     def profile(log_frequency: float) -> tuple[float, float]:
         _log_likelihood(z, dt, starts, regular, ratio(log_frequency), *first, sums)
-        log_sum, square_sum = float(sums[0]), float(sums[1])
-        noise = max(square_sum / count, LEAST_NOISE**2)
-        return count * np.log(noise) + log_sum, noise
+        noise = max(float(sums[1]) / count, LEAST_NOISE**2)
+        return count * np.log(noise) + float(sums[0]), noise
 
     bounds = (np.log(settings.slowest_corner_hz), np.log(settings.fastest_corner_share / interval))
     best = find_minimum(lambda f: profile(f)[0], *bounds, within=0.02)

@@ -13,10 +13,11 @@ LEAST_EIGENVALUE = 1e-9
 def positive(matrix: Float[Array, "k k"]) -> Float[Array, "k k"]:
     """A symmetric matrix that is positive definite: itself, or one that holds what can't be seen at rest.
 
-    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows they may come
-    out below zero. Such a direction is given the curvature of a well-seen one, so that solutions stay small along it.
+    Sums that encoder noise was taken off are estimates: along a direction that the motion hardly shows, even of one
+    column alone, they may come out below zero. Such a direction is given the curvature of a well-seen one, so that
+    solutions stay small along it.
     """
-    root = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    root = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
