@@ -90,7 +90,7 @@ def find_uneven(
         search: The search that gave the names.
         groups: All names.
         asked: Which of them are asked about; events and what grows in a run have no one size.
-        hidden: Which of them tuned inertias hide.
+        hidden: Which of them tuned inertias hide, all or most of it.
     """
     held = search.settings
     constant = [k for k in asked if not (groups[k].effect.event or groups[k].effect.by_run)]

@@ -151,7 +151,7 @@ def _sure(
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
-        hidden = [k for k in kept if found.named[k].absorbed]
+        hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
         refused = refused or find_uneven(search, groups, kept, hidden)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         if refused and len(doubted) <= held.most_doubted:
