@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.reservations import find_uneven
 from ident.diagnosis.selection.agreement import measure_agreement
 from ident.diagnosis.selection.search import Search
+from ident.effects.catalogue import find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, stribeck_on_1
 
@@ -53,3 +55,20 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
     assert found.p_value < 1e-6
     assert found.spread > 0.5
     assert "differs between runs" in find_uneven(other, [group], [0])[0]
+
+
+def test_a_heavier_link_is_so_in_every_run(short_arm: ArmModel) -> None:
+    """Law: against the URDF held fast a link's error has one size in all runs, though tuning hides most of it."""
+
+    def heavier(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+        links = arm.inertial_parameters.reshape(arm.n, 10).copy()
+        links[1] *= 1.3
+        true = arm.with_inertial_parameters(links.ravel())
+        return true.inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+
+    analysis = analyse(short_arm, heavier, [find_effect("link_inertial_error")])
+    search, groups = search_of(analysis), [one for one in analysis.evidence.layout.groups if one.joint == 1]
+    hidden, tuned = (measure_agreement(search, groups, 0, absorbed) for absorbed in (True, False))
+    assert hidden.spread < 0.1
+    assert hidden.least < 1.0 < hidden.most
+    assert hidden.most - hidden.least < tuned.most - tuned.least
