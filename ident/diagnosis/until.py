@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from math import ceil, log, pi
+from math import ceil, exp, log, pi
 from typing import Any
 
 from ident.diagnosis.result import Diagnosis
@@ -142,6 +142,7 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
         family_error=share * error,
         flips=max(held.flips, ceil(1.0 / (RESOLUTION * share * error))),
         absorbed_nats=held.absorbed_nats + nats,
+        inertial_odds=held.inertial_odds * exp(nats),
         event_nats=held.event_nats + nats,
         burst_nats=held.burst_nats + nats,
     )
