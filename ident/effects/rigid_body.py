@@ -104,7 +104,8 @@ class UnknownPayload(Effect):
         """
         arm = session.runs[0].arm
         most, far = float(arm.inertial_parameters[::10].sum()), LARGEST_TOOL_SHARE * arm_reach(arm)
-        axes = len(_acting_axes(arm))
+        largest = self.prior_scale(session, joint, variant)
+        axes = len(largest) - 1
 
         def log_density(coefficients: Float[Array, " k"]) -> float:
             mass = float(coefficients[0])
@@ -114,7 +115,7 @@ class UnknownPayload(Effect):
             inside = np.log(mass * np.log(1.0 / LEAST_PAYLOAD_SHARE)) + axes * np.log(2.0 * far * mass)
             return -float(inside + 0.5 * beyond**2)
 
-        return SizePrior(0.5 * self.prior_scale(session, joint, variant), log_density)
+        return SizePrior(0.5 * largest, log_density)
 
 
 class LinkInertialError(Effect):

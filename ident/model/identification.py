@@ -34,7 +34,7 @@ from ident.model.inertia import (
 from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted, shortfall
 from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
 from ident.model.named_laws import NamedLaw, named_torque
-from ident.model.run_effects import USUAL_SPREAD
+from ident.model.shared_variance import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel

@@ -16,9 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.shared_variance import USUAL_RUNS, USUAL_SPREAD, share_variance
-
-__all__ = ["USUAL_RUNS", "USUAL_SPREAD", "RunEffect", "RunSums", "fit_run_effects", "wandering"]
+from ident.model.shared_variance import USUAL_RUNS, share_variance
 
 # Steps towards the variances at each pass of the weights.
 STEPS = 10

@@ -230,7 +230,7 @@ class Candidates:
             own_share=float(closed[most] / first[most]),
             evidence=score,
             absorbed=absorbed,
-            # Of what a size prior is known, a belief about the URDF that is free to change has the last word.
+            # Where sizes are known, a belief about the URDF that is free to change has the last word (`inertial_nats`).
             absorbed_nats=self.settings.absorbed_nats if group.prior is None else self.settings.unlikely_nats,
             event=group.effect.event,
             bursts=group.effect.bursts,

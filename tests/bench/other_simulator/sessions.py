@@ -186,9 +186,7 @@ def make_session(text: str, names: list[str], kind: str, seed: int, out: Path) -
 
 def kind_of(kind: str) -> str:
     """What a session shows: nothing, one effect, two of them, or a law of none."""
-    if kind in ("healthy", "pair"):
-        return {"healthy": "null"}.get(kind, kind)
-    return "outside" if kind in OUTSIDE else "single"
+    return {"healthy": "null", "pair": "pair"}.get(kind, "outside" if kind in OUTSIDE else "single")
 
 
 def hidden_names(kind: str, rng: np.random.Generator) -> list[str]:

@@ -14,7 +14,8 @@ from ident.model.consistency import is_consistent, nearest_consistent, pseudo_in
 from ident.model.identification import Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
-from ident.model.run_effects import USUAL_SPREAD, RunEffect, wandering
+from ident.model.run_effects import RunEffect, wandering
+from ident.model.shared_variance import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.numerics import student_quantile
 from ident.robot.arm import ArmModel
