@@ -81,10 +81,18 @@ def test_packages_load_nothing_heavy(package: str) -> None:
 
 
 def test_a_diagnosis_of_nominal_inertias_loads_neither_torch_nor_pictures(tmp_path: Path) -> None:
-    """One run is too little for a verdict, but goes through the same door."""
-    run = E1 / "01_trajectory_1.parquet"
-    found = loaded_by("ident", "diagnose", run, "--robot", "tm5-900", "--json", tmp_path / "why.json")
-    assert not found & {"torch", "mujoco", "matplotlib", "rerun"}
+    """One run is too little for a verdict, but goes through the same door; its kernels are compiled at the first."""
+    diagnose = ("ident", "diagnose", E1 / "01_trajectory_1.parquet", "--robot", "tm5-900", "--json")
+    loaded_by(*diagnose, tmp_path / "first.json")
+    found = loaded_by(*diagnose, tmp_path / "why.json")
+    assert not found & {"torch", "mujoco", "matplotlib", "rerun", "numba", "sklearn", "pandas"}
+
+
+def test_a_diagnosis_loads_no_part_of_scipy_that_takes_a_second() -> None:
+    """Nor what learns trees, until something stands out that they may learn."""
+    slow = ("scipy.signal", "scipy.stats", "sklearn", "pandas", "numba")
+    script = f"import sys, ident.api.diagnosing\nprint('loaded:', *(n for n in {slow!r} if n in sys.modules))"
+    assert loaded(script) == set()
 
 
 def test_text_tables_load_no_other_format(tmp_path: Path) -> None:

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.compiled import compiled
 from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.noise import Whitening
@@ -298,7 +298,17 @@ class _Look:
 
 def encoder_share(whitening: Whitening) -> Float[Array, " n"]:
     """Share of each joint's residual variance that is encoder noise in its columns."""
-    unit = np.eye(1, RESPONSE)[0]
-    response = np.array([lfilter([1.0], filtering, unit) for filtering in whitening.coefficients])
+    response = np.zeros((len(whitening.coefficients), RESPONSE))
+    _respond(np.ascontiguousarray(whitening.coefficients), response)
     total = whitening.innovation**2 * np.sum(response**2, axis=1)
     return np.clip(1.0 - whitening.level**2 / np.maximum(total, 1e-300), 0.0, 1.0)
+
+
+@compiled("f2 f2")
+def _respond(filtering: Array, response: Array) -> None:
+    """What a unit shock becomes in noise that a prediction-error filter (1, −a₁, …) whitens, filter by filter."""
+    for i in range(filtering.shape[0]):
+        response[i, 0] = 1.0
+        for k in range(1, response.shape[1]):
+            for lag in range(1, min(k, filtering.shape[1] - 1) + 1):
+                response[i, k] -= filtering[i, lag] * response[i, k - lag]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.trees import Ceiling
@@ -71,7 +71,7 @@ def varying_at_most(
     usual = float(np.median(spread[moved])) if moved.any() else 1.0
     known = settings.alike_stretches + stretches - 1
     pooled = (settings.alike_stretches * (usual / spread) ** 2 + stretches - 1) / known
-    most = known / float(chi2.ppf(settings.sure_side, known)) * stretches / (stretches - 1)
+    most = known / 2.0 * float(gammaincinv(0.5 * known, settings.sure_side)) * stretches / (stretches - 1)
     return np.asarray(most * pooled * evidence.friction_noise**2)
 
 

@@ -15,9 +15,9 @@ Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.typical_sizes import sampled_states
 
@@ -39,7 +39,9 @@ def deflect(
     position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
     load = np.ascontiguousarray(run.link[:, joint])
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
-    return _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps)
+    twist, rate = np.empty(len(load)), np.empty(len(load))
+    _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps, twist, rate)
+    return twist, rate
 
 
 def felt_torque(run: RunContext, joint: int, twist: Array, rate: Array) -> Float[Array, "T n"]:
@@ -49,7 +51,7 @@ def felt_torque(run: RunContext, joint: int, twist: Array, rate: Array) -> Float
     return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
 
 
-@njit(cache=True)
+@compiled("f1 f1 f1 f1 f f f f i f1 f1")
 def _integrate(
     load: Array,
     inertia: Array,
@@ -60,11 +62,12 @@ def _integrate(
     half: float,
     interval: float,
     steps: int,
-) -> tuple[Array, Array]:
-    """Newmark's method; the gear pushes only beyond ±half, and damps only there."""
+    twist: Array,
+    rate: Array,
+) -> None:
+    """Newmark's method; the gear pushes only beyond ±half, and damps only there. `twist` and `rate` are the result."""
     gamma, beta = 0.6, 0.3025
     h = interval / steps
-    twist, rate = np.empty(len(load)), np.empty(len(load))
     x = load[0] / (stiffness + position[0]) + half * np.sign(load[0])
     v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
     twist[0], rate[0] = x, v
@@ -91,4 +94,3 @@ def _integrate(
                 side = found
             v = v_ahead + gamma * h * a
         twist[k], rate[k] = x, v
-    return twist, rate

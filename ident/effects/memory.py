@@ -7,11 +7,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
+from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval, drawn_interval
 from ident.effects.knowledge import Doubt, Range, Typical
 from ident.effects.plausible import LARGEST_TORQUE_SHARE
@@ -259,10 +257,16 @@ def _usable(session: SessionContext, joint: int) -> list[float]:
     return [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
 
 
-@njit(cache=True)
 def _reversals(q: Float[Array, " T"], least: float) -> int:
     """Number of reversals after which the path goes back by some distance at least."""
-    count, heading, extreme = 0, 0, q[0]
+    count = np.zeros(1)
+    _count_reversals(np.ascontiguousarray(q), least, count)
+    return int(count[0])
+
+
+@compiled("f1 f f1")
+def _count_reversals(q: Array, least: float, count: Array) -> None:
+    heading, extreme = 0, q[0]
     for value in q:
         if heading == 0:
             if abs(value - extreme) > least:
@@ -271,10 +275,17 @@ def _reversals(q: Float[Array, " T"], least: float) -> int:
         elif (value - extreme) * heading > 0:
             extreme = value
         elif abs(value - extreme) > least:
-            count += 1
+            count[0] += 1.0
             heading = -heading
             extreme = value
-    return count
+
+
+@compiled("f1 f f f f1")
+def _warm_up(power: Array, keep: float, gain: float, start: float, out: Array) -> None:
+    """Warmth, sample by sample: what is kept of the last one's, and what its power adds."""
+    out[0] = start
+    for k in range(1, len(power)):
+        out[k] = gain * power[k - 1] + keep * out[k - 1]
 
 
 def _span(session: SessionContext) -> float:
@@ -284,6 +295,8 @@ def _span(session: SessionContext) -> float:
 
 def _measured(session: SessionContext, joint: int) -> list[Float[Array, " T"]] | None:
     """Measured temperature of every run, averaged a little; None if a run has none."""
+    from scipy.ndimage import uniform_filter1d  # slow to load, and few logs have temperatures
+
     found = []
     for run in session.runs:
         if run.temperature is None or not np.all(np.isfinite(run.temperature[:, joint])):
@@ -325,7 +338,8 @@ def _warmth(
         starts[name] = level
         keep = np.exp(-run.interval / constant)
         power = _friction_power(session, run, joint)
-        values, _ = lfilter([0.0, constant * (1.0 - keep)], [1.0, -keep], power, zi=[level])
+        values = np.empty(len(power))
+        _warm_up(power, keep, constant * (1.0 - keep), level, values)
         found.append(values)
         level, last = float(values[-1]), float(run.motion.time[-1])
     return found, starts

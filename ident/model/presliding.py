@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.compiled import compiled
 from ident.model.loss import TRANSITION_GRID, direction
 from ident.motion.motion import Motion
 from ident.numerics import solve_non_negative
@@ -31,16 +31,20 @@ CONCAVE, SLOW = (0.3, 0.6), 0.05
 AS_LIKELY, STRETCH = 2.0, 2.0
 
 
-@njit(cache=True)
 def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
     """State of a stop operator of a range along a path, from rest."""
     out = np.empty(len(q))
+    _follow(np.ascontiguousarray(q), size, out)
+    return out
+
+
+@compiled("f1 f f1")
+def _follow(q: Array, size: float, out: Array) -> None:
     state = 0.0
     out[0] = 0.0
     for k in range(1, len(q)):
         state = min(size, max(-size, state + q[k] - q[k - 1]))
         out[k] = state
-    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.signal import freqz
 
 from ident.arrays import Array, Float, Int
 from ident.diagnosis.gap.axes import Axis, session_axes
@@ -216,7 +215,7 @@ def _bands(
             frequency = np.fft.rfftfreq(len(part), item.step)
             power[piece] = np.histogram(frequency, edges, weights=np.abs(np.fft.rfft(part)) ** 2)[0]
     fine = np.linspace(0.0, edges[-1], 2001)[1:]
-    response = np.abs(freqz(coefficients, 1.0, fine, fs=1.0 / series[0].step)[1])
+    response = np.abs(np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * series[0].step * fine), coefficients))
     width = np.histogram(fine, edges, weights=1.0 / response**2)[0] / np.sum(1.0 / response**2)
     shares = power.sum(axis=0) / max(float(power.sum()), 1e-300)
     excess = power - width * power.sum(axis=1, keepdims=True)

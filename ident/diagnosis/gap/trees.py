@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingRegressor
-from threadpoolctl import threadpool_limits
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.residuals import RunResidual
@@ -121,6 +119,10 @@ def _deal(piece: Array, folds: int) -> Array:
 
 def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings) -> tuple[float, bool]:
     """Mean square on held-out folds, and whether it falls in nearly all of them."""
+    # Slow to load, and where nothing stands out of the noise there is nothing for trees to learn.
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from threadpoolctl import threadpool_limits
+
     left = np.zeros(len(y))
     falls = []
     for k in range(settings.folds):

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
@@ -65,7 +65,7 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
     q, freedom = float(weight @ (size - mean) ** 2), len(parts) - 1
     beyond = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
     told = 1.0 + size
-    return Agreement(float(np.sqrt(beyond)), float(chi2.sf(q, freedom)), float(told.min()), float(told.max()))
+    return Agreement(float(np.sqrt(beyond)), float(chdtrc(freedom, q)), float(told.min()), float(told.max()))
 
 
 def _own_variation(score: Array, power: Array) -> float:

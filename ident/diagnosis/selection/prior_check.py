@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.gram import Evidence
@@ -74,4 +74,4 @@ def measure_tolerance(
     squares = [change @ sums.sum(axis=0)[:rank, :rank] @ change for sums in evidence.plain]
     torque = np.sqrt(np.maximum(squares, 0.0) / np.maximum(evidence.weights.sum(axis=0), 1.0))
     farthest = float(distance.max(initial=0.0))
-    return Tolerance(farthest, min(1.0, 2.0 * int(told.sum()) * float(norm.sf(farthest))), torque, settings.most_likely)
+    return Tolerance(farthest, min(1.0, 2.0 * int(told.sum()) * float(ndtr(-farthest))), torque, settings.most_likely)
