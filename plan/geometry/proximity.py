@@ -11,7 +11,9 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.robot.arm import ArmModel
+from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
+from plan.geometry.sweep import slopes_of_points
 
 THREADS = 2
 # Coal's own default of 1e-6 leaves noise of 0.1 µm in distances, which spoils their derivatives.
@@ -38,7 +40,7 @@ class Proximity:
     """Coal's view of a scene. Holds Coal's buffers, so one thread at a time may use it."""
 
     def __init__(self, arm: ArmModel, boxes: Sequence[Box], pairs: Array) -> None:
-        self._model = arm.model
+        self._model, self._chain = arm.model, Chain.from_arm(arm)
         self._boxes, self._pairs = tuple(boxes), pairs
         self._geometry = _geometry_model(boxes, pairs)
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
@@ -51,6 +53,7 @@ class Proximity:
             request.gjk_max_iterations = 500
         self._pool: pin.GeometryPool | None = None
         self._radius = np.array([box.solid.radius for box in self._boxes])
+        self._joints = np.array([box.joint for box in self._boxes], dtype=np.int64)
         self._half = np.array([box.half for box in self._boxes]).reshape(-1, 3)
         # Coal knows the points of a cloud; their radius is taken off the distances of its pairs.
         grown = np.array([box.solid.grown for box in self._boxes])
@@ -117,20 +120,25 @@ class Proximity:
     ) -> Float[Array, "m n"]:
         """Derivatives of some pairs' signed distances by the joints [m/rad], each at its own position.
 
-        A point fixed to joint frame i moves by J_v − [r]× J_ω, so the distance along the normal n from the first
-        shape to the second changes by nᵀ(J₂ − J₁), each taken at its witness point.
+        The distance along the normal n from the first shape to the second changes by nᵀ(J₂ − J₁), each Jacobian taken
+        at its witness point.
         """
-        out = np.zeros((len(q), self._model.nv))
-        before = None
-        for row, (at, pair, piece) in enumerate(zip(np.asarray(q, dtype=float), pairs, pieces, strict=True)):
-            if before is None or not np.array_equal(at, before):
-                pin.computeJointJacobians(self._model, self._data, at)
-                before = at
-            found = self._witness(int(pair), piece)
-            for box, point, sign in zip(self._pairs[pair], (found.first, found.second), (-1.0, 1.0), strict=True):
-                if self._boxes[box].joint > 0:
-                    out[row] += sign * (found.normal @ self._point_jacobian(int(box), point))
-        return out
+        points, normals = np.zeros((len(q), 2, 3)), np.zeros((len(q), 3))
+        q = np.ascontiguousarray(q, dtype=float)
+        moved = np.append(True, np.any(q[1:] != q[:-1], axis=1))
+        for row, (pair, piece) in enumerate(zip(pairs, pieces, strict=True)):
+            if moved[row]:
+                pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q[row])
+            if piece is not None:
+                found = self._witness(int(pair), piece)
+                points[row], normals[row] = (found.first, found.second), found.normal
+                continue
+            pin.computeDistance(self._geometry, self._geometry_data, int(pair))
+            result = self._geometry_data.distanceResults[int(pair)]
+            points[row, 0], points[row, 1] = result.getNearestPoint1(), result.getNearestPoint2()
+            normals[row] = result.normal
+        joints = self._joints[self._pairs[np.asarray(pairs, dtype=np.int64)]]
+        return np.asarray(slopes_of_points(self._chain.kinematics, q, joints, points, normals))
 
     def _witness(self, pair: int, piece: Box | None) -> Witness:
         """Of two shapes alone, so that the others cost nothing; where the arm is stands in the data."""
@@ -160,12 +168,6 @@ class Proximity:
             self._pool = pin.GeometryPool(self._model, self._geometry, THREADS)
         columns = np.asfortranarray(np.asarray(q, dtype=float).T)
         return np.asarray(pin.computeCollisionsInParallel(THREADS, self._pool, columns, True)).reshape(-1) > 0
-
-    def _point_jacobian(self, box: int, point: Array) -> Array:
-        joint = self._boxes[box].joint
-        jacobian = pin.getJointJacobian(self._model, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
-        lever = point - self._data.oMi[joint].translation
-        return jacobian[:3] - pin.skew(lever) @ jacobian[3:]
 
 
 def _geometry_model(boxes: Sequence[Box], pairs: Array) -> pin.GeometryModel:

@@ -70,6 +70,43 @@ def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # 
 
 
 @njit(cache=True, fastmath=True, nogil=True)
+def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
+    """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
+
+    Args:
+        chain: The arm's kinematics.
+        q: Positions, shape (m, n).
+        joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
+        points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
+        normals: Unit vectors, shape (m, 3).
+    """
+    n, out = q.shape[1], np.zeros(q.shape)
+    rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    lever, axis, axes, sliding = np.empty(3), np.empty(3), chain[2], chain[3]
+    for row in range(q.shape[0]):
+        if row == 0 or np.any(q[row] != q[row - 1]):
+            place_frames(chain, q[row], rot, at)
+        x, y, z = normals[row]
+        for side in range(2):
+            sign = 2.0 * side - 1.0
+            for j in range(joints[row, side]):
+                for k in range(3):
+                    axis[k] = (
+                        rot[j + 1, k, 0] * axes[j, 0] + rot[j + 1, k, 1] * axes[j, 1] + rot[j + 1, k, 2] * axes[j, 2]
+                    )
+                    lever[k] = points[row, side, k] - at[j + 1, k]
+                if sliding[j] > 0.5:
+                    out[row, j] += sign * (x * axis[0] + y * axis[1] + z * axis[2])
+                    continue
+                out[row, j] += sign * (
+                    x * (axis[1] * lever[2] - axis[2] * lever[1])
+                    + y * (axis[2] * lever[0] - axis[0] * lever[2])
+                    + z * (axis[0] * lever[1] - axis[1] * lever[0])
+                )
+    return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
 def world_gap(link, root, tree, rot, at, bodies, most, hint, warm, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque
@@ -23,8 +24,6 @@ NEAR, MOST_NEAR = 0.06, 60
 # Places along a motion at which all pairs are looked at; where a gap dips to within so much of the margin [m], it is
 # looked at more closely, as shares of the distance of two places.
 PLACES, CLOSE, CLOSER = 64, 0.03, np.arange(-8, 9) / 8
-# Steps of Newton's method to the places where joints turn round: a cubic's speed is quadratic.
-NEWTON = 5
 # Unit of the clearance's shortfall [m].
 CLEARANCE_UNIT = 0.1
 # Clearance asked for beyond the margin, for what happens between the watched places [m].
@@ -227,11 +226,19 @@ class LocalModel:
 
     def _scatter(self, parts: list[Array], duration: float) -> Float[Array, " d"]:
         """Sums derivatives by the nodes' states into derivatives by the coefficients."""
-        out = np.zeros((self.grid.sections + DEGREE, self.n))
-        for order, part in enumerate(parts):
-            local = self.grid.bases[order][:, :, None] * part[:, None, :] / duration**order
-            np.add.at(out, self.grid.first[:, None] + np.arange(DEGREE + 1), local)
-        return out[self.grid.held : -self.grid.held].reshape(-1)
+        out = sum(
+            design.T @ part / duration**order
+            for order, (design, part) in enumerate(zip(self._designs, parts, strict=True))
+        )
+        return np.asarray(out)[self.grid.held : -self.grid.held].reshape(-1)
+
+    @cached_property
+    def _designs(self) -> Float[Array, "3 T C"]:
+        """What each coefficient gives at each node: position, and its first and second derivative by the share."""
+        out = np.zeros((3, len(self.grid.shares), self.grid.sections + DEGREE))
+        rows = np.arange(len(self.grid.shares))[:, None]
+        out[:, rows, self.grid.first[:, None] + np.arange(DEGREE + 1)] = self.grid.bases
+        return out
 
     def _torque_rows(self, states: tuple[Array, Array, Array], found, duration: float) -> ConstraintRows:  # type: ignore[no-untyped-def]
         share = found.tau / self._torque_limit
@@ -246,22 +253,18 @@ class LocalModel:
         """Torque where joints turn round, friction fully there on either side."""
         turns = self._turns(coefficients, *states[1:], duration)
         at, first = self._states_at(turns.shares, coefficients, duration)
-        jerk = self.grid.jerk(coefficients, duration)[first]
-        tau, parts = turns.gradient(self._exact, at, jerk)
-        share = tau / self._turn_limit(turns, first)
-        near = np.abs(share) > WATCHED_SHARE
-        scale = (np.sign(share) / self._turn_limit(turns, first))[near, None]
-        bases, first = self.grid.at(turns.shares[near])
-        local = [part[near] * scale for part in parts]
-        matrix = self._rows(bases, first, local, [part[near] for part in at], duration)
-        return ConstraintRows(matrix, 1.0 - np.abs(share[near]))
+        near = np.abs(turns.torque(self._exact, at)) > WATCHED_SHARE * self._turn_limit(turns, first)
+        if not near.any():
+            return ConstraintRows.none(self.size)
+        turns, at, first = turns.only(near), tuple(part[near] for part in at), first[near]
+        tau, parts = turns.gradient(self._exact, at, self.grid.jerk(coefficients, duration)[first])
+        limit = self._turn_limit(turns, first)
+        local = [part * (np.sign(tau) / limit)[:, None] for part in parts]
+        bases, first = self.grid.at(turns.shares)
+        return ConstraintRows(self._rows(bases, first, local, list(at), duration), 1.0 - np.abs(tau) / limit)
 
     def _turns(self, coefficients: Array, dq: Array, ddq: Array, duration: float) -> Turns:
-        found = find_turns(self.grid.shares, dq, ddq)
-        for _ in range(NEWTON):
-            _, speed, acceleration = self._states_at(found.shares, coefficients, duration)[0]
-            found = found.nearer(speed, acceleration, duration)
-        return found
+        return find_turns(self.grid.shares, dq, ddq).settled(self.grid, coefficients, duration)
 
     def _turn_limit(self, turns: Turns, first: Int[Array, " m"]) -> Float[Array, " m"]:
         limit: Array = SHARE * (self.torque_aim * self.problem.limits.torque)[first, turns.joints]
@@ -284,6 +287,8 @@ class LocalModel:
         q = states[0]
         for side, room in ((1.0, limits.upper - q), (-1.0, q - limits.lower)):
             nodes, joints = np.nonzero(room < 0.5)
+            if len(nodes) == 0:
+                continue
             local = [side * np.eye(n)[joints], np.zeros((len(nodes), n)), np.zeros((len(nodes), n))]
             found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), room[nodes, joints]))
         wanted = [(1, self._speed_limit)]
@@ -292,6 +297,8 @@ class LocalModel:
         for order, limit in wanted:
             share = states[order] / limit
             nodes, joints = np.nonzero(np.abs(share) > WATCHED_SHARE)
+            if len(nodes) == 0:
+                continue
             rows = np.eye(n)[joints] * (np.sign(share[nodes, joints]) / limit[joints])[:, None]
             local = [rows if k == order else np.zeros_like(rows) for k in range(3)]
             matrix = self._node_rows(nodes, local, states, duration)
@@ -350,7 +357,7 @@ class LocalModel:
         count = self.grid.free * self.n
         out = np.zeros((len(values), count + 1))
         inside = (columns >= 0) & (columns < count)
-        np.add.at(out, (np.arange(len(values))[:, None], np.where(inside, columns, count)), values)
+        out[np.arange(len(values))[:, None], np.where(inside, columns, count)] = values  # no column twice in a row
         return out[:, :count]
 
     def _with_time(self, matrix: Array, by_time: Array) -> Float[Array, "r d"]:
@@ -361,7 +368,19 @@ def _dips(
     shares: Float[Array, " T"], gaps: Float[Array, "T P"], bound: float
 ) -> tuple[Float[Array, " m"], Int[Array, " m"], Float[Array, " m"]]:
     """Where along the motion each pair's gap dips below a bound, with the neighbours; and the pairs, and the gaps."""
-    padded = np.pad(gaps, ((1, 1), (0, 0)), constant_values=np.inf)
-    dips = np.pad((gaps <= padded[:-2]) & (gaps <= padded[2:]), ((1, 1), (0, 0)))
-    places, pairs = np.nonzero((dips[1:-1] | dips[:-2] | dips[2:]) & (gaps < bound))
+    places, pairs = np.nonzero(_near_dips(gaps, bound))
     return shares[places], pairs, gaps[places, pairs]
+
+
+@njit(cache=True, nogil=True)
+def _near_dips(gaps, bound):  # type: ignore[no-untyped-def]
+    """Whether a gap lies below a bound and is a dip's bottom or beside one."""
+    count, out = gaps.shape[0], np.zeros(gaps.shape, dtype=np.bool_)
+    for p in range(gaps.shape[1]):
+        for t in range(count):
+            gap = gaps[t, p]
+            if gap >= bound or (t > 0 and gaps[t - 1, p] < gap) or (t + 1 < count and gaps[t + 1, p] < gap):
+                continue
+            for beside in range(max(t - 1, 0), min(t + 2, count)):
+                out[beside, p] = gaps[beside, p] < bound
+    return out

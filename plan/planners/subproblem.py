@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import clarabel
+import daqp
 import numpy as np
 from scipy import sparse
 
 from ident.arrays import Array, Float
+
+# Second derivative of a slack's price, next to nothing beside the price itself; how closely the active-set method keeps
+# an inequality, a tenth of what a course's own checks look at.
+BENT, CLOSE = 1e-6, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,44 @@ def solve_step(
     if plain is not None:
         return plain
     groups = [rows.in_reach(low, high) for rows in groups]
+    step = _active_set(gradient, hessian, groups, weights, low, high)
+    if step is None:
+        step = _interior_point(gradient, hessian, groups, weights, low, high)
+    if step is None:
+        return None
+    before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
+    slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
+    after = float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
+    return Step(step, before - after, slack)
+
+
+def _active_set(
+    gradient: Array, hessian: Array, groups: list[ConstraintRows], weights: Array, low: Array, high: Array
+) -> Array | None:
+    """The step by a dual active-set method, a few times as quick as the other; None where it goes round in circles.
+
+    Source: D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using
+    recursive LDLᵀ updates, IEEE Trans. Autom. Control 67 (2022) 4362.
+    """
+    size, count = len(gradient), len(groups)
+    matrix, room = _elastic(groups, size)
+    whole = np.zeros((size + count, size + count))
+    whole[:size, :size] = hessian
+    whole[range(size, size + count), range(size, size + count)] = BENT  # the method wants every direction bent
+    upper = np.concatenate([high, np.full(count, np.inf), room])
+    lower = np.concatenate([low, np.zeros(count), np.full(len(room), -np.inf)])
+    plain = np.zeros(len(upper), dtype=np.intc)
+    x, _, status, _ = daqp.solve(
+        whole, np.concatenate([gradient, weights]), matrix, upper, lower, plain, primal_tol=CLOSE
+    )
+    step = np.array(x)[:size]
+    return np.clip(step, low, high) if status == 1 and np.isfinite(step).all() else None
+
+
+def _interior_point(
+    gradient: Array, hessian: Array, groups: list[ConstraintRows], weights: Array, low: Array, high: Array
+) -> Array | None:
+    """The step by an interior-point method; None where it gives none."""
     size, count = len(gradient), len(groups)
     whole = np.zeros((size + count, size + count))
     whole[:size, :size] = np.triu(hessian)
@@ -92,28 +135,27 @@ def solve_step(
     x = np.array(found.x)
     if not np.isfinite(x).all() or str(found.status) not in ("Solved", "AlmostSolved"):
         return None
-    step = np.clip(x[:size], low, high)
-    before = sum(w * max(0.0, -float(r.room.min(initial=0.0))) for w, r in zip(weights, groups, strict=True))
-    slack = np.array([max(0.0, float((r.matrix @ step - r.room).max(initial=0.0))) for r in groups])
-    after = float(gradient @ step + 0.5 * step @ (hessian @ step) + weights @ slack)
-    return Step(step, before - after, slack)
+    return np.clip(x[:size], low, high)
 
 
-def _stack(groups: list[ConstraintRows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
-    """All inequalities of the step and of the slacks, which stand behind it."""
-    size, count = len(low), len(groups)
+def _elastic(groups: list[ConstraintRows], size: int) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
+    """All inequalities of the step, each set less its slack, which stands behind the step."""
     lengths = [len(rows.room) for rows in groups]
-    matrix = np.zeros((sum(lengths) + 2 * size + count, size + count))
-    end = 0
+    matrix, end = np.zeros((sum(lengths), size + len(groups))), 0
     for k, rows in enumerate(groups):
         matrix[end : end + lengths[k], :size] = rows.matrix
         matrix[end : end + lengths[k], size + k] = -1.0
         end += lengths[k]
-    places = np.arange(size)
-    matrix[end + places, places], matrix[end + size + places, places] = 1.0, -1.0
-    slacks = np.arange(count)
-    matrix[end + 2 * size + slacks, size + slacks] = -1.0
-    return matrix, np.concatenate([*(rows.room for rows in groups), high, -low, np.zeros(count)])
+    return matrix, np.concatenate([rows.room for rows in groups])
+
+
+def _stack(groups: list[ConstraintRows], low: Array, high: Array) -> tuple[Float[Array, "r c"], Float[Array, " r"]]:
+    """The same, and the bounds of the step and of the slacks."""
+    size, count = len(low), len(groups)
+    matrix, room = _elastic(groups, size)
+    bounds = np.eye(size + count)
+    rows = [matrix, bounds[:size], -bounds[:size], -bounds[size:]]
+    return np.concatenate(rows), np.concatenate([room, high, -low, np.zeros(count)])
 
 
 def _compress(matrix: Float[Array, "r c"]) -> sparse.csc_matrix:

@@ -11,12 +11,35 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from scipy.interpolate import BSpline
 
 from ident.arrays import Array, Float, Int, freeze
 from plan.spline import Splines
 
 DEGREE = 3
+
+
+@njit(cache=True, nogil=True)
+def sections_of(shares, knots):  # type: ignore[no-untyped-def]
+    """The section in which each share of the duration lies."""
+    out = np.searchsorted(knots, shares, side="right") - 1
+    return np.minimum(np.maximum(out, 0), len(knots) - 2)
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _bases_at(shares, first, knots, taylor):  # type: ignore[no-untyped-def]
+    """The four B-splines of each place's own section and two derivatives, by their Taylor series, shape (3, m, 4)."""
+    out = np.empty((3, shares.shape[0], 4))
+    for i in range(shares.shape[0]):
+        k = first[i]
+        since = shares[i] - knots[k]
+        for m in range(4):
+            b, c, d = taylor[1, k, m], taylor[2, k, m], taylor[3, k, m]
+            out[0, i, m] = taylor[0, k, m] + since * (b + since * (c / 2.0 + since * d / 6.0))
+            out[1, i, m] = b + since * (c + since * d / 2.0)
+            out[2, i, m] = c + since * d
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,23 +85,15 @@ class Grid:
     @cached_property
     def bases(self) -> Float[Array, "3 T 4"]:
         """What the four coefficients give at each node: position, and its first and second derivative by the share."""
-        return freeze(self._local(self.shares, self.first, 2))
+        return freeze(_bases_at(self.shares, self.first, self.knots, self.taylor))
 
     @cached_property
     def jerks(self) -> Float[Array, "K 4"]:
         """Third derivative by the share in each section, from its four coefficients."""
-        middle = (self.knots[:-1] + self.knots[1:]) / 2
-        return freeze(self._local(middle, np.arange(self.sections), 3)[3])
-
-    def _local(self, shares: Array, first: Array, order: int) -> Array:
-        """Derivatives up to an order of the four B-splines of each place's own section, by their Taylor series."""
-        since = (shares - self.knots[first])[:, None]
-        a, b, c, d = (part[first] for part in self._taylor)
-        out = [a + since * (b + since * (c / 2 + since * d / 6)), b + since * (c + since * d / 2), c + since * d, d]
-        return np.array(out[: order + 1])
+        return self.taylor[3]
 
     @cached_property
-    def _taylor(self) -> Float[Array, "4 K 4"]:
+    def taylor(self) -> Float[Array, "4 K 4"]:
         """Value and derivatives of each section's four B-splines at its beginning."""
         splines = BSpline(self._padded, np.eye(self.sections + DEGREE), DEGREE)
         columns = np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)
@@ -97,8 +112,8 @@ class Grid:
 
     def at(self, shares: Float[Array, " m"]) -> tuple[Float[Array, "3 m 4"], Int[Array, " m"]]:
         """As `bases` and `first`, at any shares of the duration."""
-        first = np.clip(np.searchsorted(self.knots, shares, side="right") - 1, 0, self.sections - 1)
-        return self._local(shares, first, 2), first
+        first = sections_of(shares, self.knots)
+        return _bases_at(shares, first, self.knots, self.taylor), first
 
     def positions(self, coefficients: Float[Array, "C n"], shares: Float[Array, " m"]) -> Float[Array, "m n"]:
         """Positions at any shares of the duration."""
@@ -118,8 +133,9 @@ class Grid:
 
     def splines(self, coefficients: Float[Array, "C n"], duration: float) -> Splines:
         """The trajectory by its knots: a batch of one."""
-        points = BSpline(self._padded, coefficients, DEGREE)(self.knots)
-        points[0], points[-1] = coefficients[0], coefficients[-1]
+        local = coefficients[np.arange(self.sections)[:, None] + np.arange(DEGREE + 1)]
+        points = np.concatenate([np.einsum("sk,skn->sn", self.taylor[0], local), coefficients[-1:]])
+        points[0] = coefficients[0]
         return Splines(points[None], (np.diff(self.knots) * duration)[None])
 
     def fit(self, splines: Splines) -> Float[Array, "F n"]:

@@ -10,15 +10,40 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque
+from plan.planners.transcription import Grid
 
 # Speed at which friction is all but fully there, in widths of its transition; and where it has none [rad/s].
 FULLY, NO_WIDTH = 3.0, 1e-3
 # A joint that turns round with less acceleration stays there for a while: its place moves too fast to be followed.
 SLOW = 0.5
+# Steps of Newton's method to the places where joints turn round: a cubic's speed is quadratic.
+NEWTON = 5
+
+
+@njit(cache=True, nogil=True)
+def _settled(shares, joints, inside, knots, taylor, coefficients, duration):  # type: ignore[no-untyped-def]
+    """Shares of the duration at which each place's own joint stands still; places that are no turn stay."""
+    out = shares.copy()
+    for i in range(shares.shape[0]):
+        if not inside[i]:
+            continue
+        j = joints[i]
+        for _ in range(NEWTON):
+            k = min(max(np.searchsorted(knots, out[i], side="right") - 1, 0), len(knots) - 2)
+            since, speed, rise = out[i] - knots[k], 0.0, 0.0
+            for m in range(4):
+                b, c, d = taylor[1, k, m], taylor[2, k, m], taylor[3, k, m]
+                speed += coefficients[k + m, j] * (b + since * (c + since * d / 2.0))
+                rise += coefficients[k + m, j] * (c + since * d)
+            if abs(rise) <= duration * duration * SLOW:
+                break
+            out[i] = min(max(out[i] - speed / rise, 0.0), 1.0)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +67,16 @@ class Turns:
         """Numbers of the places."""
         return np.arange(len(self.shares))
 
-    def nearer(self, dq: Float[Array, "m n"], ddq: Float[Array, "m n"], duration: float) -> Turns:
-        """The same turns where Newton's method says that the speed is nought, from states at the places so far."""
-        speed, slope = dq[self.rows, self.joints], duration * ddq[self.rows, self.joints]
-        sure = self.inside & (np.abs(slope) > duration * SLOW)
-        step = np.where(sure, -speed / np.where(sure, slope, 1.0), 0.0)
-        return replace(self, shares=np.clip(self.shares + step, 0.0, 1.0))
+    def only(self, kept: Array) -> Turns:
+        """Some of them."""
+        return Turns(self.shares[kept], self.joints[kept], self.sides[kept], self.inside[kept])
+
+    def settled(self, grid: Grid, coefficients: Float[Array, "C n"], duration: float) -> Turns:
+        """The same turns where the speed is nought, by Newton's method on a trajectory's own speed."""
+        shares = _settled(
+            self.shares, self.joints, self.inside, grid.knots, grid.taylor, np.ascontiguousarray(coefficients), duration
+        )
+        return replace(self, shares=shares)
 
     def on_their_side(self, model: ChainTorque, dq: Float[Array, "m n"]) -> Float[Array, "m n"]:
         """Speeds at the places, each place's own joint moving as fast as its friction takes to be there [rad/s]."""
