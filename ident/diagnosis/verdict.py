@@ -71,7 +71,8 @@ def varying_at_most(
     usual = float(np.median(spread[moved])) if moved.any() else 1.0
     known = settings.alike_stretches + stretches - 1
     pooled = (settings.alike_stretches * (usual / spread) ** 2 + stretches - 1) / known
-    most = known / 2.0 * float(gammaincinv(0.5 * known, settings.sure_side)) * stretches / (stretches - 1)
+    lowest = 2.0 * float(gammaincinv(0.5 * known, settings.sure_side))  # quantile of χ²
+    most = known / lowest * stretches / (stretches - 1)
     return np.asarray(most * pooled * evidence.friction_noise**2)
 
 

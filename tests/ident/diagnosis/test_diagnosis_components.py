@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
+from scipy.stats import chi2
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis, diagnose
@@ -21,6 +22,7 @@ from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.urdf_share import added_evidence, best_belief
+from ident.diagnosis.settings import USUAL_VERDICT
 from ident.diagnosis.verdict import varying_at_most
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
@@ -95,6 +97,8 @@ def test_friction_of_a_joint_varies_as_the_others_do(healthy: Analysis) -> None:
     most = varying_at_most(alike, moved) / np.maximum(alike.friction_noise, 1e-12) ** 2
     assert np.all(most < 12.0)
     assert most[2] < 0.5 * most[0]
+    known = USUAL_VERDICT.alike_stretches + 1
+    assert most[0] == pytest.approx(2.0 * known / chi2.ppf(USUAL_VERDICT.sure_side, known))
 
 
 def test_a_filter_of_few_samples_is_stable() -> None:
