@@ -52,7 +52,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     doubted: tuple[Reservation, ...] = ()
     free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
-    for _ in range(settings.most_settling):
+    for left in reversed(range(settings.most_settling)):
         evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
@@ -62,7 +62,12 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             search = replace(search, barred=search.barred | drifting)
             sure = _sure(search, session, baseline, doubted)
             search, doubted = sure.search, sure.doubted
-        error = _how_wrong(search, sure.found, session, baseline)
+        error, unlikely = _how_wrong(search, sure.found, session, baseline)
+        while unlikely and (error == prior.error or not left):
+            search = replace(search, barred=search.barred | unlikely)
+            sure = _sure(search, session, baseline, doubted)
+            search, doubted = sure.search, sure.doubted
+            error, unlikely = _how_wrong(search, sure.found, session, baseline)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
         now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
         if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
@@ -111,11 +116,17 @@ def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key
     return drifting
 
 
-def _how_wrong(search: Search, found: SearchResults, session: SessionContext, baseline: Baseline) -> UrdfError:
+def _how_wrong(
+    search: Search, found: SearchResults, session: SessionContext, baseline: Baseline
+) -> tuple[UrdfError, set[Key]]:
     """How far off the URDF must be believed to be before names of the inertias' kind can be judged: mostly as it was.
 
     Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
     and the tuned inertias lie beyond the tolerance.
+
+    Returns:
+        The error, and the first name that is not likely enough beside it. Where the error is what was believed anyway,
+        another search would give the same name again.
     """
     evidence, prior, settings = search.evidence, search.prior, search.settings
     groups = [item.group for item in found.named]
@@ -126,13 +137,13 @@ def _how_wrong(search: Search, found: SearchResults, session: SessionContext, ba
         exceeded = measure_tolerance(evidence, prior, model, spare, settings).exceeded
         # Where something sits at one link that has no name, it must be told.
         if not exceeded or one_link_is_wrong(search, baseline, groups, spare):
-            return prior.error
-        return best_belief(search, baseline, groups, spare).error
+            return prior.error, set()
+        return best_belief(search, baseline, groups, spare).error, set()
     for group in absorbed:
         others = [other for other in groups if other is not group]
         if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
-            return best_belief(search, baseline, others, spare).error
-    return prior.error
+            return best_belief(search, baseline, others, spare).error, {group.key}
+    return prior.error, set()
 
 
 def _sure(

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis import settle
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
+from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.urdf_share import Belief
 from ident.effects.catalogue import find_effect
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -63,6 +66,20 @@ def test_a_load_with_a_name_leaves_nothing_to_tune(short_arm: ArmModel) -> None:
     mass = analysis.diagnosis.findings[0].estimate.parameters["mass_kg"]
     assert mass.value == pytest.approx(MASS, rel=0.03)
     assert mass.low <= MASS <= mass.high
+
+
+def test_a_load_that_is_not_likely_enough_gets_no_name(short_arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: log odds below what loads need bar the name, also where no other belief about the URDF takes its place."""
+    catalogue = [find_effect("payload"), find_effect("stribeck_friction")]
+
+    def no_other(search: Search, *_: object) -> Belief:
+        return Belief(search.prior.error, 0.0)
+
+    monkeypatch.setattr(settle, "added_evidence", lambda search, *_: search.inertial_nats - 1.0)
+    monkeypatch.setattr(settle, "best_belief", no_other)
+    assert not analyse(short_arm, loaded, catalogue).diagnosis.findings
+    monkeypatch.setattr(settle, "added_evidence", lambda search, *_: search.inertial_nats + 1.0)
+    assert analyse(short_arm, loaded, catalogue).diagnosis.findings
 
 
 @pytest.mark.parametrize("spare", [1.0, 3.0])
