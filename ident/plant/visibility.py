@@ -26,6 +26,8 @@ from ident.plant.sizing import SAME, SizeSearch, find_size
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 STRIDE_S = 0.02
+# What is quicker than this is nothing that a diagnosis sees: at the stride it would pass for something slower [Hz].
+HIGHEST_HZ = 20.0
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
 STILL_RAD_S = 0.02
 TOLERANCE = 0.04
@@ -36,6 +38,7 @@ ACCEPTED = 0.8, 1.25
 WHOLE_BAND_HZ, LEAST_FILTERED = 20.0, 15
 # Length of motion on which most causes are measured, where the simulation is fine [s].
 ENOUGH_S = 40.0
+_SLOW = butter(4, HIGHEST_HZ, fs=1.0 / TICK_S, output="sos")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +75,10 @@ def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRo
 def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> VisibleRows:
     ticks, times = trace.times, _sample_times(trace)
     log, arm = trace.log, hardware.arm
+    speed = _slow(log.speed)
     q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
-    dq = sample(ticks, log.speed, times)
-    ddq = sample(ticks, np.gradient(log.speed, TICK_S, axis=0), times)
+    dq = sample(ticks, speed, times)
+    ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
     own = [ddq, dq, np.sign(dq)] + ([] if view == "raw" else [np.ones_like(q)])
     columns = [value[:, :, None] * np.eye(arm.n) for value in own]
     if view == "refit":
@@ -91,8 +95,14 @@ def _sample_times(trace: Trace) -> Float[Array, " T"]:
 
 def _reading(hardware: Hardware, trace: Trace) -> Float[Array, "T n"]:
     """Torque of one run as drives without noise read it [N m]."""
-    log, sensing, times = trace.log, hardware.sensing.silent(), _sample_times(trace)
-    return read_torque(sensing, trace.times, log.torque, log.speed, times, trace.start, np.random.default_rng(0))
+    log, sensing, ticks = trace.log, hardware.sensing.silent(), trace.times
+    read = read_torque(sensing, ticks, log.torque, log.speed, ticks, trace.start, np.random.default_rng(0))
+    return sample(ticks, _slow(read), _sample_times(trace))
+
+
+def _slow(values: Float[Array, "K n"]) -> Float[Array, "K n"]:
+    """Values at the controller's ticks without what their samples at the stride could only misread."""
+    return np.asarray(sosfiltfilt(_SLOW, values, axis=0, padlen=min(150, len(values) - 1)))
 
 
 def moves_alike(one: Hardware, other: Hardware) -> bool:
@@ -214,6 +224,7 @@ class VisibilityMeter:
         self._feeds: list[Float[Array, "K n"]] = []
         self._plain_traces: dict[Way, list[Trace]] = {}
         self._plain_rows: dict[tuple[Way, View], VisibleRows] = {}
+        self._beside: dict[tuple[str, int, Way, View], VisibleRows] = {}
         self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
 
     @property
@@ -236,7 +247,7 @@ class VisibilityMeter:
         if key not in self._seen:
             hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
             way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
-            before = self._plain(way, cause.view)
+            before = self._without(cause, scene, way, cause.view)
             after = self._changed(hardware, way, cause.view)
             window = _window(hardware.contact, hardware.contact_run, after)
             self._seen[key] = freeze(amplitude(after, before, window, self.band))
@@ -254,11 +265,20 @@ class VisibilityMeter:
         elastic = bool(hardware.drive.elastic.any())
         step = choose_step(hardware if elastic else self.hardware, coarse=True)
         way = Way(all_runs, step)
-        before, after = self._plain(way, view), self._changed(hardware, way, view)
+        before, after = self._without(cause, scene, way, view), self._changed(hardware, way, view)
         both = after.moving & before.moving
         left = np.where(both, remainder(after) - remainder(before), 0.0)
         used = len(self.motions[:: self._skip(way)]) / len(self.motions)
         return Shown(left, both, before.run, before.speed, used)
+
+    def _without(self, cause: Cause, scene: Circumstances, way: Way, view: View) -> VisibleRows:
+        """What a cause is compared with: mostly the arm as it is."""
+        if cause.beside is None:
+            return self._plain(way, view)
+        key = cause.id, scene.joint, way, view
+        if key not in self._beside:
+            self._beside[key] = self._changed(cause.beside(scene), way, view)
+        return self._beside[key]
 
     def _plain(self, way: Way, view: View) -> VisibleRows:
         """The arm without a cause."""

@@ -73,6 +73,8 @@ class Cause:
         view: What a fit may absorb before the rest counts as visible: `refit`: link inertias, rotor, linear
             friction, bias; `loss`: rotor, linear friction, bias; `raw`: rotor, linear friction.
         inverse: Whether a smaller size shows more.
+        beside: The hardware that it is compared with, if not the arm without it: play lies in a gear that also twists,
+            and that twist is no play.
         needs_all: Whether its amplitude needs the whole session (a trend, one event), not a part of the runs.
     """
 
@@ -85,6 +87,7 @@ class Cause:
     view: View = "refit"
     inverse: bool = False
     needs_all: bool = False
+    beside: Callable[[Circumstances], Hardware] | None = None
 
     def checked(self, scene: Circumstances, size: float) -> float:
         """The size, if it is physical.

@@ -7,8 +7,11 @@ import numpy as np
 from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.hardware import Hardware
 
-# Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad].
-MESH_STIFFNESS = 200.0
+# Stiffness of the meshing teeth per rated torque, behind which the play lies [1/rad]: that of strain-wave gears under
+# load. Source: K3 and rated torques of the CSG series, Harmonic Drive SE, engineering data.
+MESH_STIFFNESS = 600.0
+# A gear with more play than this is broken [rad].
+LARGEST_PLAY = 0.03
 # Share of critical damping of the drive's own oscillation.
 DRIVE_DAMPING = 0.05
 
@@ -30,6 +33,10 @@ def _backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
         "drive", scene.joint, elastic=True, stiffness=stiffness, damping=damping, gap=size
     )
     return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
+
+
+def _tight_gear(scene: Circumstances) -> Hardware:
+    return _backlash(scene, 0.0)[0]
 
 
 def _ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -54,7 +61,7 @@ DRIVE = (
     Cause(
         "joint_elasticity", "stiffness_Nm_rad", lambda s: 150.0 * s.rated, _stiffness_bounds, _elasticity, inverse=True
     ),
-    Cause("backlash", "gap_rad", lambda s: 5e-4, between(0.0, 0.05), _backlash),
+    Cause("backlash", "gap_rad", lambda s: 5e-4, between(0.0, LARGEST_PLAY), _backlash, beside=_tight_gear),
     Cause("torque_ripple", "amplitude_Nm", lambda s: 0.01 * s.rated, lambda s: (0.0, 0.15 * s.rated), _ripple),
     Cause("spring_torque", "stiffness_Nm_rad", lambda s: 0.02 * s.rated, lambda s: (0.0, 0.3 * s.rated), _spring),
 )

@@ -10,6 +10,8 @@ from ident.plant.thermal import heat_law
 
 # Rise of the lubricant at steady rated work, to which thermal changes refer [K].
 RATED_RISE_K = 25.0
+# Share of the transmitted torque that a joint's gear may lose: strain-wave and planetary gears lose less.
+LARGEST_LOSS = 0.25
 
 
 def _up_to(scene: Circumstances) -> tuple[float, float]:
@@ -98,7 +100,7 @@ def _coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 RUBBING = (
     Cause("stribeck_friction", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _stribeck),
     Cause("nonlinear_viscous_friction", "eyring_Nm", lambda s: 0.25 * s.coulomb, _up_to, _nonlinear_viscous),
-    Cause("load_dependent_friction", "mu", lambda s: 0.06, between(0.0, 0.5), _load),
+    Cause("load_dependent_friction", "mu", lambda s: 0.06, between(0.0, LARGEST_LOSS), _load),
     Cause("thermal_friction", "viscous_loss", lambda s: 0.45, between(0.0, 0.95), _thermal, needs_all=True),
     Cause("presliding_hysteresis", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _hysteresis),
     Cause(

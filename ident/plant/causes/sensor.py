@@ -5,6 +5,10 @@ from __future__ import annotations
 from ident.plant.causes.base import Cause, Circumstances, Parameters, between
 from ident.plant.hardware import Hardware
 
+# What a wrong calibration makes of a drive that still follows its reference: current gains, ages of readings [s],
+# encoder zeros [rad].
+GAINS, LARGEST_DELAY_S, ENCODER_ZEROS = (-0.4, 0.6), 0.05, (-0.1, 0.1)
+
 
 def _gain(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     sensing = scene.hardware.sensing.set(scene.joint, gain=1.0 + size)
@@ -33,12 +37,12 @@ def _encoder(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 
 
 def _delay_bounds(scene: Circumstances) -> tuple[float, float]:
-    """A reading can't be older than the shortest run."""
-    return 0.0, min(motion.duration for motion in scene.motions)
+    """Drives whose readings are older have lost them; none is older than the shortest run."""
+    return 0.0, min(LARGEST_DELAY_S, *(motion.duration for motion in scene.motions))
 
 
 SENSOR = (
-    Cause("torque_gain_error", "gain", lambda s: 0.06, between(-0.9, 9.0), _gain, view="loss"),
+    Cause("torque_gain_error", "gain", lambda s: 0.06, between(*GAINS), _gain, view="loss"),
     Cause("torque_offset", "offset_Nm", lambda s: 0.004 * s.rated, lambda s: (-s.rated, s.rated), _offset, view="raw"),
     Cause("torque_delay", "delay_s", lambda s: 0.008, _delay_bounds, _delay, whole_arm=True),
     Cause(
@@ -49,5 +53,5 @@ SENSOR = (
         _saturation,
         inverse=True,
     ),
-    Cause("encoder_offset", "offset_rad", lambda s: 0.015, between(-0.5, 0.5), _encoder, view="loss"),
+    Cause("encoder_offset", "offset_rad", lambda s: 0.015, between(*ENCODER_ZEROS), _encoder, view="loss"),
 )

@@ -10,6 +10,7 @@ from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.simulator import choose_step
 from ident.plant.visibility import TOLERANCE, VisibilityMeter, amplitude, gather, moves_alike
 from ident.trajectories.kinds import plan_motions
+from ident.trajectories.reference import TICK_S
 
 SENSORS = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation", "supply_sag")
 
@@ -93,3 +94,20 @@ def test_the_answer_tells_the_amplitude_that_was_reached():
     options = SimulationOptions(motions=("spline",), runs=2, duration=2.0, rate=50.0, effects=(request,), coarse=True)
     told = simulate(options).answer
     assert told.effects[0].visible_Nm["joint_3"] / told.noise_floor_Nm["joint_3"] == pytest.approx(1.0, rel=TOLERANCE)
+
+
+def test_what_is_too_quick_to_be_seen_is_no_amplitude():
+    """Chatter beyond the stride's own band would pass for something slower; what is slow stays as it is."""
+    ticks = np.arange(4000) * TICK_S
+    chatter, slow = np.sin(2 * np.pi * 90.0 * ticks), np.sin(2 * np.pi * 3.0 * ticks)
+    seen = visibility._slow(np.column_stack([chatter, slow]))[200:-200]
+    assert np.sqrt(np.mean(seen[:, 0] ** 2)) < 1e-3
+    np.testing.assert_allclose(seen[:, 1], slow[200:-200], atol=1e-3)
+
+
+def test_play_is_compared_with_the_same_gear_without_play(hardware, motions, meters):
+    """That teeth twist is no play: a gear without it shows nothing, and more play shows more."""
+    cause, scene = find_cause("backlash"), scene_at(hardware, motions, 2)
+    none, some, more = (meters[0].measure(cause, scene, gap, 3)[2] for gap in (0.0, 0.004, 0.016))
+    assert none < 1e-9
+    assert 1e-6 < some < more
