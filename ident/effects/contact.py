@@ -28,8 +28,10 @@ SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
 MOST_PUSHES = 3
 # Samples, evenly over the session, that tell what is usually left.
 USUAL_SAMPLES = 200_000
-# A constant force at a link's point must explain this much of what is left in its window over all joints.
+# A constant force at a link's point must explain this much of what changes in its window, over all joints.
 LEAST_EXPLAINED = 0.6
+# What is left just before and after a window is left during it, too: friction that is another in this run [s].
+AROUND = 0.5
 
 
 @dataclass(frozen=True)
@@ -157,26 +159,68 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
             # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
             around = np.arange(max(first - 1, 0) * step, min((last + 1) * step, len(power)))
             inside = around[fine[around] > 0.25 * power[cells].mean()]
-            start, end = float(time[inside[0]]), float(time[inside[-1]])
+            start, end = _changes(time, values / usual, float(time[inside[0]]), float(time[inside[-1]]))
             found.append((float(power[cells].sum()), Push(run.motion.name, start, max(end, start + 2 * EDGE))))
     return tuple(push for _, push in sorted(found, key=lambda pair: -pair[0])[:most])
 
 
+def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float, end: float) -> tuple[float, float]:
+    """The part of a window, and of the time around it, in which the mean differs most from the rest.
+
+    Args:
+        time: Of the samples [s].
+        values: What is left, in usual deviations; zero where that doesn't count.
+        start, end: The window [s].
+    """
+    near = np.flatnonzero((time >= start - AROUND) & (time <= end + AROUND))
+    counts = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near] != 0.0, axis=0)])
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[near], axis=0)])
+    least = max(2, int(2 * EDGE / max(float(np.median(np.diff(time[near]))), 1e-9)))
+    first, last = np.triu_indices(len(near) + 1, least)
+    inside, total = counts[last] - counts[first], counts[-1]
+    outside = total - inside
+    split = (inside > 0) & (outside > 0)
+    apart = (sums[last] - sums[first]) / np.maximum(inside, 1) - (sums[-1] - sums[last] + sums[first]) / np.maximum(
+        outside, 1
+    )
+    gain = np.where(split, inside * outside / np.maximum(total, 1) * apart**2, 0.0).sum(axis=1)
+    if not gain.any():
+        return start, end
+    best = int(np.argmax(gain))
+    part = slice(first[best], last[best])
+    rest = slice(part.stop, len(near)) if part.start == 0 else slice(0, part.start)
+    if (part.start == 0) != (part.stop == len(near)) and np.mean(values[near[rest]] ** 2) > np.mean(
+        values[near[part]] ** 2
+    ):
+        part = rest  # of two halves the push is the one that is away from zero
+    return float(time[near[part.start]]), float(time[near[part.stop - 1]])
+
+
 def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
-    """The link and point whose Jacobian explains a window best, and the share of it that a constant force explains."""
+    """The link and point whose Jacobian explains a window best, and the share that a constant force explains of it.
+
+    What is left around the window as well as in it is no part of the push.
+    """
     usual = _usual(leftover)
     at = [run.motion.name for run in session.runs].index(push.run)
     run, left = session.runs[at], leftover[at]
     time = run.motion.time[run.motion.coarse]
-    inside = np.flatnonzero((time > push.start + EDGE / 2) & (time < push.end - EDGE / 2))
-    if len(inside) < 3:
+    near = np.flatnonzero((time > push.start - AROUND) & (time < push.end + AROUND))
+    # While the force sets in and fades it is neither there nor away.
+    near = near[np.minimum(np.abs(time[near] - push.start), np.abs(time[near] - push.end)) > EDGE / 2]
+    during = (time[near] > push.start) & (time[near] < push.end)
+    if np.count_nonzero(during) < 3:
         return push, 0.0
-    target = (left[inside] / usual).ravel()
-    counts = (left[inside] != 0.0)[:, :, None]
-    q = run.motion.q[run.motion.coarse][inside]
+    counts = left[near] != 0.0
+    level = np.where(counts[:, :, None], np.eye(run.n), 0.0).reshape(-1, run.n)
+    target = (left[near] / usual).ravel()
+    target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
+    q = run.motion.q[run.motion.coarse][near]
     best, share = push, 0.0
     for link, outward in _points(session.n):
-        columns = (counts * force_columns(run.arm, q, link, outward) / usual[None, :, None]).reshape(-1, 3)
+        force = force_columns(run.arm, q, link, outward) / usual[None, :, None]
+        columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
+        columns -= level @ np.linalg.lstsq(level, columns, rcond=1e-9)[0]
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
         explained = 1.0 - float(np.sum((target - columns @ solved) ** 2) / max(np.sum(target**2), 1e-300))
         if explained > share and np.linalg.norm(solved) < LARGEST_FORCE:

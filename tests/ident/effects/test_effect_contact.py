@@ -68,6 +68,25 @@ def test_the_pushed_link_is_told_by_the_joints_that_feel_it(session: SessionCont
     assert explained > 0.9
 
 
+def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -> None:
+    """Where a run's friction leaves as much before and after as the push itself, the window is still that of the push,
+    and a constant force explains what changes in it.
+    """
+    run = session.runs[1]
+    time = run.motion.time[run.motion.coarse]
+    left = [np.random.default_rng(5).normal(0, 0.3, item.motion.tau_filtered.shape) for item in session.runs]
+    start = float(time[0]) + 5.0
+    force = force_columns(run.arm, run.motion.q[run.motion.coarse], 3, 0.0) @ (0.5 * FORCE)
+    around, inside = np.abs(time - start - 0.5) < 2.0, (time > start) & (time < start + 1.0)
+    left[1] -= np.where(around[:, None], 0.5 * force[inside].mean(axis=0), 0.0)
+    left[1] += np.where(inside[:, None], force, 0.0)
+    windows = [push for push in screen_windows(session, left) if push.run == "run_1"]
+    assert any(abs(push.start - start) < 0.1 and abs(push.end - start - 1.0) < 0.1 for push in windows)
+    best, explained = max((locate(session, left, push) for push in windows), key=lambda pair: pair[1])
+    assert best.link == 3
+    assert explained > 0.8
+
+
 def test_columns_are_zero_outside_the_window(session: SessionContext) -> None:
     """No other run, and no other time, feels the push."""
     contact = ExternalContact((Push("run_1", 25.0, 26.0),))
