@@ -303,6 +303,10 @@ class PositionDependentFriction(Effect):
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return tuple(Variant({"order": order}) for order in POSITION_ORDERS)
 
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """Over a short way one order looks much like another."""
+        return self.variants(session, joint)
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [by_position(_states(run, joint), variant.inner) for run in session.runs]
 

@@ -98,7 +98,10 @@ class TorqueGainError(Effect):
 
 
 class TorqueOffset(Effect):
-    """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid)."""
+    """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid).
+
+    The interval of o holds what the offset is all through the session, whenever a drift is counted from.
+    """
 
     id = "torque_offset"
     shown_by = "holds"
@@ -134,12 +137,13 @@ class TorqueOffset(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        drifts = bool(variant.shape)
+        offset = coefficient_interval(0, coefficients, covariance)
+        if not variant.shape:
+            return {"offset_Nm": offset, "drift_Nm_s": exactly(0.0)}
+        reach = float(np.hypot(offset.high - offset.value, coefficients[1]))
         return {
-            "offset_Nm": coefficient_interval(0, coefficients, covariance),
-            "drift_Nm_s": coefficient_interval(1, coefficients, covariance, 1 / variant.shape["half_s"])
-            if drifts
-            else exactly(0.0),
+            "offset_Nm": Interval(offset.value, offset.value - reach, offset.value + reach),
+            "drift_Nm_s": coefficient_interval(1, coefficients, covariance, 1 / variant.shape["half_s"]),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:

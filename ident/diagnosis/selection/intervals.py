@@ -13,6 +13,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.gates import Named
+from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext
@@ -111,11 +112,12 @@ def _figures(
     solved, spare = solve_effects(fine, absorbed)
     found = []
     for slot, (group, (beta, cells)) in enumerate(zip(fine.groups, solved, strict=True)):
-        parameters = dict(group.effect.parameters(group.effect.asked(session), group.joint, group.variant, beta, cells))
-        if group.variant.inner:
-            others = [other for i, other in enumerate(fine.groups) if i != slot]
-            parameters |= profile_inner(fine.search, project(gram, evidence, fine.search.prior, others), group, spare)
-        doubt = group.effect.doubt
+        others = [other for i, other in enumerate(fine.groups) if i != slot]
+        prior = fine.search.fixed.prior if absorbed[slot] else fine.search.prior
+        grid = profile(fine.search, project(gram, evidence, prior, others), group, spare)
+        asked, doubt = group.effect.asked(session), group.effect.doubt
+        told = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
+        parameters = grid.widened(told, asked, np.sqrt(np.diag(cells))) | grid.inner_figures()
         found.append(({name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}, beta))
     return found
 
@@ -180,41 +182,6 @@ def widened(interval: Interval, doubt: float) -> Interval:
         return interval
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
     return Interval(interval.value, interval.value - low, interval.value + high)
-
-
-def profile_inner(search: Search, projection: Projection, group: Group, spare: float) -> dict[str, Interval]:
-    """Intervals of the inner figures from the profile of the log evidence over the grid."""
-    mates = [other for other in search.evidence.layout.groups if other.key == group.key]
-    logs = np.array([0.5 * projection.gain(other)[0] / spare for other in mates])
-    found = {}
-    for name, value in group.variant.inner.items():
-        values = np.array([mate.variant.inner[name] for mate in mates])
-        points = np.unique(values)
-        if len(points) < 2 or np.any(points <= 0):
-            found[name] = Interval(float(value), float(value), float(value))
-            continue
-        profile = np.array([logs[values == point].max() for point in points])
-        found[name] = _interval_of_profile(np.log(points), profile, search.settings.interval_fall)
-    return found
-
-
-def _interval_of_profile(x: Float[Array, " k"], profile: Float[Array, " k"], drop: float) -> Interval:
-    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
-    top = int(np.argmax(profile))
-    best = x[top]
-    peak = profile[top]
-    if 0 < top < len(x) - 1:
-        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], profile[top - 1 : top + 2], 2)
-        if a < 0:
-            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
-            reach = float(np.sqrt(drop / -a))
-            inside = profile > peak - drop
-            low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
-            return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
-    inside = profile > peak - drop
-    step = float(np.min(np.diff(x)))
-    low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
-    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
 
 
 def _beside(

@@ -30,11 +30,13 @@ def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover
 
 
 def test_an_offset_is_found_with_its_drift(session: SessionContext, recover: Recover) -> None:
-    """0.4 N m in the middle of the session, rising by 2 mN m a second through runs and pauses."""
+    """0.4 N m in the middle of the session, rising by 2 mN m a second; the interval holds what it was at the start."""
     middle = (session.runs[0].motion.time[0] + session.runs[-1].motion.time[-1]) / 2
     torque = [0.4 + 0.002 * (run.motion.time - middle) for run in session.runs]
     found = recover(find_effect("torque_offset"), session, 0, torque)
-    assert found["offset_Nm"].low < 0.4 < found["offset_Nm"].high
+    offset, first = found["offset_Nm"], 0.4 - 0.002 * (middle - session.runs[0].motion.time[0])
+    assert offset.low == pytest.approx(first, abs=1e-3)
+    assert offset.high == pytest.approx(0.8 - first, abs=1e-3)
     assert found["drift_Nm_s"].low < 0.002 < found["drift_Nm_s"].high
 
 

@@ -1,0 +1,149 @@
+"""Figures over a grid of laws: how well each point of a named effect's finer grid explains what the best one does.
+
+A law has figures in which its torque is not linear: the speed of a Stribeck curve, the order of a wave. Each point of
+their grid has coefficients of its own, so an interval that is true of the best point alone is too narrow. With Δ the
+fall of the log likelihood from the best point to another, θ the coefficients there and s their deviation, the profile
+of a figure reaches to
+
+    θ ± s √(2 (drop − Δ)),    drop = 1.92 for 95 %,
+
+and its interval holds those of all points with Δ < drop.
+
+No arm obeys a law to the letter. Where its own differs by a share d of the torque, a wrong point may explain as much as
+½ d² of the whole gain more than the right one: falls are told in units in which that counts as the drop itself.
+
+Source: Pawitan 2001 (profile likelihood).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.selection.search import Search
+from ident.effects.base import Interval, SessionContext
+
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A named effect's grid.
+
+    Attributes:
+        group: The point whose figures are told.
+        mates: All points of the grid, that one among them.
+        log_likelihood: Of each [nats], in units of what the law's own error leaves open.
+        coefficients, information: Of each, in the columns' own units; the information is that of the model.
+        drop: Fall at the ends of a 95 % interval [nats].
+    """
+
+    group: Group
+    mates: tuple[Group, ...]
+    log_likelihood: Float[Array, " m"]
+    coefficients: tuple[Float[Array, " k"], ...]
+    information: tuple[Float[Array, "k k"], ...]
+    drop: float
+
+    def inner_figures(self) -> dict[str, Interval]:
+        """Intervals of the figures of the grid itself; figures that lie on no grid have a point."""
+        found = {}
+        for name, value in self.group.variant.inner.items():
+            values = np.array([mate.variant.inner[name] for mate in self.mates])
+            points = np.unique(values)
+            if len(points) < 2 or np.any(points <= 0):
+                found[name] = Interval(float(value), float(value), float(value))
+            # What is one of a few numbers lies at one of them.
+            elif name in self.group.effect.doubt.exact:
+                likely = values[self.log_likelihood > self.log_likelihood.max() - self.drop]
+                found[name] = Interval(float(value), float(min(value, *likely)), float(max(value, *likely)))
+            else:
+                falls = np.array([self.log_likelihood[values == point].max() for point in points])
+                found[name] = _interval(np.log(points), falls, self.drop)
+        return found
+
+    def widened(
+        self, told: Mapping[str, Interval], session: SessionContext, deviation: Float[Array, " k"]
+    ) -> dict[str, Interval]:
+        """Figures with intervals that hold those of all likely points.
+
+        Args:
+            told: The figures of the best point.
+            session: The runs that they are taken from.
+            deviation: Standard deviations of its coefficients.
+        """
+        effect, found = self.group.effect, dict(told)
+        own = self.mates.index(self.group)
+        ratio = deviation / np.sqrt(np.diag(_inverse(self.information[own])))
+        falls = np.maximum(self.log_likelihood[own] - self.log_likelihood, 0.0)
+        for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != own)):
+            covariance = np.outer(ratio, ratio) * _inverse(self.information[k])
+            figures = effect.parameters(
+                session, self.group.joint, self.mates[k].variant, self.coefficients[k], covariance
+            )
+            narrower = float(np.sqrt(1.0 - falls[k] / self.drop))
+            found = {name: _both(one, figures[name], narrower, name) for name, one in found.items()}
+        return found
+
+
+def profile(search: Search, projection: Projection, group: Group, spare: float) -> Profile:
+    """The grid of a named effect, seen beside the other names.
+
+    Args:
+        search: Of the second pass, whose sums hold the grid.
+        projection: The model without the effect.
+        group: The effect at the point whose figures are told.
+        spare: By how much misfit exceeds noise.
+    """
+    scale = search.evidence.scale
+    mates = tuple(other for other in search.evidence.layout.groups if other.key == group.key)
+    seen = [projection.gain(mate) for mate in mates]
+    gains = np.array([gain for gain, _ in seen]) / spare
+    drop, share = search.settings.interval_fall, group.effect.doubt.share
+    open_ended = 0.5 * share**2 * float(gains[mates.index(group)])
+    information = tuple(
+        projection.rest[np.ix_(mate.columns, mate.columns)] * np.outer(scale[mate.columns], scale[mate.columns])
+        for mate in mates
+    )
+    coefficients = tuple(beta / scale[mate.columns] for mate, (_, beta) in zip(mates, seen, strict=True))
+    return Profile(group, mates, 0.5 * gains * drop / (drop + open_ended), coefficients, information, drop)
+
+
+def _inverse(information: Float[Array, "k k"]) -> Float[Array, "k k"]:
+    """Covariance; of directions of which nothing is told, as wide as numbers allow."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    even = information / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    return np.asarray(np.linalg.inv(even) / np.outer(scale, scale))
+
+
+def _both(one: Interval, other: Interval, narrower: float, name: str) -> Interval:
+    """One's value, and an interval that holds its own and another's after that was narrowed; angles go round."""
+    shift = TURN * np.round((one.value - other.value) / TURN) if name == "phase_rad" else 0.0
+    middle = other.value + shift
+    low = middle - narrower * (other.value - other.low)
+    high = middle + narrower * (other.high - other.value)
+    return Interval(one.value, float(min(one.low, low)), float(max(one.high, high)))
+
+
+def _interval(x: Float[Array, " k"], falls: Float[Array, " k"], drop: float) -> Interval:
+    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
+    top = int(np.argmax(falls))
+    best = x[top]
+    peak = falls[top]
+    if 0 < top < len(x) - 1:
+        a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], falls[top - 1 : top + 2], 2)
+        if a < 0:
+            best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
+            reach = float(np.sqrt(drop / -a))
+            inside = falls > peak - drop
+            low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
+            return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+    inside = falls > peak - drop
+    step = float(np.min(np.diff(x)))
+    low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
+    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
