@@ -2,7 +2,7 @@
 
 The same numbers as `scipy.signal.sosfiltfilt`: odd extension at both ends, sections started at the
 steady state of the first value. What differs is the order of the loops: all columns of a sample go side by side through
-a section, so that the processor works on several of them at a time.
+two sections in one go, so that the processor works on several of them at a time and stores half as much between.
 
 Source: Gustafsson 1996 for filtering both ways; direct form II transposed.
 """
@@ -32,8 +32,12 @@ def filter_both_ways(
     extended[middle] = columns
     extended[:padding] = 2.0 * columns[0] - columns[padding:0:-1]
     extended[middle.stop :] = 2.0 * columns[-1] - columns[-2 : -padding - 2 : -1]
+    steady = resting_states(sections)
+    if len(sections) % 2:  # sections go in pairs: one more that changes nothing
+        sections = np.vstack([sections, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+        steady = np.vstack([steady, [0.0, 0.0]])
     state = np.empty((len(sections), 2, columns.shape[1]))
-    _filter(extended, np.ascontiguousarray(sections), resting_states(sections), state)
+    _filter(extended, np.ascontiguousarray(sections), steady, state)
     return extended[middle].reshape(np.shape(values))
 
 
@@ -47,14 +51,19 @@ def _filter(values: Array, sections: Array, steady: Array, state: Array) -> None
             for c in range(columns):
                 state[s, 0, c] = steady[s, 0] * values[first, c]
                 state[s, 1, c] = steady[s, 1] * values[first, c]
-        for k in range(length):
-            t = k if way == 0 else length - 1 - k
-            for s in range(len(sections)):
-                b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
-                a1, a2 = sections[s, 4], sections[s, 5]
+        for s in range(0, len(sections), 2):
+            b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
+            a1, a2 = sections[s, 4], sections[s, 5]
+            e0, e1, e2 = sections[s + 1, 0], sections[s + 1, 1], sections[s + 1, 2]
+            d1, d2 = sections[s + 1, 4], sections[s + 1, 5]
+            for k in range(length):
+                t = k if way == 0 else length - 1 - k
                 for c in range(columns):
                     x = values[t, c]
                     y = b0 * x + state[s, 0, c]
                     state[s, 0, c] = b1 * x - a1 * y + state[s, 1, c]
                     state[s, 1, c] = b2 * x - a2 * y
-                    values[t, c] = y
+                    z = e0 * y + state[s + 1, 0, c]
+                    state[s + 1, 0, c] = e1 * y - d1 * z + state[s + 1, 1, c]
+                    state[s + 1, 1, c] = e2 * y - d2 * z
+                    values[t, c] = z

@@ -11,12 +11,13 @@ from ident.motion.zero_phase import filter_both_ways
 
 @pytest.mark.parametrize("shape", [(400,), (400, 6), (400, 6, 3), (40, 100)])
 @pytest.mark.parametrize("padding", [0, 1, 39])
-def test_equals_scipy(shape: tuple[int, ...], padding: int) -> None:
-    """Law: whatever the shape and the length of the extension, the numbers are those of `sosfiltfilt`."""
-    sections = butter(4, 10.0, fs=125.0, output="sos")
+@pytest.mark.parametrize("order", [2, 4, 5, 7])
+def test_equals_scipy(shape: tuple[int, ...], padding: int, order: int) -> None:
+    """Law: whatever the shape, the extension and the number of sections, the numbers are those of `sosfiltfilt`."""
+    sections = butter(order, 10.0, fs=125.0, output="sos")
     values = np.random.default_rng(3).normal(size=shape).cumsum(axis=0)
     expected = sosfiltfilt(sections, values, axis=0, padlen=padding)
-    assert np.allclose(filter_both_ways(sections, values, padding), expected, rtol=1e-12, atol=1e-12)
+    assert np.allclose(filter_both_ways(sections, values, padding), expected, rtol=1e-11, atol=1e-11)
 
 
 def test_leaves_its_input_alone() -> None:
