@@ -54,8 +54,8 @@ def squares_by_block(evidence: Evidence, model: Projection) -> Float[Array, " B"
     """What a model leaves of each block, in squares of the noise."""
     weights = residual_weights(evidence, model)
     left = np.zeros(len(evidence.fold_of_block))
-    for local, sums in zip(evidence.layout.local, evidence.white, strict=True):
-        left += np.einsum("bij,i,j->b", sums, weights[local], weights[local])
+    for j, local in enumerate(evidence.layout.local):
+        left += evidence.times(j, weights[local]) @ weights[local]
     return left
 
 

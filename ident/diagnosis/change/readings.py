@@ -72,14 +72,13 @@ def solve_body(
     cross, power = np.zeros((size, n)), np.zeros(n)
     scores = np.zeros((blocks, size + n))
     place = {int(column): k for k, column in enumerate(inside)}
-    for j, (local, sums) in enumerate(zip(layout.local, evidence.white, strict=True)):
+    for j, (local, whole) in enumerate(zip(layout.local, evidence.total, strict=True)):
         at = [layout.places[j][int(column)] for column in group.columns]
         used = [k for k, column in enumerate(local) if int(column) in place]
         into = [place[int(local[k])] for k in used]
-        whole = sums.sum(axis=0)
         cross[into, j] = whole[np.ix_(used, at)] @ beta
         power[j] = beta @ whole[np.ix_(at, at)] @ beta
-        left = sums @ weights[local]
+        left = evidence.times(j, weights[local])
         scores[:, into] += left[:, used]
         scores[:, size + j] = left[:, at] @ beta
     information = np.linalg.inv(model.spread)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
+from ident.diagnosis.regression.block_sums import BlockSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.rows import Partition
@@ -178,7 +179,7 @@ def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: i
         places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])
         off = (local >= split) & (local < layout.size)
         for sums, before, found in (
-            (evidence.white[j], ~sides.later_blocks, white),
+            (evidence.free.of_joint[j], ~sides.later_blocks, white),
             (evidence.plain[j], ~sides.later_folds, plain),
         ):
             part = sums[:, places[:, None], places]
@@ -192,7 +193,7 @@ def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: i
         evidence,
         layout=layout,
         scale=evidence.scale[origin],
-        white=tuple(white),
+        free=BlockSums(tuple(white), evidence.fold_of_block),
         plain=tuple(plain),
         noise_power=evidence.noise_power[origin],
         friction=replace(evidence.friction, sums=tuple(friction)),

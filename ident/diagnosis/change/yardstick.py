@@ -128,10 +128,13 @@ def _by_block(
     blocks = len(evidence.fold_of_block)
     score, power = np.zeros((2, blocks))
     for j in group.acts_on(evidence.layout.n):
-        local, sums = evidence.layout.local[j], evidence.white[j]
+        local = evidence.layout.local[j]
         at = np.array([evidence.layout.places[j][int(column)] for column in columns])
-        score += (sums[:, at] @ weights[local]) @ beta
-        power += np.einsum("bij,i,j->b", sums[:, at[:, None], at], beta, beta)
+        own = np.zeros(len(local))
+        own[at] = beta
+        seen = evidence.times(j, own)
+        score += seen @ weights[local]
+        power += seen @ own
     return score, np.maximum(power, 0.0)
 
 

@@ -84,7 +84,8 @@ class HeldOut:
         """For each joint, the whitened sums of all folds but one, and of that one."""
         held = self.evidence
         return tuple(
-            held.friction.part(sums, j, float(held.spread[j]), held.fold_of_block) for j, sums in enumerate(held.white)
+            held.friction.part(sums, j, float(held.spread[j]), held.fold_of_block)
+            for j, sums in enumerate(held.free.by_fold)
         )
 
     def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:

@@ -36,26 +36,56 @@ class FrictionSums:
         """The friction columns in a joint's rows."""
         return slice(self.rank + FRICTION.start, self.rank + FRICTION.stop)
 
-    def tie(self, sums: Float[Array, "B p p"], joint: int, old: float, new: float) -> Float[Array, "B p p"]:
-        """A joint's sums where every stretch's friction level is free within another share.
+    def taken(self, joint: int, spread: float, inside: Bool[Array, " K"] | None = None) -> Float[Array, "p p"]:
+        """What friction levels that are free within a share take off a joint's sums, of all pieces or of some.
 
         Args:
-            sums: Whitened sums of each block.
             joint: The joint.
-            old: Relative standard deviation that the sums count with.
-            new: The one that they are to count with.
+            spread: Relative standard deviation of its friction level from stretch to stretch.
+            inside: Which pieces; each still knows its friction level by its whole stretch.
         """
-        found, pieces, place = sums.copy(), self.sums[joint], self._place
-        whole = self._whole(joint)
-        slope = 0.5 * (self._slope(whole, joint, old) - self._slope(whole, joint, new))
-        for k, block in enumerate(self.block):
-            # Half of the product and of its transpose, as one product: Fᵀ S + Sᵀ F.
-            mine = np.concatenate([pieces[k], slope[place[k]]])
-            found[block] += mine.T @ np.concatenate([slope[place[k]], pieces[k]])
+        pieces, slope = self._halves(joint, spread)
+        if inside is not None:
+            pieces, slope = pieces[inside], slope[inside]
+        size = pieces.shape[-1]
+        half = pieces.reshape(-1, size).T @ slope.reshape(-1, size)
+        return half + half.T
+
+    def taken_of_blocks(
+        self, joint: int, spread: float, weights: Float[Array, " p"], count: int
+    ) -> Float[Array, "B p"]:
+        """The same of every block, times weights.
+
+        Args:
+            joint: The joint.
+            spread: Relative standard deviation of its friction level.
+            weights: What each block's sums are multiplied by.
+            count: Number of blocks.
+        """
+        pieces, slope = self._halves(joint, spread)
+        found = np.zeros((count, len(weights)))
+        products = np.einsum("kap,ka->kp", pieces, slope @ weights) + np.einsum("kap,ka->kp", slope, pieces @ weights)
+        np.add.at(found, self.block, products)
         return found
 
+    def taken_of_block(self, joint: int, spread: float, count: int) -> Float[Array, "B p p"]:
+        """The same of every block, whole: as large as the sums themselves."""
+        pieces, slope = self._halves(joint, spread)
+        found = np.zeros((count, pieces.shape[-1], pieces.shape[-1]))
+        for k, block in enumerate(self.block):
+            half = pieces[k].T @ slope[k]
+            found[block] += half + half.T
+        return found
+
+    def _halves(self, joint: int, spread: float) -> tuple[Float[Array, "K 2 p"], Float[Array, "K 2 p"]]:
+        """P and ½ S of each piece: its own sums, and what the friction level of its stretch takes with it.
+
+        What is taken off it is the symmetric half of Pᵀ S.
+        """
+        return self.sums[joint], 0.5 * self._slope(self._whole(joint), joint, spread)[self._place]
+
     def part(
-        self, sums: Float[Array, "B p p"], joint: int, spread: float, folds: Int[Array, " B"]
+        self, own: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
     ) -> tuple[Float[Array, "F p p"], Float[Array, "F p p"]]:
         """A joint's sums of all folds but one, and of that one alone, fold by fold.
 
@@ -63,19 +93,16 @@ class FrictionSums:
         whole stretch's level leaves of some pieces is no sum of squares: models solved with it run away.)
 
         Args:
-            sums: Whitened sums of each block.
+            own: Whitened sums of each fold, friction the same in all runs.
             joint: The joint.
-            spread: Relative standard deviation of friction that they count with.
+            spread: Relative standard deviation of friction that they are to count with.
             folds: Fold of each block.
         """
-        own = np.stack([sums[folds == fold].sum(axis=0) for fold in range(int(folds.max()) + 1)])
-        rest = own.sum(axis=0) - own
         fold_of_piece = folds[self.block]
         if len(np.unique(self.stretch)) == len(np.unique(np.stack([self.stretch, fold_of_piece]), axis=1).T):
-            return rest, own
-        free = self.tie(sums, joint, spread, 0.0)
-        own = np.stack([free[folds == fold].sum(axis=0) for fold in range(len(own))])
-        rest = own.sum(axis=0) - own
+            own = own - np.stack([self.taken(joint, spread, fold_of_piece == fold) for fold in range(len(own))])
+            return own.sum(axis=0) - own, own
+        own, rest = own.copy(), own.sum(axis=0) - own
         for fold in range(len(own)):
             for side, inside in ((own, fold_of_piece == fold), (rest, fold_of_piece != fold)):
                 whole = self._whole(joint, inside)

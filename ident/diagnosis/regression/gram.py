@@ -31,8 +31,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.block_sums import BlockSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
@@ -48,7 +49,7 @@ class Evidence:
     Attributes:
         layout: What the columns are.
         scale: Each column was divided by this, length `layout.size` + 1.
-        white: For each joint, (B, p, p) whitened sums.
+        free: Whitened sums of every block, friction the same in all runs.
         plain: For each joint, (F, p, p) sums in N² m².
         fold_of_block: Fold of each block; folds are whole runs where there are enough.
         samples: Whitened samples of each joint.
@@ -56,13 +57,13 @@ class Evidence:
         whitening: The noise.
         noise_power: Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
         friction: What each run's own friction level goes with.
-        spread: Relative standard deviation from run to run of each joint's friction, counted in `white`.
+        spread: Relative standard deviation from run to run of each joint's friction, counted in whatever is asked for.
         settings: What the regression counts with.
     """
 
     layout: Layout
     scale: Float[Array, " P"]
-    white: tuple[Float[Array, "B p p"], ...]
+    free: BlockSums
     plain: tuple[Float[Array, "F p p"], ...]
     fold_of_block: Int[Array, " B"]
     samples: Float[Array, " n"]
@@ -79,10 +80,26 @@ class Evidence:
         Args:
             spread: Relative standard deviation of each joint's friction level.
         """
-        white = tuple(
-            self.friction.tie(sums, j, float(self.spread[j]), float(spread[j])) for j, sums in enumerate(self.white)
+        return replace(self, spread=np.array(spread, dtype=float))
+
+    @property
+    def white(self) -> tuple[Float[Array, "B p p"], ...]:
+        """For each joint, (B, p, p) whitened sums of every block: a large copy, for what needs no speed."""
+        return tuple(
+            sums - self.friction.taken_of_block(j, float(self.spread[j]), len(sums))
+            for j, sums in enumerate(self.free.of_joint)
         )
-        return replace(self, white=white, spread=np.array(spread, dtype=float))
+
+    @cached_property
+    def total(self) -> tuple[Float[Array, "p p"], ...]:
+        """For each joint, its whitened sums over all blocks."""
+        return tuple(sums - self.friction.taken(j, float(self.spread[j])) for j, sums in enumerate(self.free.total))
+
+    def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
+        """Whitened sums of every block times weights of a joint's columns."""
+        product: Array = self.free.of_joint[joint] @ weights
+        taken = self.friction.taken_of_blocks(joint, float(self.spread[joint]), weights, len(product))
+        return np.asarray(product - taken)
 
     @cached_property
     def friction_noise(self) -> Float[Array, " n"]:
@@ -110,15 +127,18 @@ class Evidence:
             weights: What the model leaves of a row is their product.
         """
         own = weights[self.layout.local[joint]]
-        return max(float(own @ self.white[joint].sum(axis=0) @ own / max(float(self.samples[joint]), 1.0)), 1.0)
+        return max(float(own @ self.total[joint] @ own / max(float(self.samples[joint]), 1.0)), 1.0)
 
-    def gram(self, blocks: Bool[Array, " B"] | None = None) -> Float[Array, "P P"]:
-        """Whitened sums of all joints over some blocks, in the layout's order."""
+    def gram(self) -> Float[Array, "P P"]:
+        """Whitened sums of all joints over all blocks, in the layout's order; read-only."""
+        return self._gram
+
+    @cached_property
+    def _gram(self) -> Float[Array, "P P"]:
         total = np.zeros((self.layout.size + 1, self.layout.size + 1))
-        for local, sums in zip(self.layout.local, self.white, strict=True):
-            part = sums.sum(axis=0) if blocks is None else sums[blocks].sum(axis=0)
-            total[np.ix_(local, local)] += part
-        return total
+        for local, sums in zip(self.layout.local, self.total, strict=True):
+            total[np.ix_(local, local)] += sums
+        return freeze(total)
 
 
 def build_partition(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> Partition:
@@ -319,7 +339,7 @@ class _Sums:
         return Evidence(
             layout=self.layout,
             scale=scale,
-            white=tuple(self.white),
+            free=BlockSums(tuple(self.white), self.partition.folds),
             plain=tuple(self.plain),
             fold_of_block=self.partition.folds,
             samples=self.samples,

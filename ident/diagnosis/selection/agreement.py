@@ -89,7 +89,8 @@ def _scores(
         torque[column] += size
         torque[beside.inside] -= size * beside.slopes[:, column]
     along, power = np.zeros((2, len(evidence.fold_of_block)))
-    for local, sums in zip(evidence.layout.local, evidence.white, strict=True):
-        along += np.einsum("a,bac,c->b", torque[local], sums, left[local])
-        power += np.einsum("a,bac,c->b", torque[local], sums, torque[local])
+    for j, local in enumerate(evidence.layout.local):
+        seen = evidence.times(j, torque[local])
+        along += seen @ left[local]
+        power += seen @ torque[local]
     return along, np.maximum(power, 0.0)

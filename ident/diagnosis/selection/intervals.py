@@ -48,8 +48,8 @@ def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array
     layout = evidence.layout
     weights = residual_weights(evidence, projection)
     scores = np.zeros((len(evidence.fold_of_block), layout.size + 1))
-    for local, sums in zip(layout.local, evidence.white, strict=True):
-        scores[:, local] += sums @ weights[local]
+    for j, local in enumerate(layout.local):
+        scores[:, local] += evidence.times(j, weights[local])
     part = scores[:, projection.inside]
     blocks = len(part)
     meat = part.T @ part * blocks / max(blocks - 1, 1)

@@ -33,8 +33,8 @@ def block_scores(evidence: Evidence, projection: Projection) -> Float[Array, "B 
     blocks = len(evidence.fold_of_block)
     weights = residual_weights(evidence, projection)
     raw = np.zeros((blocks, layout.size + 1))
-    for local, sums in zip(layout.local, evidence.white, strict=True):
-        raw[:, local] += sums @ weights[local]
+    for j, local in enumerate(layout.local):
+        raw[:, local] += evidence.times(j, weights[local])
     return raw - raw[:, projection.inside] @ projection.slopes
 
 

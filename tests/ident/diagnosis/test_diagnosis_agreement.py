@@ -9,6 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.regression.block_sums import BlockSums
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.reservations import find_uneven
@@ -43,14 +44,19 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
     search, group = search_of(analysis), analysis.search.named[0].group
     evidence = search.evidence
     whole = project(evidence.gram(), evidence, search.prior, [group])
-    local, sums = list(evidence.layout.local[group.joint]), evidence.white[group.joint].copy()
+    local, sums = list(evidence.layout.local[group.joint]), evidence.free.of_joint[group.joint].copy()
     without = evidence.fold_of_block < evidence.fold_of_block.max() / 2
+    pieces, gone = evidence.friction.sums[group.joint].copy(), without[evidence.friction.block]
     for column in group.columns:
         at, size = local.index(column), whole.estimate[np.flatnonzero(whole.inside == column)[0]]
         sums[without, :, -1] -= size * sums[without, :, at]
         sums[without, -1, :] -= size * sums[without, at, :]
-    white = tuple(sums if j == group.joint else one for j, one in enumerate(evidence.white))
-    other = replace(search, evidence=replace(evidence, white=white))
+        pieces[gone, :, -1] -= size * pieces[gone, :, at]
+    altered = tuple(sums if j == group.joint else one for j, one in enumerate(evidence.free.of_joint))
+    free = BlockSums(altered, evidence.fold_of_block)
+    tied = tuple(pieces if j == group.joint else one for j, one in enumerate(evidence.friction.sums))
+    friction = replace(evidence.friction, sums=tied)
+    other = replace(search, evidence=replace(evidence, free=free, friction=friction))
     found = measure_agreement(other, [group], 0)
     assert found.p_value < 1e-6
     assert found.spread > 0.5

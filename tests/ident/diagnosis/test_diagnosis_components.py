@@ -63,6 +63,19 @@ def test_freeing_friction_and_tying_it_again_changes_nothing(healthy: Analysis) 
         assert np.allclose(one, other, rtol=0, atol=1e-9 * np.abs(other).max())
 
 
+@pytest.mark.parametrize("spread", [0.0, 0.05, 0.7])
+def test_products_and_totals_are_those_of_the_whole_sums(healthy: Analysis, spread: float) -> None:
+    """Law: what is made of free sums and of what varying friction takes off them is what the tied sums would give."""
+    evidence = healthy.evidence.with_run_spread(np.full(3, spread))
+    rng = np.random.default_rng(7)
+    for j, sums in enumerate(evidence.white):
+        weights = rng.standard_normal(sums.shape[-1])
+        products, size = evidence.times(j, weights), np.abs(sums).max()
+        assert np.allclose(products, sums @ weights, rtol=0, atol=1e-10 * size)
+        assert np.allclose(evidence.total[j], sums.sum(axis=0), rtol=0, atol=1e-10 * np.abs(evidence.total[j]).max())
+        assert np.array_equal(evidence.total[j], evidence.total[j].T)
+
+
 @pytest.mark.parametrize("fold_of_block", [[0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 2, 2]])
 def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> None:
     """Law: each side is weighted by (I + F Λ Fᵀ)⁻¹ of its own rows, whether folds cut stretches or not."""
@@ -72,7 +85,8 @@ def test_folds_know_friction_by_their_own_pieces(fold_of_block: list[int]) -> No
     columns = slice(1, 3)
     sums = FrictionSums(stretch, np.arange(6), (free[:, columns],), level[None], rank=0)
     folds = np.array(fold_of_block)
-    rest, own = sums.part(sums.tie(free, 0, 0.0, spread), 0, spread, folds)
+    own_sums = np.stack([free[folds == fold].sum(axis=0) for fold in range(3)])
+    rest, own = sums.part(own_sums, 0, spread, folds)
     for fold in range(3):
         for side, inside in ((own[fold], folds == fold), (rest[fold], folds != fold)):
             expected: Array = np.zeros((5, 5))

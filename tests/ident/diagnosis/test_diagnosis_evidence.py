@@ -87,10 +87,14 @@ def test_blocks_add_up_to_the_whole(healthy: Analysis, all_rows: list[Rows]) -> 
     evidence = healthy.evidence.with_run_spread(np.zeros(3))
     tall, blocks, _ = tall_rows(evidence, all_rows)
     chosen = np.arange(len(evidence.fold_of_block)) % 3 == 0
-    part, rest, whole = evidence.gram(chosen), evidence.gram(~chosen), evidence.gram()
-    assert np.allclose(part + rest, whole, rtol=0, atol=1e-9 * np.abs(whole).max())
+    whole, part = evidence.gram(), np.zeros_like(evidence.gram())
+    for local, sums in zip(evidence.layout.local, evidence.white, strict=True):
+        part[np.ix_(local, local)] += sums[chosen].sum(axis=0)
+    rest = whole - part
     mine = tall[chosen[blocks]]
     assert np.allclose(part, mine.T @ mine, rtol=0, atol=1e-9 * np.abs(whole).max())
+    others = tall[~chosen[blocks]]
+    assert np.allclose(rest, others.T @ others, rtol=0, atol=1e-9 * np.abs(whole).max())
 
 
 def test_projection_is_least_squares(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:

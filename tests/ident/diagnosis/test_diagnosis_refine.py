@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.regression.block_sums import BlockSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
@@ -116,16 +117,22 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
     fine = refine(search, analysis.session, analysis.baseline, groups)
     effect = fine.groups[0].effect
     # A law of the opposite sign: all that may not be negative is held at zero.
-    upside_down = replace(fine.search.evidence, white=tuple(map(mirrored, fine.search.evidence.white)))
-    for evidence in (fine.search.evidence, upside_down):
-        again = replace(fine, search=Search(evidence, fine.search.prior, HeldOut(evidence, fine.search.prior)))
+    evidence = fine.search.evidence
+    sums = BlockSums(tuple(map(mirrored, evidence.free.of_joint)), evidence.fold_of_block)
+    tied = replace(evidence.friction, sums=tuple(pieces * signs_of(pieces) for pieces in evidence.friction.sums))
+    for one in (evidence, replace(evidence, free=sums, friction=tied)):
+        again = replace(fine, search=Search(one, fine.search.prior, HeldOut(one, fine.search.prior)))
         ((beta, cells),), _ = solve_effects(again, [False])
         assert np.all(beta[list(effect.nonnegative)] >= 0.0)
         assert np.all(np.diag(cells) > 0.0)
 
 
+def signs_of(sums: Array) -> Array:
+    """Minus one for the torque, one for all columns."""
+    return np.append(np.ones(sums.shape[-1] - 1), -1.0)
+
+
 def mirrored(sums: Array) -> Array:
     """Sums of the same columns with the torque of the opposite sign."""
-    sign = np.ones(sums.shape[-1])
-    sign[-1] = -1.0
+    sign = signs_of(sums)
     return sums * sign[:, None] * sign
