@@ -55,8 +55,16 @@ def family_p_values(
     blocks, flips = len(scores), settings.flips
     signs = rng.choice([-1.0, 1.0], size=(flips, blocks))
     observed = np.zeros(len(groups))
-    greatest = np.zeros(flips)
+    # Of groups of one size the longest sum is the greatest surprise, flip by flip.
+    longest: dict[int, Float[Array, " f"]] = {}
+    alone = [g for g, group in enumerate(groups) if len(group.columns) == 1]
+    if alone:  # most groups: no matrices are needed
+        white = _normalised(scores[:, [int(groups[g].columns[0]) for g in alone]], settings.voices)
+        observed[alone] = _surprise(np.abs(white.sum(axis=0)), 1)
+        longest[1] = np.abs(signs @ white).max(axis=1)
     for g, group in enumerate(groups):
+        if len(group.columns) == 1:
+            continue
         part = scores[:, group.columns]
         variance = part.T @ part
         size = np.sqrt(np.diag(variance))
@@ -68,9 +76,21 @@ def family_p_values(
         kept = values > 1e-6 * values[-1]
         white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]), settings.voices)
         degrees = int(kept.sum())
-        observed[g] = _surprise(white.sum(axis=0), degrees)
-        greatest = np.maximum(greatest, _surprise(signs @ white, degrees))
+        observed[g] = _surprise(np.linalg.norm(white.sum(axis=0)), degrees)
+        length = np.linalg.norm(signs @ white, axis=1)
+        longest[degrees] = np.maximum(longest[degrees], length) if degrees in longest else length
+    greatest = np.max([np.zeros(flips), *(_surprise(length, degrees) for degrees, length in longest.items())], axis=0)
     return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + flips)
+
+
+def _normalised(scores: Float[Array, "B g"], voices: int) -> Float[Array, "B g"]:
+    """The same of groups of one column each, all at once; zero where a column has no score."""
+    size = np.linalg.norm(scores, axis=0)
+    whole = scores / np.where(size > 0.0, size, 1.0)
+    loudest = np.sort(np.abs(whole), axis=0)[-min(voices, len(whole))]
+    clipped = whole * np.minimum(1.0, loudest / np.maximum(np.abs(whole), 1e-300))
+    left = np.linalg.norm(clipped, axis=0)
+    return np.asarray(clipped / np.where(left > 0.0, left, 1.0))
 
 
 def _clipped(scores: Float[Array, "B k"], voices: int) -> Float[Array, "B k"]:
@@ -114,9 +134,9 @@ def family_p_values_by_run(
     return {key: float((greatest >= fall[0] * (1 - 1e-9)).mean()) for key, fall in best.items()}
 
 
-def _surprise(sums: Array, degrees: int) -> Array:
-    """−log of the χ² tail: brings groups of different size on one scale."""
-    length = np.linalg.norm(np.asarray(sums), axis=-1)
+def _surprise(length: Array, degrees: int) -> Array:
+    """−log of the χ² tail beyond a sum's length: brings groups of different size on one scale."""
+    length = np.asarray(length)
     # Asked for a thousand times a candidate: read off a table, straight between its points, and beyond them.
     table = _surprises(degrees)
     beyond = np.maximum(length - LONGEST, 0.0) * (LONGEST + 0.5 * (length - LONGEST))

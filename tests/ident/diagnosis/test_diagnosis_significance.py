@@ -50,6 +50,20 @@ def test_a_planted_group_is_found() -> None:
     assert np.delete(p_values, 3).min() > 0.05
 
 
+def test_one_column_is_judged_as_any_group_that_spans_it() -> None:
+    """Law: a group's p-value is that of what its columns span, however many they are, and whatever else is asked."""
+    rng = np.random.default_rng(9)
+    scores = noise_scores(rng)
+    scores[:, 4] += 1.5
+    single = [Group(CATALOGUE[k], 0, Variant(), np.array([k])) for k in range(FAMILY)]
+    doubled = [Group(CATALOGUE[k], 0, Variant(), np.array([k, k])) for k in range(FAMILY)]
+    alone = family_p_values(scores, single, np.random.default_rng(1))
+    assert np.array_equal(alone, family_p_values(scores, doubled, np.random.default_rng(1)))
+    mixed = family_p_values(scores, [*single[:3], *doubled[3:]], np.random.default_rng(1))
+    assert np.array_equal(alone, mixed)
+    assert alone.min() < 0.5
+
+
 def test_silent_columns_are_not_significant() -> None:
     """Law: a group without any score has the p-value 1."""
     rng = np.random.default_rng(5)
