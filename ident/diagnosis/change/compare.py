@@ -17,6 +17,7 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.friction_doubt import GAIN, another_day, may_be_a_gain
 from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, enough, look_at
+from ident.diagnosis.change.placed_bodies import place_bodies
 from ident.diagnosis.change.places import open_places
 from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
@@ -110,10 +111,22 @@ def compare(
     selection = replace(settings.selection, family_error=ALARM)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     told = _tell(first, seed, selection, sessions)
+    if any(one.group.effect.id in BODIES for one in told.estimates):
+        first = _with_places(first, told, before, after, arm)
+        told = _tell(first, seed, selection, sessions)
     second = look_again(first, told.estimates, before, after, arm)
     if second is not None:
         told = _told_again(second, told, selection, sessions)
     return _result(told, first, arm, sides, _hidden(first))
+
+
+def _with_places(
+    look: SharedLook, told: _Told, before: Sequence[Motion], after: Sequence[Motion], arm: ArmModel
+) -> SharedLook:
+    """The same look with every body about the place where it would be."""
+    others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
+    asked = place_bodies(_search(look, 0, USUAL.selection), others, look.session)
+    return replace(look_at(before, after, arm, known=look.known, asked=asked), doubt=look.doubt)
 
 
 def _search(look: SharedLook, seed: int, settings: SelectionSettings) -> Search:

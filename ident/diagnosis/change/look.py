@@ -27,32 +27,6 @@ LOOSE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class SharedLook:
-    """Two sets of runs, seen through one baseline.
-
-    Attributes:
-        baseline: Tuned on the larger set.
-        session: The runs of both sets.
-        sides: Which runs are of which set.
-        switched: The sums.
-        silent: What can't be seen in any of these runs.
-        doubt: How well the gains are known.
-    """
-
-    baseline: Baseline
-    session: SessionContext
-    sides: Sides
-    switched: Switched
-    silent: tuple[NotTestable, ...]
-    doubt: GainDoubt = STATED
-
-    @property
-    def prior(self) -> Prior:
-        """The loose belief in the URDF."""
-        return Prior.of(self.switched.evidence, self.baseline.prior)
-
-
-@dataclass(frozen=True, eq=False)
 class Known:
     """What an earlier look found.
 
@@ -65,6 +39,39 @@ class Known:
     whitening: Whitening
 
 
+@dataclass(frozen=True, eq=False)
+class SharedLook:
+    """Two sets of runs, seen through one baseline.
+
+    Attributes:
+        baseline: Tuned on the larger set.
+        session: The runs of both sets.
+        sides: Which runs are of which set.
+        switched: The sums.
+        silent: What can't be seen in any of these runs.
+        doubt: How well the gains are known.
+        asked: All that may have changed.
+    """
+
+    baseline: Baseline
+    session: SessionContext
+    sides: Sides
+    switched: Switched
+    silent: tuple[NotTestable, ...]
+    doubt: GainDoubt = STATED
+    asked: tuple[Effect, ...] = ()
+
+    @property
+    def known(self) -> Known:
+        """What a further look need not find again."""
+        return Known(self.switched.evidence.spread, self.switched.evidence.whitening)
+
+    @property
+    def prior(self) -> Prior:
+        """The loose belief in the URDF."""
+        return Prior.of(self.switched.evidence, self.baseline.prior)
+
+
 def look_at(
     before: Sequence[Motion],
     after: Sequence[Motion],
@@ -72,6 +79,7 @@ def look_at(
     apart: frozenset[str] = IN_THE_BASELINE,
     known: Known | None = None,
     shared: tuple[Effect, ...] = (),
+    asked: tuple[Effect, ...] | None = None,
 ) -> SharedLook:
     """Tunes the baseline and sums all columns.
 
@@ -81,14 +89,16 @@ def look_at(
         apart: Effects that are not part of the baseline.
         known: What an earlier look found, if there was one.
         shared: Further effects of the baseline, that are not asked for as changes.
+        asked: All that may have changed; the catalogue's if None.
     """
+    asked = changes() if asked is None else asked
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
     motions = [*first, *second]
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, LOOSE_SHARE)
     session = build_session(baseline, motions, common_clock=False)
-    silent, grids = _grids(session, (*changes(), *shared))
+    silent, grids = _grids(session, (*asked, *shared))
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = cut(session, later)
     whitening = None if known is None else known.whitening
@@ -101,7 +111,7 @@ def look_at(
     else:
         spread = np.full(layout.n, switched.evidence.settings.wide_spread)
     switched = replace(switched, evidence=switched.evidence.with_run_spread(spread))
-    return SharedLook(baseline, session, sides, switched, tuple(silent))
+    return SharedLook(baseline, session, sides, switched, tuple(silent), asked=asked)
 
 
 def enough(evidence: Evidence) -> bool:

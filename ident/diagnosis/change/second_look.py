@@ -17,7 +17,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, MASS
 from ident.diagnosis.change.laws import EvenLoadFriction
-from ident.diagnosis.change.look import Known, SharedLook, look_at
+from ident.diagnosis.change.look import SharedLook, look_at
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.intervals import Estimate
 from ident.motion.motion import Motion
@@ -68,9 +68,8 @@ def look_again(
         after = [_carrying(motion, load) for motion in after]
     else:
         before = [_carrying(motion, load) for motion in before]
-    evidence = first.switched.evidence
-    known = Known(evidence.spread, evidence.whitening)
-    look = look_at(before, after, arm, IN_THE_BASELINE | COMMON_GAIN, known, (EvenLoadFriction(),))
+    apart = IN_THE_BASELINE | COMMON_GAIN
+    look = look_at(before, after, arm, apart, first.known, (EvenLoadFriction(),), first.asked)
     look = replace(look, doubt=first.doubt)
     groups = tuple(_same(first, look, one.group) for one in estimates)
     added = tuple(one.coefficients if one is body else np.zeros(len(one.coefficients)) for one in estimates)
