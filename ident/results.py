@@ -15,6 +15,9 @@ from ident.provenance import Provenance
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Why a spread over the runs is missing from a record.
+ONE_RUN = "a single run tells nothing of what runs differ by"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Result(ABC):

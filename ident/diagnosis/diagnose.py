@@ -10,7 +10,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
 from ident.diagnosis.detectable import find_limits
-from ident.diagnosis.explained import measure_shrink
+from ident.diagnosis.explained import measure_shrink, slides
 from ident.diagnosis.gap.gap_map import map_gap, told
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
@@ -103,7 +103,7 @@ def diagnose(
     spare = inflation(evidence, after)
     tolerance = measure_tolerance(evidence, prior, after, spare, settings.selection)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
-    findings = _findings(found, estimates, arm.joint_names, floors, reach)
+    findings = _findings(found, estimates, arm, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
@@ -182,11 +182,11 @@ def _gap(
 def _findings(
     found: SearchResults,
     estimates: Sequence[Estimate],
-    joints: Sequence[str],
+    arm: ArmModel,
     floors: Float[Array, " n"],
     reach: Reach,
 ) -> tuple[Finding, ...]:
-    findings = []
+    joints, findings = arm.joint_names, []
     for item, estimate, share in zip(found.named, estimates, reach.shares, strict=True):
         old, new = item.before.rms, item.after.rms
         acts = item.shown
@@ -202,6 +202,7 @@ def _findings(
                 energy_std=(_spread(reach.runs_before[:, acts]), _spread(reach.runs_after[:, acts])),
                 shrink=measure_shrink(old[acts], new[acts], floors[acts]),
                 share=float(share),
+                slides=slides(item.group, arm),
             )
         )
     return tuple(sorted(findings, key=lambda finding: -finding.closed))

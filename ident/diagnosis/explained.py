@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array
+from ident.diagnosis.regression.design import Group
 from ident.diagnosis.selection.intervals import Estimate
+from ident.robot.arm import ArmModel
+
+# Units of a joint that turns, longest first, and those of one that slides.
+OF_A_SLIDE = {
+    "N m s/rad": "N s/m",
+    "N m/rad": "N/m",
+    "N m": "N",
+    "kg m²": "kg",
+    "mrad": "mm",
+    "rad/s": "m/s",
+    "rad": "m",
+}
+# Stands for the joint until units are settled.
+HERE = "\0"
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +36,7 @@ class Explained:
         joints: Where it shows.
         rms_before, rms_after: Error on held-out runs without and with it, by joint [N m].
         shrink: Share of what lay above the noise that it closes there.
+        slides: Whether its joint slides: its figures are of forces and metres.
     """
 
     estimate: Estimate
@@ -27,6 +44,7 @@ class Explained:
     rms_before: dict[str, float]
     rms_after: dict[str, float]
     shrink: float
+    slides: bool = field(default=False, kw_only=True)
 
     @property
     def effect(self) -> str:
@@ -45,7 +63,12 @@ class Explained:
     @property
     def action(self) -> str:
         """What a person at the cell can do about it."""
-        return self.estimate.told.effect.action(", ".join(self.joints), self.estimate.parameters)
+        return self.action_at(", ".join(self.joints))
+
+    def action_at(self, where: str) -> str:
+        """The same of joints in these words."""
+        sentence = self.estimate.told.effect.action(HERE, self.estimate.parameters)
+        return (of_a_slide(sentence) if self.slides else sentence).replace(HERE, where)
 
     def told(self) -> dict[str, Any]:
         """What any record says of it first."""
@@ -57,6 +80,17 @@ class Explained:
             "action": self.action,
             "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
         }
+
+
+def slides(group: Group, arm: ArmModel) -> bool:
+    """Whether an effect is of one joint, and that slides."""
+    return group.effect.scope == "joint" and bool(arm.sliding_joints[group.joint])
+
+
+def of_a_slide(sentence: str) -> str:
+    """A sentence about a joint that turns, with the units of one that slides."""
+    units = "|".join(re.escape(unit) for unit in OF_A_SLIDE)
+    return re.sub(rf"(?<!\w)({units})(?!\w)", lambda found: OF_A_SLIDE[found[0]], sentence)
 
 
 def measure_shrink(old: Array, new: Array, floor: Array) -> float:

@@ -13,7 +13,7 @@ from ident.diagnosis.baseline_record import TunedJoint
 from ident.diagnosis.detectable import SizeLimit
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.gap.gap_map import Place, maps_record
-from ident.diagnosis.gap.improvement import ONE_RUN, Reach, spreads
+from ident.diagnosis.gap.improvement import Reach, spreads
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
@@ -23,7 +23,7 @@ from ident.diagnosis.verdict import Nearest
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.recordings.recording import TelemetryIssue
-from ident.results import Result
+from ident.results import ONE_RUN, Result
 
 SCHEMA = "ident.diagnosis/1"
 

@@ -20,7 +20,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.results import Result
+from ident.results import ONE_RUN, Result
 
 SCHEMA = "ident.evaluation/1"
 
@@ -112,7 +112,7 @@ class SessionScore:
         return np.sqrt(np.concatenate([squares, _mean(squares, axis=2)[..., None]], axis=2))
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, which knows no NaN: what a joint that never moves can't tell is null."""
+        """For JSON, which knows no NaN: what a joint that never moves, or a single run, can't tell is null."""
         columns = [*self.joints, "total"]
 
         def table(values: Float[Array, "R k"]) -> dict[str, dict[str, float | None]]:
@@ -120,12 +120,17 @@ class SessionScore:
             rows = zip(self.rungs, cells, strict=True)
             return {rung: dict(zip(columns[: len(row)], row, strict=True)) for rung, row in rows}
 
+        def spread(mean: Float[Array, "R k"], std: Float[Array, "R k"]) -> dict[str, Any]:
+            if len(self.runs) > 1:
+                return {"mean": table(mean), "std": table(std)}
+            return {"mean": table(mean), "std": table(np.full_like(std, np.nan)), "std_missing": ONE_RUN}
+
         return {
             "session": self.name,
             "runs": len(self.runs),
             "payload_kg": self.payload_kg,
-            "energy_error_J": {"mean": table(self.energy_mean), "std": table(self.energy_std)},
-            "torque_rmse_Nm": {"mean": table(self.rmse_mean), "std": table(self.rmse_std)},
+            "energy_error_J": spread(self.energy_mean, self.energy_std),
+            "torque_rmse_Nm": spread(self.rmse_mean, self.rmse_std),
             "torque_rmse_at_rest_Nm": table(self.rest_rmse),
             "r2_moving": table(self.r2),
         }

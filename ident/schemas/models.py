@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 from ident.schemas.common import IssueRecord, ProvenanceRecord
 from ident.schemas.diagnosis import DiagnosisRecord
 
-# Rung -> joint (and `total`) -> figure; null where a joint never moves.
+# Rung -> joint (and `total`) -> figure; null where a joint never moves, spreads of a single run too.
 LadderTable = dict[str, dict[str, float | None]]
 
 
@@ -90,6 +90,7 @@ class LadderSpreadRecord(TypedDict):
 
     mean: LadderTable
     std: LadderTable
+    std_missing: NotRequired[str]
 
 
 class SessionScoreRecord(TypedDict):

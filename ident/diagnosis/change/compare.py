@@ -24,7 +24,7 @@ from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
 from ident.diagnosis.change.switched import keys_of
 from ident.diagnosis.change.yardstick import Standing, measure_standing
-from ident.diagnosis.explained import measure_shrink
+from ident.diagnosis.explained import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key, NotTestable
 from ident.diagnosis.regression.least_squares import project
@@ -318,6 +318,7 @@ def _result(
                 rms_before=dict(zip(names, map(float, old), strict=True)),
                 rms_after=dict(zip(names, map(float, new), strict=True)),
                 shrink=measure_shrink(old, new, floor[acts]),
+                slides=slides(item.group, arm),
                 p_value=max(standing.p_value, item.gates.p_value),
                 log_score=item.gates.log_score,
                 evidence=item.gates.evidence,

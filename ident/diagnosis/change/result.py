@@ -64,7 +64,7 @@ class ArmChange(Explained):
         """What a person at the cell can do about it, other places told where recordings leave them open."""
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if len(where) and self.estimate.told.effect.scope == "joint" else self.joints
-        sentence = self.estimate.told.effect.action((" or " if where else ", ").join(joints), self.estimate.parameters)
+        sentence = self.action_at((" or " if where else ", ").join(joints))
         carried = self.effect != "payload" and any(effect == "payload" for effect, _ in self.elsewhere)
         return f"{sentence}; or is it the tool? these recordings can't tell" if carried else sentence
 

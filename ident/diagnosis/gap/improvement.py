@@ -17,9 +17,7 @@ from ident.diagnosis.gap.trees import measure_ceiling
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.search import Search
-
-# Why a spread is missing.
-ONE_RUN = "a single run tells nothing of what runs differ by"
+from ident.results import ONE_RUN
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,6 +88,16 @@ def test_mean_and_deviation_are_over_runs_and_totals_over_joints() -> None:
     assert np.allclose(score.rmse_std[:, :2], np.sqrt(score.squares).std(axis=1))
 
 
+def test_a_single_run_has_no_spread() -> None:
+    """Of what runs differ by it tells nothing: null and why, not zero."""
+    one, two = (score_runs("s", [_swing([2.0, 0.5])] * count).to_dict() for count in (1, 2))
+    for key in ("energy_error_J", "torque_rmse_Nm"):
+        assert {cell for row in one[key]["std"].values() for cell in row.values()} == {None}
+        assert "single run" in one[key]["std_missing"]
+        assert None not in two[key]["std"]["loss"].values()
+        assert "std_missing" not in two[key]
+
+
 def test_a_joint_that_never_moves_does_not_spoil_the_rest() -> None:
     """Its RMSE and R² are NaN (null in JSON), its energy error zero; the total is over the joints that move."""
     score = score_runs("s", [_swing([2.0, 0.5], resting=1), _swing([1.0, 0.5], resting=1)])
