@@ -72,8 +72,20 @@ class RunContext:
 
     @cached_property
     def derivatives(self) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
-        """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques."""
-        return self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
+        """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques.
+
+        Each of their entries lies side by side for all samples: they are asked for one by one.
+        """
+        by_sample = self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
+        q, dq, ddq = (np.moveaxis(np.ascontiguousarray(np.moveaxis(one, 0, -1)), -1, 0) for one in by_sample)
+        return q, dq, ddq
+
+    def copied(self) -> RunContext:
+        """A copy that knows the derivatives if this one does, and takes what more it computes along when it goes."""
+        copy = replace(self)
+        if "derivatives" in vars(self):
+            vars(copy)["derivatives"] = self.derivatives
+        return copy
 
     @property
     def interval(self) -> float:

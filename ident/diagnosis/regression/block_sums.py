@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import dsyrk
 
 from ident.arrays import Array, Float, Int
+from ident.compiled import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,3 +48,32 @@ def _sum(sums: Float[Array, "B p p"], blocks: Int[Array, " b"]) -> Float[Array, 
     for block in blocks:
         found += sums[block]
     return found
+
+
+def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:
+    """Adds Σ x xᵀ over a table's rows, times a sign, to one half of symmetric sums: below the diagonal and on it.
+
+    Args:
+        sums: The sums, changed in place.
+        table: The rows.
+        sign: Of the summands.
+    """
+    if len(table):
+        # BLAS counts columns first: our lower half is its upper one.
+        found = dsyrk(sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1)
+        assert np.shares_memory(found, sums)
+
+
+@compiled("f3")
+def mirror(sums: Array) -> None:
+    """Fills the half above the diagonal of symmetric sums (B, p, p) from the one below it, in place.
+
+    Tile by tile, for columns are far apart in memory.
+    """
+    size = sums.shape[1]
+    for b in range(len(sums)):
+        for first in range(0, size, 16):
+            for start in range(0, first + 16, 16):
+                for i in range(first, min(first + 16, size)):
+                    for j in range(start, min(start + 16, i)):
+                        sums[b, j, i] = sums[b, i, j]

@@ -33,7 +33,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import BlockSums
+from ident.diagnosis.regression.block_sums import BlockSums, add_products, mirror
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
@@ -281,6 +281,7 @@ class _Sums:
     ) -> None:
         blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
         self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
+        # Of these symmetric sums one half is filled, until all is in.
         self.white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
         self.plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
@@ -312,17 +313,17 @@ class _Sums:
         pieces = list(_stretches(rows.blocks))
         for k, (block, inside) in enumerate(pieces):
             x = filtered[inside][whole[inside]]
-            product = x.T @ x
-            self.white[j][block] += sign * product
+            add_products(self.white[j][block], x, sign)
+            tied = x[:, columns].T @ x
             if sign > 0:
                 self.samples[j] += len(x)
-                self.friction[j].append(product[columns])
+                self.friction[j].append(tied)
             else:
-                self.friction[j][len(self.friction[j]) - len(pieces) + k] -= product[columns]
-                self.noise_power[self.layout.local[j]] += np.diag(product)
+                self.friction[j][len(self.friction[j]) - len(pieces) + k] -= tied
+                self.noise_power[self.layout.local[j]] += np.einsum("tp,tp->p", x, x)
         for fold, inside in _stretches(self.partition.folds[rows.blocks]):
             x = table[inside][counts[inside]]
-            self.plain[j][fold] += sign * (x.T @ x)
+            add_products(self.plain[j][fold], x, sign)
             self.weights[fold, j] += len(x) if sign > 0 else 0
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
@@ -332,6 +333,8 @@ class _Sums:
             scale: What each column was divided by.
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
+        for sums in (*self.white, *self.plain):
+            mirror(sums)
         stretch, block = np.array(self.pieces).T
         friction = FrictionSums(
             stretch, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank

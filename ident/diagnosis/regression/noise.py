@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
+from ident.compiled import compiled
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION
 from ident.diagnosis.regression.rows import Rows
@@ -39,10 +40,20 @@ class Whitening:
 
 def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
     """What a prediction-error filter leaves of each column, from rest."""
-    left = coefficients[0] * table
-    for lag, coefficient in enumerate(coefficients[1:], start=1):
-        left[lag:] += coefficient * table[:-lag]
+    left = np.empty(table.shape)
+    _whiten(np.ascontiguousarray(table), np.ascontiguousarray(coefficients), left)
     return left
+
+
+@compiled("f2 f1 f2")
+def _whiten(table: Array, coefficients: Array, left: Array) -> None:
+    for k in range(len(table)):
+        for c in range(table.shape[1]):
+            left[k, c] = coefficients[0] * table[k, c]
+        for lag in range(1, min(k, len(coefficients) - 1) + 1):
+            a = coefficients[lag]
+            for c in range(table.shape[1]):
+                left[k, c] += a * table[k - lag, c]
 
 
 def estimate_noise(layout: Layout, held: Sequence[Rows], settings: RegressionSettings = USUAL_REGRESSION) -> Whitening:

@@ -16,6 +16,7 @@ from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
 from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
+from ident.robot.regressor import PER_LINK
 
 # Samples (after decimation) that are in memory at once, unless a run has more.
 CHUNK_SAMPLES = 10_000
@@ -78,7 +79,7 @@ def compute_tables(
     """
     for chunk in _chunks(session, runs):
         # Copies, so that what the effects cache with a run goes when its chunk goes.
-        fresh = (replace(session.runs[i]) for i in chunk)
+        fresh = (session.runs[i].copied() for i in chunk)
         part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh), every=1)
         tables = [baseline_tables(baseline, layout, run) for run in part.runs]
         batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
@@ -108,15 +109,20 @@ def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]
 def baseline_tables(baseline: Baseline, layout: Layout, run: RunContext) -> list[Float[Array, "t p"]]:
     """Tables with the baseline's columns and the torque filled in, room left for the candidates."""
     motion = run.motion
-    # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one.
-    rows = motion.filtered(run.regressor[:, :, list(baseline.base.columns)])
+    # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one. No joint feels links before
+    # it: such columns are zero, and need no filter.
+    numbers = np.array(baseline.base.columns)
+    felt = [np.flatnonzero(numbers >= PER_LINK * j) for j in range(run.n)]
+    flat = np.concatenate([run.regressor.shape[2] * j + numbers[own] for j, own in enumerate(felt)])
+    rows = motion.filtered(run.regressor.reshape(len(run.regressor), -1)[:, flat])
+    ends = np.cumsum([len(own) for own in felt])
     losses = motion.filtered(np.stack([motion.ddq, motion.dq, run.direction], axis=-1))
     nominal = baseline.nominal.with_payload(motion.payload).inertial_parameters
     target = motion.tau_filtered - motion.filtered(run.regressor @ nominal)
     tables = []
     for j, local in enumerate(layout.local):
         table = np.zeros((len(target), len(local)))
-        table[:, : layout.rank] = rows[:, j]
+        table[:, felt[j]] = rows[:, ends[j] - len(felt[j]) : ends[j]]
         table[:, layout.rank : layout.rank + LOSS_FIGURES] = losses[:, j]
         table[:, -1] = target[:, j]
         tables.append(table)

@@ -76,7 +76,7 @@ def family_p_values(
         kept = values > 1e-6 * values[-1]
         white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]), settings.voices)
         degrees = int(kept.sum())
-        observed[g] = _surprise(np.linalg.norm(white.sum(axis=0)), degrees)
+        observed[g] = _surprise(np.asarray(np.linalg.norm(white.sum(axis=0))), degrees)
         length = np.linalg.norm(signs @ white, axis=1)
         longest[degrees] = np.maximum(longest[degrees], length) if degrees in longest else length
     greatest = np.max([np.zeros(flips), *(_surprise(length, degrees) for degrees, length in longest.items())], axis=0)
@@ -136,7 +136,6 @@ def family_p_values_by_run(
 
 def _surprise(length: Array, degrees: int) -> Array:
     """−log of the χ² tail beyond a sum's length: brings groups of different size on one scale."""
-    length = np.asarray(length)
     # Asked for a thousand times a candidate: read off a table, straight between its points, and beyond them.
     table = _surprises(degrees)
     beyond = np.maximum(length - LONGEST, 0.0) * (LONGEST + 0.5 * (length - LONGEST))

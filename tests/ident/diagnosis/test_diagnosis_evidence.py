@@ -9,12 +9,13 @@ from scipy.signal import lfilter
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import rows as rows_module
+from ident.diagnosis.regression.block_sums import add_products, mirror
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Layout
 from ident.diagnosis.regression.gram import Evidence, build_partition, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise
-from ident.diagnosis.regression.rows import Rows, compute_rows
+from ident.diagnosis.regression.rows import Rows, baseline_tables, compute_rows
 from ident.motion.motion import Lowpass, Motion
 
 
@@ -95,6 +96,30 @@ def test_blocks_add_up_to_the_whole(healthy: Analysis, all_rows: list[Rows]) -> 
     assert np.allclose(part, mine.T @ mine, rtol=0, atol=1e-9 * np.abs(whole).max())
     others = tall[~chosen[blocks]]
     assert np.allclose(rest, others.T @ others, rtol=0, atol=1e-9 * np.abs(whole).max())
+
+
+def test_columns_that_are_zero_need_no_filter(healthy: Analysis) -> None:
+    """Law: the baseline's columns are the whole regressor's through the filter; no joint feels the links before it."""
+    run = healthy.session.runs[0]
+    chosen = list(healthy.baseline.base.columns)
+    whole = run.motion.filtered(run.regressor[:, :, chosen])
+    for j, table in enumerate(baseline_tables(healthy.baseline, healthy.evidence.layout, run)):
+        assert np.array_equal(table[:, : len(chosen)], whole[:, j])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
+    """Law: after the other half is filled, sums are X Xᵀ as any product gives it, whatever was there before."""
+    rng = np.random.default_rng(2)
+    sums, tables = np.zeros((3, 37, 37)), rng.standard_normal((3, 2, 50, 37))
+    for one, pair in zip(sums, tables, strict=True):
+        add_products(one, pair[0], 1.0)
+        add_products(one, pair[1], sign)
+        add_products(one, pair[1, :0], sign)
+    mirror(sums)
+    expected = np.stack([a.T @ a + sign * b.T @ b for a, b in tables])
+    assert np.allclose(sums, expected, rtol=0, atol=1e-12)
+    assert np.array_equal(sums, np.swapaxes(sums, 1, 2))
 
 
 def test_projection_is_least_squares(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
