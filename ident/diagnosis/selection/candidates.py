@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.selection.finer_sums import FinerSums
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
@@ -31,6 +32,7 @@ class Candidates:
         barred: Candidates that can't be it, whatever they explain.
         absurd: Those of them whose figures no arm has.
         settings: What candidates are held to.
+        finer: Sums of finer grids, made for the names of this session last.
     """
 
     evidence: Evidence
@@ -40,6 +42,7 @@ class Candidates:
     barred: frozenset[Key] = frozenset()
     absurd: frozenset[Key] = frozenset()
     settings: SelectionSettings = USUAL_SELECTION
+    finer: FinerSums = field(default_factory=FinerSums)
 
     def judged_beside(self, gram: Array, groups: Sequence[Group], slot: int) -> Named:
         """What one of several effects shows beside all the others.

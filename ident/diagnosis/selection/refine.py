@@ -14,7 +14,7 @@ import numpy as np
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, layout_of
-from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import SessionContext, Variant
@@ -32,14 +32,18 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     """Second pass for named effects.
 
     Args:
-        search: Of the first pass.
+        search: Of the first pass; it keeps the sums of the second, should the same names be asked for again.
         session: The runs.
         baseline: The tuned model.
         groups: The named effects at their points of the coarse grid.
     """
-    grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
-    layout = layout_of(session, baseline.base.rank, grids)
-    evidence = gather(session, baseline, layout, search.evidence.whitening).with_run_spread(search.evidence.spread)
+
+    def gathered() -> Evidence:
+        grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
+        layout = layout_of(session, baseline.base.rank, grids)
+        return gather(session, baseline, layout, search.evidence.whitening)
+
+    evidence = search.finer.of(groups, gathered).with_run_spread(search.evidence.spread)
     prior = Prior.believing(evidence, baseline, search.prior.error)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
     return Refined(fine, _best(fine, [group.key for group in groups]))

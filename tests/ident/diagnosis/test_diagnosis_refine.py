@@ -13,6 +13,7 @@ from ident.diagnosis.regression.block_sums import BlockSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.selection.finer_sums import FinerSums
 from ident.diagnosis.selection.intervals import solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
@@ -125,6 +126,24 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
         ((beta, cells),), _ = solve_effects(again, [False])
         assert np.all(beta[list(effect.nonnegative)] >= 0.0)
         assert np.all(np.diag(cells) > 0.0)
+
+
+def test_the_same_names_asked_again_get_the_same_sums(short_arm: ArmModel) -> None:
+    """Law: sums that are kept are those of a pass anew, whatever the friction's variation by then; others are not."""
+    analysis = analyse(short_arm, load_friction_on_2, [find_effect("load_dependent_friction")])
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+    groups = [item.group for item in analysis.search.named]
+    first = refine(search, analysis.session, analysis.baseline, groups).search.evidence
+    wider = analysis.evidence.with_run_spread(2.0 * analysis.evidence.spread)
+    later = replace(search, evidence=wider, held_out=HeldOut(wider, prior))
+    kept = refine(later, analysis.session, analysis.baseline, groups).search.evidence
+    anew = refine(replace(later, finer=FinerSums()), analysis.session, analysis.baseline, groups).search.evidence
+    assert kept.free is first.free
+    assert anew.free is not first.free
+    assert np.array_equal(kept.gram(), anew.gram())
+    other = next(group for group in analysis.evidence.layout.groups if group.joint != groups[0].joint)
+    assert refine(later, analysis.session, analysis.baseline, [other]).search.evidence.free is not first.free
 
 
 def signs_of(sums: Array) -> Array:
