@@ -13,6 +13,7 @@ from ident.blind_check.pages import write_blind_pages
 from ident.blind_check.scoring import Outcome, score_case
 from ident.blind_check.statistics import calibration_curve, calibration_error, mean, share
 from ident.blind_check.summary import BlindReport
+from tests.accessible import find_violations
 from tests.schemas import check_record
 
 
@@ -83,6 +84,10 @@ def test_the_record_is_the_contracts(report: BlindReport) -> None:
     assert wanted <= record["scores"].keys()
     assert record["intervals"]["strict"] == pytest.approx([0.0945, 0.9055], abs=1e-3)
     assert np.isclose(record["seconds_per_case"], 5.0)
+
+
+def test_everybody_can_read_the_page(report: BlindReport, tmp_path: Path) -> None:
+    assert find_violations(write_blind_pages(report, {}, tmp_path), tmp_path) == []
 
 
 def test_the_page_tells_scores_and_links_wrong_cases(report: BlindReport, tmp_path: Path) -> None:
