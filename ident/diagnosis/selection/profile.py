@@ -101,7 +101,11 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
         spare: By how much misfit exceeds noise.
     """
     scale = search.evidence.scale
-    mates = tuple(other for other in search.evidence.layout.groups if other.key == group.key)
+    # A point with further columns is a law of its own, whose coefficients are not this one's.
+    width = len(group.columns)
+    mates = tuple(
+        other for other in search.evidence.layout.groups if other.key == group.key and len(other.columns) == width
+    )
     seen = [projection.gain(mate) for mate in mates]
     gains = np.array([gain for gain, _ in seen]) / spare
     drop, share = search.settings.interval_fall, group.effect.doubt.share

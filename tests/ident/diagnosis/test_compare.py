@@ -18,6 +18,7 @@ from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
+from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.search import Search
 from ident.effects.rigid_body import point_mass
 from ident.effects.typical_sizes import friction_level
@@ -208,6 +209,21 @@ def test_where_a_mass_shows_by_its_moments_alone_no_place_is_asked_for(arm: ArmM
     session = look_at(before[:2], before[2:], arm).session
     effect = PlacedLinkError(dict.fromkeys(range(3), np.array([0.1, 0.1, 0.1])))
     assert [len(effect.variants(session, link)) for link in range(3)] == [1, 1, 2]
+
+
+def test_the_likely_points_of_a_law_are_those_of_its_own_columns(arm: ArmModel, before: list[Motion]) -> None:
+    """Friction by load has points of two columns and of four: neither has coefficients for the other's figures."""
+    look = look_at(before[:2], before[2:], arm)
+    evidence = look.switched.evidence
+    search = Search(evidence, look.prior, HeldOut(evidence, look.prior))
+    groups = [one for one in evidence.layout.groups if one.key == ("load_dependent_friction", 1, None)]
+    assert {len(one.columns) for one in groups} == {2, 4}
+    for group in groups:
+        grid = profile(search, project(evidence.gram(), evidence, look.prior), group, 1.0)
+        assert {len(mate.columns) for mate in grid.mates} == {len(group.columns)}
+        deviation = np.ones(len(group.columns))
+        told = group.effect.parameters(look.session, 1, group.variant, deviation, np.diag(deviation))
+        assert set(grid.widened(told, look.session, deviation)) == set(told)
 
 
 def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
