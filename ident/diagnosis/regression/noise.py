@@ -85,9 +85,12 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     freedom = float(np.trace(inverse @ gram[:-1, :-1]))
     inflate = len(x) / max(len(x) - freedom, 0.2 * len(x))
     weights = np.concatenate([-estimate, [1.0]])
-    left = [(_left_of_run(rows, j, weights), rows.counts[:, j]) for rows in held]
-    covariance = inflate * _autocovariance(left, order)
-    encoder = [(rows.noise[j] @ weights, rows.counts[:, j]) for rows in held if rows.noise is not None]
+    left = [_left_of_run(rows, j, weights) for rows in held]
+    quiet = _without_bursts(left, [rows.counts[:, j] for rows in held], settings)
+    covariance = inflate * _autocovariance(list(zip(left, quiet, strict=True)), order)
+    encoder = [
+        (rows.noise[j] @ weights, where) for rows, where in zip(held, quiet, strict=True) if rows.noise is not None
+    ]
     own = covariance[0] - (_autocovariance(encoder, order)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
     filtering, innovation = prediction_error(covariance)
@@ -134,6 +137,31 @@ def _left_of_run(rows: Rows, j: int, weights: Float[Array, " p"]) -> Float[Array
     if not where.any():
         return left
     return np.asarray(left - friction @ np.linalg.lstsq(friction[where], left[where], rcond=1e-9)[0])
+
+
+def _without_bursts(
+    left: Sequence[Float[Array, " t"]], counts: Sequence[Bool[Array, " t"]], settings: RegressionSettings
+) -> list[Bool[Array, " t"]]:
+    """Where noise may be learnt: what is left is there, and no burst.
+
+    Noise grows with load by some per cent, not manifold for some seconds: that is something else (a resonance, knocks),
+    which would pass for noise, at all times, if the noise were learnt there.
+    """
+    pieces: list[tuple[int, slice, float, int]] = []
+    for k, (values, where) in enumerate(zip(left, counts, strict=True)):
+        for start in range(0, len(values), settings.burst_samples):
+            part = slice(start, start + settings.burst_samples)
+            count = int(np.count_nonzero(where[part]))
+            if count:
+                pieces.append((k, part, float(np.sum(values[part][where[part]] ** 2)) / count, count))
+    power, counted = np.array([piece[2] for piece in pieces]), np.array([piece[3] for piece in pieces])
+    order = np.argsort(power)
+    middle = power[order][np.searchsorted(np.cumsum(counted[order]), 0.5 * counted.sum())]
+    quiet = [where.copy() for where in counts]
+    for k, part, mean_square, _ in pieces:
+        if mean_square > settings.burst_power * middle:
+            quiet[k][part] = False
+    return quiet
 
 
 def _autocovariance(series: Sequence[tuple[Float[Array, " t"], Bool[Array, " t"]]], order: int) -> Float[Array, " k"]:

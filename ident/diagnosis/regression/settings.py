@@ -70,6 +70,18 @@ class RegressionSettings(Settings):
     noise_order: int = number(
         4, "1", "order of the noise's autoregression", "chosen: more changes no whitened spectrum"
     )
+    burst_samples: int = number(
+        100,
+        "1",
+        "samples in a row whose power is told apart from bursts",
+        "chosen: two seconds, some motions to and fro",
+    )
+    burst_power: float = number(
+        4.0,
+        "1",
+        "mean square of such a stretch, in units of the middle one's, from which on it is no noise",
+        "chosen: noise of drives doubles from no load to rated load at most",
+    )
     least_own_noise: float = number(
         0.05,
         "1",

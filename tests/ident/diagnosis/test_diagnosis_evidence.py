@@ -193,15 +193,17 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
         assert np.allclose(a * ours, b * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
 
 
-def test_whitening_finds_an_autoregression() -> None:
+@pytest.mark.parametrize("bursts", [0, 2])
+def test_whitening_finds_an_autoregression(bursts: int) -> None:
     """Law: of noise e_t = 0.6 e_{t−1} + 0.2 u_t the filter is (1, −0.6, 0, …) to 0.05, the innovation 0.2 and the level
-    0.2 / √(1 − 0.36) to 5 %, whatever the columns beside it explain.
+    0.2 / √(1 − 0.36) to 5 %, whatever the columns beside it explain, and though some stretches of a run swing.
     """
     rng = np.random.default_rng(11)
     held = []
     for run in range(4):
         columns = rng.standard_normal((1500, 3))
         noise = lfilter([0.2], [1.0, -0.6], rng.standard_normal(1500))
+        noise[: 100 * bursts] += 3.0 * np.sin(np.arange(100 * bursts))
         table = np.column_stack([columns, columns @ [3.0, -1.0, 0.5] + noise])
         held.append(Rows(run, 0, (table,), np.ones((1500, 1), dtype=bool), np.zeros(1500, dtype=int)))
     layout = Layout(0, 1, (), (np.zeros(0, dtype=int),), np.zeros(0, dtype=int), ())
