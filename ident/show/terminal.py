@@ -27,6 +27,7 @@ VERDICTS = {
     "not_testable": "these recordings can't tell",
     "refused": "the recordings are unfit; nothing was fitted",
 }
+MOSTLY_UNNAMED = "most of the gap has no name; what has one explains the lesser part"
 SMALL_GAP = "there is a small gap: more than chance, and too little for a name"
 MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
@@ -44,6 +45,8 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
             console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
     record = diagnosis.to_dict()
     words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
+    if diagnosis.verdict == "none_of_catalogue" and diagnosis.findings:
+        words = MOSTLY_UNNAMED
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
     for finding in diagnosis.findings:
         console.print(describe(finding, int(facts["runs"])), soft_wrap=True, highlight=False)

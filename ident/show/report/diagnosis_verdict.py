@@ -51,11 +51,12 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
     named = join_words([_finding(finding) for finding in record.get("findings", [])[:3]])
     more = len(record.get("findings", [])) - 3
     named += f", and {more} more" if more > 0 else ""
+    unnamed = f"There is a gap, and no effect of the catalogue explains it{size}."
     return {
         "no_gap": "No gap: once tuned, the model is as good as these recordings can tell.",
         "named": f"The gap has a name: {named}.",
         "partial": f"Part of the gap has a name: {named}.",
-        "none_of_catalogue": f"There is a gap, and no effect of the catalogue explains it{size}.",
+        "none_of_catalogue": f"Most of the gap has no name{size}; the lesser part has: {named}." if named else unnamed,
         "not_testable": "These recordings can't tell whether there is a gap, or what causes it.",
         "refused": "Refused: the recordings are unfit for a diagnosis.",
     }.get(record["verdict"], record["verdict"].replace("_", " "))

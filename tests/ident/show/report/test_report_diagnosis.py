@@ -94,6 +94,13 @@ def test_page_without_findings(tmp_path: Path, verdict: str, words: str) -> None
     assert "What causes it" not in written(tmp_path, bare)
 
 
+def test_names_of_the_lesser_part_do_not_stand_below_a_gap_without_any() -> None:
+    record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue"}
+    assert "Most of the gap has no name" in diagnosis_headline(record)
+    assert "Stribeck friction" in diagnosis_headline(record)
+    assert "no effect of the catalogue" in diagnosis_headline({**record, "findings": []})
+
+
 def test_a_gap_without_a_name_says_what_speaks_for_it(tmp_path: Path) -> None:
     """What tuning hides, and the candidate that came nearest, stand under the verdict."""
     record = {**copy.deepcopy(RECORD), "verdict": "none_of_catalogue", "findings": []}
