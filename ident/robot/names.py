@@ -89,7 +89,10 @@ def _described(name: str) -> Path:
         raise RobotError(name, "the package robot_descriptions is not installed", "pip install robot_descriptions")
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")
-    except ModuleNotFoundError:
+    except ModuleNotFoundError as error:
+        if error.name != f"robot_descriptions.{name}":
+            lacks = f"robot_descriptions lacks a package that it needs ({error.name})"
+            raise RobotError(name, lacks, "pip install robot_descriptions") from None
         raise RobotError(name, "robot_descriptions has no such robot", "see its list of names") from None
     except Exception as error:  # git and the network have their own
         reason = (str(error).splitlines() or [type(error).__name__])[0]

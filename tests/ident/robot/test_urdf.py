@@ -227,6 +227,11 @@ def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypa
     (package / "made_up_description.py").write_text(f"URDF_PATH = {str(tmp_path / 'arm.urdf')!r}\n")
     monkeypatch.syspath_prepend(tmp_path)
     assert find_urdf("made_up_description") == tmp_path / "arm.urdf"
+    (package / "wanting_description.py").write_text("import no_such_package_of_anybody\n")
+    with pytest.raises(RobotError, match=r"lacks a package that it needs \(no_such_package_of_anybody\)"):
+        find_urdf("wanting_description")
+    with pytest.raises(RobotError, match="has no such robot"):
+        find_urdf("missing_description")
 
 
 def test_a_grippers_joints_are_those_beyond_the_first_fork() -> None:
