@@ -12,7 +12,7 @@ from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import build_tree, compile_bodies
-from plan.geometry.sweep import gaps_of_states
+from plan.geometry.sweep import ALL, gaps_of_states
 
 # A pair of links that overlaps in most positions is an overlap of the shapes, not of the arm.
 ALWAYS = 0.5
@@ -97,4 +97,4 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
     bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
     tree = build_tree(bodies, len(boxes), links)
     room = bodies.rot.copy(), bodies.at.copy()
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9))
+    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9, ALL))

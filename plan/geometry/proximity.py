@@ -13,7 +13,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
-from plan.geometry.sweep import slopes_of_points
+from plan.geometry.placement import slopes_of_points
 
 THREADS = 2
 # Coal's own default of 1e-6 leaves noise of 0.1 µm in distances, which spoils their derivatives.

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
@@ -29,7 +29,7 @@ from plan.geometry.link_pairs import (
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
 from plan.geometry.solids import CLOSED, Solid
-from plan.geometry.sweep import gaps_of_states, least_of_states, nearest_of_states, sweep
+from plan.geometry.sweep import ALL, gaps_of_states, least_of_states, nearest_of_states, sweep
 from plan.spline import Splines
 
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
@@ -165,14 +165,18 @@ class Scene:
         first, second = self.pairs[pair]
         return f"{self.boxes[second].name} and {self.boxes[first].name}"
 
-    def gaps(self, q: Float[Array, "T n"], beyond: float = 1e9) -> Float[Array, "T P"]:
+    def gaps(
+        self, q: Float[Array, "T n"], beyond: float = 1e9, wanted: Bool[Array, "T P"] | None = None
+    ) -> Float[Array, "T P"]:
         """Signed separation of every pair [m]; at most the distance, equal to it, or nearly, under 5 cm.
 
         Args:
             q: Positions [rad].
-            beyond: Gap from which on any larger one may stand for it: far pairs then cost next to nothing [m].
+            beyond: Gap that may stand for any larger one: far pairs then cost next to nothing [m].
+            wanted: Which pairs to look at, position by position, if not all; `beyond` stands for the others.
         """
-        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond))
+        which = ALL if wanted is None else wanted
+        return np.asarray(gaps_of_states(*self._world, self.pairs, self._tree, _rows(q), beyond, which))
 
     def gradients(self, q: Float[Array, "m n"], pairs: Int[Array, " m"]) -> Float[Array, "m n"]:
         """Derivatives of some pairs' signed distances by the joints, each at its own position [m/rad]."""
@@ -194,7 +198,7 @@ class Scene:
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
-        parts = (splines.points, splines.slopes, splines.durations, splines.section_speeds)
+        parts = (splines.points, splines.slopes, splines.durations)
         found = sweep(*self._world, self._between, self._moving, self._tree, self._sweep_levers, parts, float(margin))
         return np.minimum(found[:, 0], 1.0), found[:, 1]
 
@@ -221,7 +225,7 @@ class Scene:
         if len(self._pieced) == 0:
             return self.proximity.near_distances(q, target + near)
         known, beyond = np.full(len(self.pairs), -np.inf), np.full(len(self.pairs), target + near)
-        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near)[0]
+        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near, ALL)[0]
         known[self._pieced], beyond[self._pieced] = gaps, target + min(near, SHARP)
         return self.proximity.near_distances(q, beyond, known)
 

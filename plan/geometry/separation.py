@@ -21,8 +21,11 @@ BAND = 0.05
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
-    """Signed separation of two boxes [m]: rotation, centre and half lengths of each, in one frame."""
+def box_gap(ra, ta, ha, rb, tb, hb, enough=BAND):  # type: ignore[no-untyped-def]
+    """Signed separation of two boxes [m]: rotation, centre and half lengths of each, in one frame.
+
+    Beyond `enough` it is a lower bound.
+    """
     c = np.empty((3, 3))
     t = np.empty(3)
     for i in range(3):
@@ -46,7 +49,7 @@ def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
             along = t[i2] * c[i1, j] - t[i1] * c[i2, j]
             reach = ha[i1] * abs(c[i2, j]) + ha[i2] * abs(c[i1, j]) + hb[j1] * abs(c[i, j2]) + hb[j2] * abs(c[i, j1])
             best = max(best, (abs(along) - reach) / math.sqrt(square))
-    return best if best <= 0.0 or best > BAND else max(best, _projected_gap(c, t, ha, hb))
+    return best if best <= 0.0 or best > enough else max(best, _projected_gap(c, t, ha, hb))
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -92,9 +95,9 @@ def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no
     """
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
-    if simple and extra == 0.0:
-        return box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j])
     known = min(band, enough)
+    if simple and extra == 0.0:
+        return box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j], min(known, BAND))
     apart = 0.0
     for k in range(3):
         apart += (at[i, k] - at[j, k]) ** 2

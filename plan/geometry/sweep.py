@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from plan.geometry.compiled import DEEPEST
+from plan.geometry.placement import place_bodies, place_frames
 from plan.geometry.separation import BAND, body_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
@@ -20,107 +21,33 @@ STEPS = 24
 FINE = 2e-3
 # Inside the margin no step is shorter than this share of the longest: there only the mean shortfall counts.
 SHORTEST = 0.3
+# Of the pairs that may be left out, none.
+ALL = np.ones((0, 0), dtype=np.bool_)
 # Gaps beyond this are all the same: there is nothing to hit [m].
 FAR = 1.0
+# Parts of a section of which each has its own top speeds.
+PARTS = 8
+# Bodies of the world from which each link remembers the direction in which it last saw them; more of them share places.
+REMEMBERED = 256
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
-    """World placement of every joint frame for one position; frame 0 is the world."""
-    rot, off, axes, sliding = chain
-    for k in range(3):
-        frame_at[0, k] = 0.0
-        for m in range(3):
-            frame_rot[0, k, m] = 1.0 if k == m else 0.0
-    r = np.empty((3, 3))
-    p = np.empty(3)
-    for i in range(q.shape[0]):
-        slides = sliding[i] > 0.5
-        s = 0.0 if slides else math.sin(q[i])
-        c = 0.0 if slides else 1.0 - math.cos(q[i])
-        for k in range(3):
-            p[k] = off[i, k]
-            for m in range(3):
-                r[k, m] = rot[i, 0, k, m] + s * rot[i, 1, k, m] + c * rot[i, 2, k, m]
-                if slides:
-                    p[k] += rot[i, 0, k, m] * axes[i, m] * q[i]
-        for k in range(3):
-            frame_at[i + 1, k] = frame_at[i, k]
-            for m in range(3):
-                frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
-                frame_rot[i + 1, k, m] = (
-                    frame_rot[i, k, 0] * r[0, m] + frame_rot[i, k, 1] * r[1, m] + frame_rot[i, k, 2] * r[2, m]
-                )
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-untyped-def]
-    """World placement of the bodies from `start` up to `stop`."""
-    for b in range(start, stop):
-        f = bodies.carrier[b]
-        for k in range(3):
-            out_at[b, k] = frame_at[f, k]
-            for m in range(3):
-                out_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
-                out_rot[b, k, m] = (
-                    frame_rot[f, k, 0] * bodies.rot[b, 0, m]
-                    + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
-                    + frame_rot[f, k, 2] * bodies.rot[b, 2, m]
-                )
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
-    """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
-
-    Args:
-        chain: The arm's kinematics.
-        q: Positions, shape (m, n).
-        joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
-        points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
-        normals: Unit vectors, shape (m, 3).
-    """
-    n, out = q.shape[1], np.zeros(q.shape)
-    rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    lever, axis, axes, sliding = np.empty(3), np.empty(3), chain[2], chain[3]
-    for row in range(q.shape[0]):
-        if row == 0 or np.any(q[row] != q[row - 1]):
-            place_frames(chain, q[row], rot, at)
-        x, y, z = normals[row]
-        for side in range(2):
-            sign = 2.0 * side - 1.0
-            for j in range(joints[row, side]):
-                for k in range(3):
-                    axis[k] = (
-                        rot[j + 1, k, 0] * axes[j, 0] + rot[j + 1, k, 1] * axes[j, 1] + rot[j + 1, k, 2] * axes[j, 2]
-                    )
-                    lever[k] = points[row, side, k] - at[j + 1, k]
-                if sliding[j] > 0.5:
-                    out[row, j] += sign * (x * axis[0] + y * axis[1] + z * axis[2])
-                    continue
-                out[row, j] += sign * (
-                    x * (axis[1] * lever[2] - axis[2] * lever[1])
-                    + y * (axis[2] * lever[0] - axis[0] * lever[2])
-                    + z * (axis[0] * lever[1] - axis[1] * lever[0])
-                )
-    return out
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def world_gap(link, root, tree, rot, at, bodies, most, hint, warm, band=BAND):  # type: ignore[no-untyped-def]
+def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  # type: ignore[no-untyped-def]
     """Smallest gap between a link and the bodies below a node of the tree, or `most` if none is nearer [m].
 
-    The body that was nearest last time, `hint`, is looked at first, from its direction then, `warm`: that spares most
-    of the others. Beyond `band` a gap is a lower bound, and another body than `hint` may be nearer.
+    The body that was nearest last time, `hint`, is looked at first, and each from the direction in which it was seen
+    then, `seen`: that spares most of the others all but one look. Without places in `seen` every look begins anew.
+    Beyond `band` a gap is a lower bound, and another body than `hint` may be nearer.
     """
     if root < 0:
         return most
-    known = hint[0]
-    low, high = np.empty(3), np.empty(3)
+    known, places = hint[0], seen.shape[0]
+    low, high, anew = np.empty(3), np.empty(3), np.zeros(3)
     _extent(link, rot, at, bodies, low, high)
     stack, bounds = np.empty(DEEPEST, dtype=np.int64), np.empty(DEEPEST)
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
+        warm = seen[known % places] if places > 0 else anew
         best = min(best, body_gap(known, link, rot, at, bodies, warm, best, band))
     while top > 0:
         top -= 1
@@ -129,7 +56,10 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, warm, band=BAND):  
         node = stack[top]
         if tree.left[node] < 0:
             body = tree.body[node]
-            gap = best if body == known else body_gap(body, link, rot, at, bodies, np.zeros(3), best, band)
+            if body == known:
+                continue
+            anew[:] = 0.0
+            gap = body_gap(body, link, rot, at, bodies, seen[body % places] if places > 0 else anew, best, band)
             if gap < best:
                 best, hint[0] = gap, body
             continue
@@ -176,15 +106,32 @@ def _node_gap(node, tree, low, high, link, rot, at, bodies, enough):  # type: ig
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_at, bodies):  # type: ignore[no-untyped-def]
-    """Most that a link's points can move in a second against a frame, until they have moved by `spare` [m/s].
+def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
+    """Top speed of every joint in each part of a section, exact, shape (PARTS, n) [rad/s]."""
+    for j in range(points.shape[1]):
+        v0, v1, d = slopes[0, j] * duration, slopes[1, j] * duration, points[1, j] - points[0, j]
+        c2, c3 = 3.0 * d - 2.0 * v0 - v1, v0 + v1 - 2.0 * d
+        bottom = -c2 / (3.0 * c3) if abs(c3) > 1e-14 else -1.0
+        before = abs(v0)
+        for i in range(PARTS):
+            s = (i + 1.0) / PARTS
+            after = abs(v0 + s * (2.0 * c2 + 3.0 * c3 * s))
+            out[i, j] = max(before, after) / duration
+            if i < bottom * PARTS < i + 1.0:
+                out[i, j] = max(out[i, j], abs(v0 + c2 * bottom) / duration)
+            before = after
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _ahead(link, low, spare, levers, peaks, t, duration, axes, sliding, frame_rot, at, frame_at, bodies, reach):  # type: ignore[no-untyped-def]
+    """Time from t on in which no point of a link moves farther than `spare` against a frame; the section ends at most.
 
     A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
     """
-    rate = 1e-9
-    for j in range(low, bodies.carrier[link]):
+    top = bodies.carrier[link]
+    for j in range(low, top):
         if sliding[j] > 0.5:
-            rate += peaks[j]
+            reach[j] = 1.0
             continue
         along, square = 0.0, 0.0
         for k in range(3):
@@ -196,17 +143,26 @@ def _rate(link, low, spare, levers, peaks, axes, sliding, frame_rot, at, frame_a
             away = at[link, k] - frame_at[j + 1, k]
             along += axis * away
             square += away * away
-        arm = math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare
-        rate += peaks[j] * min(levers[j], arm)
-    return rate
+        reach[j] = min(levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare)
+    now, part = t, min(int(t / duration * PARTS), PARTS - 1)
+    for i in range(part, PARTS):
+        rate = 1e-9
+        for j in range(low, top):
+            rate += peaks[i, j] * reach[j]
+        end = duration * (i + 1.0) / PARTS
+        if rate * (end - now) >= spare:
+            return now + spare / rate - t
+        spare -= rate * max(end - now, 0.0)
+        now = max(now, end)
+    return 2.0 * duration
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type: ignore[no-untyped-def]
+def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond, wanted):  # type: ignore[no-untyped-def]
     """Signed separation of every pair at every position, shape (T, P) [m].
 
-    Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: any gap beyond it stands
-    for them. So of a hundred obstacles only those near the arm cost something.
+    Pairs whose balls or boxes show them to be farther apart than `beyond` are not looked at: that itself stands for
+    them. So of a hundred obstacles only those near the arm cost something.
 
     Args:
         chain: The arm's kinematics.
@@ -217,29 +173,46 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond):  # type:
         tree: Of the world.
         q: Positions, shape (T, n) [rad].
         beyond: Gap from which on it does not matter how large it is [m].
+        wanted: Which pairs are looked at, position by position, shape (T, P); all if it is empty.
     """
-    n, rot, at = q.shape[1], room[0], room[1]
+    n, rot, at, root = q.shape[1], room[0], room[1], tree.root[-1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    out = np.empty((q.shape[0], pairs.shape[0]))
-    low, high = np.empty((links, 3)), np.empty((links, 3))
-    hints, warm = np.full((pairs.shape[0], 1), -1), np.zeros(3)
+    out = np.full((q.shape[0], pairs.shape[0]), beyond)
+    low, high = np.empty(3), np.empty(3)
+    hints, warm, anew = np.full((pairs.shape[0], 1), -1), np.zeros(3), np.empty((0, 3))
+    column = np.full((links, tree.root.shape[0]), -1)
+    done, stack = np.full(pairs.shape[0], -1), np.empty(DEEPEST, dtype=np.int64)
+    for p in range(pairs.shape[0]):
+        if pairs[p, 0] >= links:
+            column[pairs[p, 1], pairs[p, 0] - links] = p
     for t in range(q.shape[0]):
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
-        for b in range(links):
-            _extent(b, rot, at, bodies, low[b], high[b])
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0], pairs[p, 1]
-            warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
-            if a < links:
+            if a < links and (len(wanted) == 0 or wanted[t, p]):
+                warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
                 gap = _ball_gap(a, b, at, bodies)
                 out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm, FAR)
+        for b in range(links):
+            if root < 0 or column[b].max() < 0:
                 continue
-            root = tree.root[a - links]
-            gap = _node_gap(root, tree, low[b], high[b], b, rot, at, bodies, beyond)
-            if gap <= beyond:
-                gap = world_gap(b, root, tree, rot, at, bodies, 1e9, hints[p], warm)
-            out[t, p] = gap
+            _extent(b, rot, at, bodies, low, high)
+            stack[0], top = root, 1
+            while top > 0:
+                top -= 1
+                node = stack[top]
+                if _node_gap(node, tree, low, high, b, rot, at, bodies, beyond) > beyond:
+                    continue
+                if tree.left[node] >= 0:
+                    stack[top], stack[top + 1] = tree.left[node], tree.right[node]
+                    top += 2
+                    continue
+                shape = bodies.owner[tree.body[node]] - links
+                p = column[b, shape]
+                if p >= 0 and done[p] != t and (len(wanted) == 0 or wanted[t, p]):
+                    done[p] = t
+                    out[t, p] = world_gap(b, tree.root[shape], tree, rot, at, bodies, 1e9, hints[p], anew)
     return out
 
 
@@ -254,16 +227,22 @@ def nearest_of_states(chain, bodies, links, room, pairs, tree, q):  # type: igno
     """
     n, rot, at = q.shape[1], room[0], room[1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    out, hint, warm = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.zeros(3)
+    out, hint, anew = np.empty(q.shape[0], dtype=np.int64), np.full(1, -1), np.empty((0, 3))
     for t in range(q.shape[0]):
         a, b = pairs[t, 0], pairs[t, 1]
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, b, b + 1, frame_rot, frame_at, rot, at)
         if t > 0 and a != pairs[t - 1, 0]:
             hint[0] = -1  # a body of another shape
-        world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, hint, warm, 1e9)
+        world_gap(b, tree.root[a - links], tree, rot, at, bodies, 1e9, hint, anew, 1e9)
         out[t] = hint[0]
     return out
+
+
+@njit(cache=True, nogil=True)
+def _unseen(links, bodies):  # type: ignore[no-untyped-def]
+    """Places for the directions in which each link sees what stands in the world."""
+    return np.zeros((links, min(bodies.carrier.shape[0] - links + 1, REMEMBERED), 3))
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -297,7 +276,7 @@ def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type
     n, rot, at = q.shape[1], room[0], room[1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     out, root, hints = np.empty(q.shape[0]), tree.root[-1], np.full((links + 1, 1), -1)
-    warm = np.zeros((pairs.shape[0] + links + 1, 3))
+    warm, seen = np.zeros((pairs.shape[0], 3)), _unseen(links, bodies)
     for t in range(q.shape[0]):
         place_frames(chain, q[t], frame_rot, frame_at)
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
@@ -305,7 +284,7 @@ def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type
         for p in range(pairs.shape[0]):
             least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR))
         for m in moving:
-            least = world_gap(m, root, tree, rot, at, bodies, least, hints[m], warm[pairs.shape[0] + m])
+            least = world_gap(m, root, tree, rot, at, bodies, least, hints[m], seen[m])
         out[t] = least
     return out
 
@@ -319,18 +298,19 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
         pairs: Pairs of links.
         moving: Links that are checked against the world, each as a whole.
         levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
-        splines: Knots, velocities there, section durations, and top speed in each section.
+        splines: Knots, velocities there, and section durations.
         margin: Gap that counts as violated below [m].
 
     Returns:
         Smallest gap seen [m] and the mean of max(margin − gap, 0) over time [m], shape (B, 2).
     """
-    points, slopes, h, peaks = splines
-    batch, sections, n = peaks.shape
+    points, slopes, h = splines
+    batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
     rot, at, frame_rot, frame_at = room[0], room[1], np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     between, count, root = pairs.shape[0], pairs.shape[0] + moving.shape[0], tree.root[-1]
     q, clear, hints = np.empty(n), np.empty(count), np.full((links + 1, 1), -1)
-    warm, out = np.zeros((count, 3)), np.empty((batch, 2))
+    warm, seen, out = np.zeros((between, 3)), _unseen(links, bodies), np.empty((batch, 2))
+    parts, reach = np.empty((PARTS, n)), np.empty(n)
     for b in range(batch):
         least, violation, total = 1e9, 0.0, 0.0
         for k in range(sections):
@@ -338,6 +318,7 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
             total += duration
             for p in range(count):
                 clear[p] = 0.0
+            _top_speeds(points[b, k : k + 2], slopes[b, k : k + 2], duration, parts)
             coarse, t = duration / STEPS, 0.0
             while True:
                 s = t / duration
@@ -356,24 +337,26 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                             gap = body_gap(pairs[p, 0], link, rot, at, bodies, warm[p], FAR)
                         else:
                             low, link = 0, moving[p - between]
-                            gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], warm[p])
+                            gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], seen[link])
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.
                         spare = max(abs(gap - margin), FINE)
-                        rate = _rate(
+                        ahead_p = _ahead(
                             link,
                             low,
                             spare,
                             levers[p],
-                            peaks[b, k],
+                            parts,
+                            t,
+                            duration,
                             chain[2],
                             chain[3],
                             frame_rot,
                             at,
                             frame_at,
                             bodies,
+                            reach,
                         )
-                        ahead_p = spare / rate
                         clear[p] = t + (ahead_p if gap > margin else min(max(ahead_p, SHORTEST * coarse), coarse))
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)

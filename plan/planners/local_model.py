@@ -153,10 +153,14 @@ class LocalModel:
         if len(shares) == 0:
             return ConstraintRows.none(self.size)
         # Between two places the arm moves by centimetres: each dip is looked at more closely, and its bottom watched.
-        inside = np.unique(shares[found < self.problem.margin + CLOSE])
-        closer = np.unique(np.clip(inside[:, None] + CLOSER / PLACES, 0.0, 1.0))
-        if len(closer):
-            fine = _dips(closer, scene.gaps(self.grid.positions(coefficients, closer), bound), bound)
+        dips = np.flatnonzero(found < self.problem.margin + CLOSE)
+        if len(dips):
+            windows = np.clip(shares[dips, None] + CLOSER / PLACES, 0.0, 1.0)
+            closer, place = np.unique(windows, return_inverse=True)
+            wanted = np.zeros((len(closer), gaps.shape[1]), dtype=bool)
+            wanted[place.reshape(windows.shape), pairs[dips, None]] = True
+            gaps = scene.gaps(self.grid.positions(coefficients, closer), bound, wanted)
+            fine = _dips(closer, gaps, bound)
             shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
         order = np.argsort(found)[:MOST_NEAR]
         order = order[np.argsort(shares[order])]  # pairs at one place share the arm's position
@@ -376,8 +380,8 @@ def _dips(
 def _near_dips(gaps, bound):  # type: ignore[no-untyped-def]
     """Whether a gap lies below a bound and is a dip's bottom or beside one."""
     count, out = gaps.shape[0], np.zeros(gaps.shape, dtype=np.bool_)
-    for p in range(gaps.shape[1]):
-        for t in range(count):
+    for t in range(count):
+        for p in range(gaps.shape[1]):
             gap = gaps[t, p]
             if gap >= bound or (t > 0 and gaps[t - 1, p] < gap) or (t + 1 < count and gaps[t + 1, p] < gap):
                 continue

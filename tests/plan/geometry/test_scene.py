@@ -133,3 +133,17 @@ def test_levers_bound_the_change_of_gaps(scene: Scene) -> None:
         q, step = rng.uniform(-2, 2, 3), rng.normal(size=3) * 1e-3
         change = np.abs(scene.proximity.distances(q + step) - scene.proximity.distances(q))
         assert np.all(change <= scene.levers @ np.abs(step) + 1e-6)
+
+
+def test_gaps_that_are_not_wanted_are_left_out(scene: Scene) -> None:
+    """Law: what is asked for does not depend on what is asked beside it; the rest has the gap that does not matter."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-3.0, 3.0, (300, scene.arm.n))
+    whole = scene.gaps(q)
+    wanted = rng.random(whole.shape) < 0.3
+    some = scene.gaps(q, 0.2, wanted)
+    near = wanted & (whole < 0.05)
+    assert near.sum() > 10
+    assert some[near] == pytest.approx(whole[near], abs=1e-12)
+    assert np.all(some[~wanted] == 0.2)
+    assert np.all(some[wanted & (whole > 0.2)] > 0.049)

@@ -1,0 +1,90 @@
+"""Where an arm's frames and bodies are, and how points that they carry move, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
+    """World placement of every joint frame for one position; frame 0 is the world."""
+    rot, off, axes, sliding = chain
+    for k in range(3):
+        frame_at[0, k] = 0.0
+        for m in range(3):
+            frame_rot[0, k, m] = 1.0 if k == m else 0.0
+    r = np.empty((3, 3))
+    p = np.empty(3)
+    for i in range(q.shape[0]):
+        slides = sliding[i] > 0.5
+        s = 0.0 if slides else math.sin(q[i])
+        c = 0.0 if slides else 1.0 - math.cos(q[i])
+        for k in range(3):
+            p[k] = off[i, k]
+            for m in range(3):
+                r[k, m] = rot[i, 0, k, m] + s * rot[i, 1, k, m] + c * rot[i, 2, k, m]
+                if slides:
+                    p[k] += rot[i, 0, k, m] * axes[i, m] * q[i]
+        for k in range(3):
+            frame_at[i + 1, k] = frame_at[i, k]
+            for m in range(3):
+                frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
+                frame_rot[i + 1, k, m] = (
+                    frame_rot[i, k, 0] * r[0, m] + frame_rot[i, k, 1] * r[1, m] + frame_rot[i, k, 2] * r[2, m]
+                )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def place_bodies(bodies, start, stop, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-untyped-def]
+    """World placement of the bodies from `start` up to `stop`."""
+    for b in range(start, stop):
+        f = bodies.carrier[b]
+        for k in range(3):
+            out_at[b, k] = frame_at[f, k]
+            for m in range(3):
+                out_at[b, k] += frame_rot[f, k, m] * bodies.at[b, m]
+                out_rot[b, k, m] = (
+                    frame_rot[f, k, 0] * bodies.rot[b, 0, m]
+                    + frame_rot[f, k, 1] * bodies.rot[b, 1, m]
+                    + frame_rot[f, k, 2] * bodies.rot[b, 2, m]
+                )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
+    """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
+
+    Args:
+        chain: The arm's kinematics.
+        q: Positions, shape (m, n).
+        joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
+        points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
+        normals: Unit vectors, shape (m, 3).
+    """
+    n, out = q.shape[1], np.zeros(q.shape)
+    rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    lever, axis, axes, sliding = np.empty(3), np.empty(3), chain[2], chain[3]
+    for row in range(q.shape[0]):
+        if row == 0 or np.any(q[row] != q[row - 1]):
+            place_frames(chain, q[row], rot, at)
+        x, y, z = normals[row]
+        for side in range(2):
+            sign = 2.0 * side - 1.0
+            for j in range(joints[row, side]):
+                for k in range(3):
+                    axis[k] = (
+                        rot[j + 1, k, 0] * axes[j, 0] + rot[j + 1, k, 1] * axes[j, 1] + rot[j + 1, k, 2] * axes[j, 2]
+                    )
+                    lever[k] = points[row, side, k] - at[j + 1, k]
+                if sliding[j] > 0.5:
+                    out[row, j] += sign * (x * axis[0] + y * axis[1] + z * axis[2])
+                    continue
+                out[row, j] += sign * (
+                    x * (axis[1] * lever[2] - axis[2] * lever[1])
+                    + y * (axis[2] * lever[0] - axis[0] * lever[2])
+                    + z * (axis[0] * lever[1] - axis[1] * lever[0])
+                )
+    return out
