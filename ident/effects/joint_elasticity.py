@@ -19,8 +19,9 @@ SOFTEST, STIFFEST = 1e2, 2e5  # [N m/rad]
 # Damping ratios: of the search, and of the finer grid; beyond that, this many times more or less looks the same.
 DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
 DAMPING_DOUBT = 4.0
-# Wind-up at rated torque: soft gears give way by some degrees [rad].
-LARGEST_WIND_UP = 0.1
+# Wind-up at rated torque: soft gears and springs in series give way by ten degrees [rad]; those of large arms may still
+# be as soft as small ones [N m/rad].
+LARGEST_WIND_UP, SOFT = 0.2, 1e3
 # Torque above this frequency shows elasticity; less of it than this share of the rated torque does not.
 LOW_FREQUENCY = 2.0  # [Hz]
 LEAST_HIGH_SHARE = 0.002
@@ -87,8 +88,8 @@ class JointElasticity(Effect):
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """Soft gears wind up by some degrees at their rated torque; of those that hold zero compliance none is told."""
-        least = rated_torque(session, joint) / LARGEST_WIND_UP
+        """Soft gears wind up by ten degrees at their rated torque; of those that hold zero compliance none is told."""
+        least = min(rated_torque(session, joint) / LARGEST_WIND_UP, SOFT)
         most = STIFFEST if figures["stiffness_Nm_rad"].high < STIFFEST else 0.0
         return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
 

@@ -53,8 +53,8 @@ def _spring(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 
 
 def _stiffness_bounds(scene: Circumstances) -> tuple[float, float]:
-    """Softer, and the joint would sag by a third of a radian under its rated torque; stiffer is rigid."""
-    return 3.0 * scene.rated, 1000.0 * scene.rated
+    """Softer, and the joint would sag by a fifth of a radian under its rated torque; stiffer is rigid."""
+    return 5.0 * scene.rated, 1000.0 * scene.rated
 
 
 DRIVE = (

@@ -9,7 +9,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior
-from ident.diagnosis.selection.intervals import _interval_of_profile
+from ident.diagnosis.selection.profile import _interval
 from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.diagnosis.selection.sign_flips import family_p_values, family_p_values_by_run
 from ident.effects.base import Variant
@@ -105,7 +105,7 @@ def test_profile_of_a_parabola(middle: float) -> None:
     """Law: a profile that is a parabola in log x has its maximum and its 95 % ends exactly, wherever the grid lies."""
     x = np.log(np.array([0.005, 0.01, 0.03, 0.06, 0.15, 0.3]))
     width = 0.7
-    found = _interval_of_profile(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
+    found = _interval(x, 5.0 - 0.5 * ((x - np.log(middle)) / width) ** 2, USUAL_SELECTION.interval_fall)
     reach = width * np.sqrt(2 * USUAL_SELECTION.interval_fall)
     assert found.value == pytest.approx(middle, rel=1e-9)
     assert found.low <= middle * np.exp(-reach) * (1 + 1e-9)
@@ -116,6 +116,6 @@ def test_profile_of_a_parabola(middle: float) -> None:
 def test_profile_with_its_top_at_the_edge() -> None:
     """Law: with the best figure at the edge of its grid, the interval holds it and is never a point."""
     x = np.log(np.array([0.01, 0.03, 0.1]))
-    found = _interval_of_profile(x, np.array([-30.0, -10.0, 0.0]), USUAL_SELECTION.interval_fall)
+    found = _interval(x, np.array([-30.0, -10.0, 0.0]), USUAL_SELECTION.interval_fall)
     assert found.low < found.value < found.high
     assert found.value == pytest.approx(0.1)
