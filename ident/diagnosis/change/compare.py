@@ -47,6 +47,7 @@ LEAST_SEEN = 0.02
 # Chance that anything is told where nothing changed: a false alarm stops a cell.
 ALARM = 0.01
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
+IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
 TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
 # Searches at the most, each without what did not stand.
@@ -143,6 +144,7 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
     joints = look.baseline.nominal.joint_names
     search = _search(look, seed, settings)
     doubted: tuple[Reservation, ...] = ()
+    differing: list[Group] = []
     unlawful = False
     for _ in range(MOST_ROUNDS):
         found = search.run()
@@ -163,8 +165,10 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
                 refused[k] = "too weak among all the changes that were asked for"
             elif standing.p_value > ALARM:
                 refused[k] = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN
+                differing.append(item.group)
             elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
                 unlawful = True
+        refused = stand_ins(search, found, differing) | refused
         if not refused:
             named = [item.group for item in found.named]
             places = tuple(open_places(search, named, slot) for slot in range(len(named)))
@@ -173,6 +177,22 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
     return _Told(search.only(found, ()), (), (), doubted, unlawful=unlawful)
+
+
+def stand_ins(search: Search, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
+    """Names that say nothing beside what was found to differ from run to run or from day to day: they stood in for it.
+
+    Args:
+        search: The search.
+        found: Its names.
+        differing: What explained more, and is no change for it.
+    """
+    if not differing:
+        return {}
+    gram, names = search.evidence.gram(), [item.group for item in found.named]
+    others = [group for group in differing if group.key not in {name.key for name in names}]
+    beside = [search.judged_beside(gram, [*names, *others], slot) for slot in range(len(names))]
+    return {k: IN_ITS_PLACE for k, item in enumerate(beside) if not item.gates.passed}
 
 
 def least_nats(asked: int) -> float:

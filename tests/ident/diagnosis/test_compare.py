@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.change.compare import ALARM, compare, least_nats
+from ident.diagnosis.change.compare import ALARM, compare, least_nats, stand_ins
 from ident.diagnosis.change.friction_doubt import may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.look import look_at
@@ -209,6 +209,22 @@ def test_where_a_mass_shows_by_its_moments_alone_no_place_is_asked_for(arm: ArmM
     session = look_at(before[:2], before[2:], arm).session
     effect = PlacedLinkError(dict.fromkeys(range(3), np.array([0.1, 0.1, 0.1])))
     assert [len(effect.variants(session, link)) for link in range(3)] == [1, 1, 2]
+
+
+@pytest.mark.parametrize(("plant", "alone"), [(with_friction, False), (with_gain, True)])
+def test_nothing_takes_the_place_of_what_differs_by_itself(
+    arm: ArmModel, before: list[Motion], plant: Plant, alone: bool
+) -> None:
+    """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
+    look = look_at(before, runs_of(arm, plant, range(10, 14)), arm)
+    evidence = look.switched.evidence
+    change = next(one for one in evidence.layout.groups if one.key == ("friction_change", 1, None))
+    search = Search(evidence, look.prior, HeldOut(evidence, look.prior), barred=frozenset({change.key}))
+    found = search.run()
+    at_once = [k for k, item in enumerate(found.named) if item.group.joint == 1]
+    assert at_once
+    assert (set(at_once) & set(stand_ins(search, found, [change])) == set()) is alone
+    assert stand_ins(search, found, []) == {}
 
 
 def test_the_likely_points_of_a_law_are_those_of_its_own_columns(arm: ArmModel, before: list[Motion]) -> None:
