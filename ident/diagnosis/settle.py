@@ -106,7 +106,7 @@ def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key
     if not slow:
         return set()
     gram = free.gram()
-    least = search.settings.family_error / evidence.layout.n
+    least = search.settings.slow_error / evidence.layout.n
     drifting = set()
     for group in slow:
         model = project(gram, free, prior, [other for other in groups if other is not group])

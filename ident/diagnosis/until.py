@@ -137,16 +137,20 @@ def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSe
     """
     share = 6.0 / (pi * number) ** 2
     held, nats = settings.selection, -log(share * error / settings.selection.family_error)
+    slow = held.slow_error * exp(-nats)
+    wandering = settings.regression.wandering
+    wandering = replace(wandering, draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
     selection = replace(
         held,
         family_error=share * error,
+        slow_error=slow,
         flips=max(held.flips, ceil(1.0 / (RESOLUTION * share * error))),
         absorbed_nats=held.absorbed_nats + nats,
         inertial_odds=held.inertial_odds * exp(nats),
         event_nats=held.event_nats + nats,
         burst_nats=held.burst_nats + nats,
     )
-    return replace(settings, selection=selection)
+    return replace(settings, selection=selection, regression=replace(settings.regression, wandering=wandering))
 
 
 def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
-from ident.diagnosis.regression.block_sums import BlockSums
+from ident.diagnosis.regression.block_sums import WhitenedSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.rows import Partition
@@ -193,7 +193,7 @@ def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: i
         evidence,
         layout=layout,
         scale=evidence.scale[origin],
-        free=BlockSums(tuple(white), evidence.fold_of_block),
+        free=WhitenedSums(tuple(white), evidence.fold_of_block),
         plain=tuple(plain),
         noise_power=evidence.noise_power[origin],
         friction=replace(evidence.friction, sums=tuple(friction)),

@@ -18,7 +18,7 @@ from ident.compiled import compiled
 
 
 @dataclass(frozen=True, eq=False)
-class BlockSums:
+class WhitenedSums:
     """Sums of all columns with each other, friction the same in all runs.
 
     Attributes:

@@ -33,7 +33,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import BlockSums, add_products, mirror
+from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
@@ -63,7 +63,7 @@ class Evidence:
 
     layout: Layout
     scale: Float[Array, " P"]
-    free: BlockSums
+    free: WhitenedSums
     plain: tuple[Float[Array, "F p p"], ...]
     fold_of_block: Int[Array, " B"]
     samples: Float[Array, " n"]
@@ -342,7 +342,7 @@ class _Sums:
         return Evidence(
             layout=self.layout,
             scale=scale,
-            free=BlockSums(tuple(self.white), self.partition.folds),
+            free=WhitenedSums(tuple(self.white), self.partition.folds),
             plain=tuple(self.plain),
             fold_of_block=self.partition.folds,
             samples=self.samples,

@@ -23,7 +23,7 @@ class WanderingSettings(Settings):
         "and of a step of a random walk from stretch to stretch",
         "chosen: steps of two, to far beyond what arms show",
     )
-    draws: int = number(499, "1", "draws of friction that wanders", "law: resolution of 0.002")
+    draws: int = number(1999, "1", "draws of friction that wanders", "law: resolution of 0.0005")
     fewest: int = number(
         3, "1", "stretches below which no law of warmth is told", "law: of fewer, a mean and a slow curve leave nothing"
     )
@@ -77,10 +77,10 @@ class RegressionSettings(Settings):
         "chosen: two seconds, some motions to and fro",
     )
     burst_power: float = number(
-        4.0,
+        10.0,
         "1",
         "mean square of such a stretch, in units of the middle one's, from which on it is no noise",
-        "chosen: noise of drives doubles from no load to rated load at most",
+        "chosen: noise of drives trebles from no load to rated load at most",
     )
     least_own_noise: float = number(
         0.05,

@@ -14,6 +14,12 @@ class SelectionSettings(Settings):
     family_error: float = number(
         0.05, "1", "chance of a false alarm over all candidates, sign-flip test", "law: the usual 5 %"
     )
+    slow_error: float = number(
+        0.01,
+        "1",
+        "chance that friction which wanders passes for a law of warmth, over all joints",
+        "chosen: of healthy arms none in a hundred",
+    )
     foretold_fall: float = number(
         0.5,
         "1",

@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression.block_sums import BlockSums
+from ident.diagnosis.regression.block_sums import WhitenedSums
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.reservations import find_uneven
@@ -53,7 +53,7 @@ def test_what_is_in_half_of_the_runs_does_not(analysis: Analysis) -> None:
         sums[without, -1, :] -= size * sums[without, at, :]
         pieces[gone, :, -1] -= size * pieces[gone, :, at]
     altered = tuple(sums if j == group.joint else one for j, one in enumerate(evidence.free.of_joint))
-    free = BlockSums(altered, evidence.fold_of_block)
+    free = WhitenedSums(altered, evidence.fold_of_block)
     tied = tuple(pieces if j == group.joint else one for j, one in enumerate(evidence.friction.sums))
     friction = replace(evidence.friction, sums=tied)
     other = replace(search, evidence=replace(evidence, free=free, friction=friction))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.regression.block_sums import BlockSums
+from ident.diagnosis.regression.block_sums import WhitenedSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
@@ -119,7 +119,7 @@ def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: Arm
     effect = fine.groups[0].effect
     # A law of the opposite sign: all that may not be negative is held at zero.
     evidence = fine.search.evidence
-    sums = BlockSums(tuple(map(mirrored, evidence.free.of_joint)), evidence.fold_of_block)
+    sums = WhitenedSums(tuple(map(mirrored, evidence.free.of_joint)), evidence.fold_of_block)
     tied = replace(evidence.friction, sums=tuple(pieces * signs_of(pieces) for pieces in evidence.friction.sums))
     for one in (evidence, replace(evidence, free=sums, friction=tied)):
         again = replace(fine, search=Search(one, fine.search.prior, HeldOut(one, fine.search.prior)))

@@ -31,6 +31,9 @@ def test_all_looks_together_spend_the_error_once() -> None:
     assert 0.0397 < sum(one.family_error for one in spent) < 0.04
     assert spent[0].family_error == pytest.approx(0.04 * 6.0 / pi**2)
     assert all(1.0 / (1.0 + one.flips) < one.family_error for one in spent)
+    late = spend(USUAL, 0.04, 9)
+    assert late.selection.slow_error < spent[0].slow_error < USUAL.selection.slow_error
+    assert 1.0 / late.regression.wandering.draws < late.selection.slow_error
     for name in ("event_nats", "absorbed_nats", "inertial_odds"):
         assert all(getattr(later, name) > getattr(one, name) for one, later in pairwise(spent))
 
