@@ -170,7 +170,18 @@ class ArmModel:
     def derivatives(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
     ) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
-        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques, columns are joints."""
+        """∂τ/∂q, ∂τ/∂dq and ∂τ/∂ddq (the mass matrix) of `inverse_dynamics`; rows are torques, columns are joints.
+
+        Tuned links may weigh less than nothing. Pinocchio's sums of bodies can't; the derivatives are linear in all
+        inertial parameters, so that masses are added to every link, and taken away again.
+        """
+        parameters = self.inertial_parameters
+        if np.any(parameters[::10] < 0.0):
+            more = np.zeros_like(parameters)
+            more[::10] = 1.0 + np.maximum(-parameters[::10], 0.0)
+            pair = (self.with_inertial_parameters(parameters + more), self.with_inertial_parameters(more))
+            heavy, added = (arm.derivatives(q, dq, ddq) for arm in pair)
+            return heavy[0] - added[0], heavy[1] - added[1], heavy[2] - added[2]
         data = self.model.createData()
         states = [np.ascontiguousarray(values, dtype=float) for values in (q, dq, ddq)]
         out = np.empty((3, len(states[0]), self.n, self.n))
