@@ -22,6 +22,9 @@ from ident.effects.base import RunContext, SessionContext
 from ident.effects.typical_sizes import sampled_states
 
 LONGEST_STEP = 0.002  # [s]
+# The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning has made negative,
+# swing it up without bound, it says nothing of any arm [rad].
+LARGEST_TWIST = 1.0
 # Factors of the finer grids around the best stiffness or gap.
 FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
 
@@ -35,12 +38,14 @@ def mean_inertia(session: SessionContext, joint: int) -> float:
 def deflect(
     run: RunContext, joint: int, stiffness: float, damping: float, gap: float
 ) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
-    """Deflection of the joint and its rate [rad, rad/s]."""
+    """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
     position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
     load = np.ascontiguousarray(run.link[:, joint])
     steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
     twist, rate = np.empty(len(load)), np.empty(len(load))
     _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps, twist, rate)
+    if not np.abs(twist).max() < LARGEST_TWIST:
+        return np.zeros(len(load)), np.zeros(len(load))
     return twist, rate
 
 

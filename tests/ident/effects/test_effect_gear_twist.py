@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from smooth_motion import make_session
 
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
+from ident.effects.gear_twist import deflect
 from ident.robot.arm import ArmModel
 
 SUBSTEPS = 8
@@ -72,6 +74,17 @@ def test_an_elastic_joint_is_found_with_its_stiffness(short: SessionContext, sti
     share, found = max(fits)
     assert share > 0.95
     np.testing.assert_allclose(found, stiffness, rtol=0.05)
+
+
+def test_a_law_that_swings_up_without_bound_says_nothing(short: SessionContext) -> None:
+    """Velocity torques that feed a swing faster than the gear damps it leave no deflection, and no overflow."""
+    run = replace(short.runs[0])
+    position, velocity, inertia = run.derivatives
+    run.__dict__["derivatives"] = position, velocity - 400.0 * np.eye(run.n), inertia
+    for gap in (0.0, 0.004):
+        twist, rate = deflect(run, 1, 9e3, 10.0, gap)
+        assert not twist.any()
+        assert not rate.any()
 
 
 def test_every_joint_feels_an_elastic_one(short: SessionContext) -> None:
