@@ -22,7 +22,7 @@ from ident.effects.base import RunContext, SessionContext
 from ident.effects.typical_sizes import sampled_states
 
 LONGEST_STEP = 0.002  # [s]
-# The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning has made negative,
+# The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning made negative,
 # swing it up without bound, it says nothing of any arm [rad].
 LARGEST_TWIST = 1.0
 # Factors of the finer grids around the best stiffness or gap.
