@@ -79,7 +79,8 @@ def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Visib
     q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
     dq = sample(ticks, speed, times)
     ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
-    own = [ddq, dq, np.sign(dq)] + ([] if view == "raw" else [np.ones_like(q)])
+    direction = sample(ticks, _slow(np.sign(log.speed)), times)  # filtered like the torque that turns round with it
+    own = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
     columns = [value[:, :, None] * np.eye(arm.n) for value in own]
     if view == "refit":
         columns.insert(0, arm.regressor(q, dq, ddq))
