@@ -59,13 +59,11 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         search, doubted = sure.search, sure.doubted
         drifting = _mere_drift(search, sure.found, free)
         if drifting:
-            search = replace(search, barred=search.barred | drifting)
-            sure = _sure(search, session, baseline, doubted)
+            sure = _without(drifting, sure, session, baseline)
             search, doubted = sure.search, sure.doubted
         error, unlikely = _how_wrong(search, sure.found, session, baseline)
         while unlikely and (error == prior.error or not left):
-            search = replace(search, barred=search.barred | unlikely)
-            sure = _sure(search, session, baseline, doubted)
+            sure = _without(unlikely, sure, session, baseline)
             search, doubted = sure.search, sure.doubted
             error, unlikely = _how_wrong(search, sure.found, session, baseline)
         # Beside slow effects that got no name friction varied too little, beside none of the others too much.
@@ -144,6 +142,12 @@ def _how_wrong(
         if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
             return best_belief(search, baseline, others, spare).error, {group.key}
     return prior.error, set()
+
+
+def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
+    """The search once more, some names barred."""
+    search = replace(sure.search, barred=sure.search.barred | names)
+    return _sure(search, session, baseline, sure.doubted)
 
 
 def _sure(

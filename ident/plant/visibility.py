@@ -26,19 +26,18 @@ from ident.plant.sizing import SAME, SizeSearch, find_size
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 STRIDE_S = 0.02
-# What is quicker than this is nothing that a diagnosis sees: at the stride it would pass for something slower [Hz].
-HIGHEST_HZ = 20.0
 # Slower than this a joint counts as standing still: it may hold any torque [rad/s].
 STILL_RAD_S = 0.02
 TOLERANCE = 0.04
 # A size that shows so much less or more than is wanted is still taken where none comes nearer.
 ACCEPTED = 0.8, 1.25
-# From this frequency on the samples' own spacing is the bound [Hz]; shorter pieces than three times this many samples
+# What is quicker than this is nothing that a diagnosis sees, and at the stride would pass for something slower: it is
+# taken out of every signal [Hz]. Where a joint's band is narrower, pieces shorter than three times this many samples
 # stay as they are.
 WHOLE_BAND_HZ, LEAST_FILTERED = 20.0, 15
 # Length of motion on which most causes are measured, where the simulation is fine [s].
 ENOUGH_S = 40.0
-_SLOW = butter(4, HIGHEST_HZ, fs=1.0 / TICK_S, output="sos")
+_SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
 
 
 @dataclass(frozen=True, eq=False)
