@@ -97,7 +97,6 @@ def solve(
     from plan.api.planning import origin
     from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
     from plan.problem.execution import require_writable
-    from plan.show.pictures import require_picture
 
     if out is not None:
         require_writable(out, rate)
@@ -106,6 +105,8 @@ def solve(
         places["--resume"] = resume
     check_outputs([scene, model, vias, resume], places)
     if picture is not None:
+        from plan.show.pictures import require_picture
+
         require_picture(picture)
     opened = open_task(task, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
     with progress_bar(console, method) as progress:

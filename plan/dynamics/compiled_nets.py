@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import torch
 
 from ident.arrays import Array, Float
 from ident.model.joint_nets import JointNets
 from ident.model.net_bounds import NetBounds
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
+
+if TYPE_CHECKING:
+    import torch  # slow to load: a task without a net does without
 
 
 class ResidualTerm(Protocol):
@@ -32,7 +34,9 @@ class ResidualTerm(Protocol):
 
 
 def read_residual(net: ResidualNet) -> ResidualTerm:
-    """A trained net as plain layers, its standardisation folded in."""
+    """A trained net as plain layers, its standardisation folded in; what evaluates it is loaded with it."""
+    import torch  # noqa: F401  here, and not in the midst of a search, which tells torch how many threads it may use
+
     if isinstance(net.network, JointNets):
         return CompiledJointNets.from_residual(net)
     return CompiledDenseNet.from_residual(net)
@@ -53,6 +57,8 @@ class CompiledDenseNet:
     @classmethod
     def from_residual(cls, net: ResidualNet) -> CompiledDenseNet:
         """Reads a trained net of the `paper` preset."""
+        import torch
+
         assert not isinstance(net.network, JointNets)
         linear = [module for module in net.network.modules() if isinstance(module, torch.nn.Linear)]
         weights = [module.weight.detach().numpy().astype(float) for module in linear]
@@ -83,12 +89,16 @@ class CompiledDenseNet:
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
     ) -> Float[Array, "T n"]:
         """As in `ResidualTerm`; the rigid torque is not looked at."""
+        import torch
+
         x = torch.from_numpy(np.concatenate([q, dq, ddq], axis=-1).astype(np.float32))
         with torch.inference_mode():
             return self.after_first(torch.nn.functional.linear(x, *self._single[0])).numpy().astype(float)
 
     def after_first(self, x: torch.Tensor) -> torch.Tensor:
         """Torque from the first layer's sums, before its activation."""
+        import torch
+
         with torch.inference_mode():
             for weight, bias in self._single[1:]:
                 x = torch.nn.functional.linear(torch.tanh(x), weight, bias)
@@ -166,6 +176,8 @@ class CompiledJointNets:
         self, j: int, dq: Float[Array, " T"], ddq: Float[Array, " T"], rigid: Float[Array, " T"]
     ) -> Float[Array, " T"]:
         """Residual torque of one joint [N m]."""
+        import torch
+
         clipped = self.clip(j, dq, ddq, rigid)
         v, a, load = (torch.from_numpy(np.asarray(part, dtype=np.float32)) for part in clipped)
         with torch.inference_mode():
@@ -202,4 +214,6 @@ def _block_diagonal(blocks: Float[Array, "m i o"]) -> Float[Array, "mi mo"]:
 
 
 def _to_single(values: Array) -> torch.Tensor:
+    import torch
+
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

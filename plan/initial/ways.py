@@ -14,10 +14,11 @@ from plan.initial.starts import from_vias, straight, time_stamps
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 
-# Nodes and reach beyond the ends [rad] of the trees that look for any way at all, the quick look first.
-QUICK = ((400, 0.7), (3000, np.pi), (20000, np.pi))
-# Nodes of the trees that look for further ways.
-FURTHER = 2000
+# Nodes and reach beyond the ends [rad] of the trees that look for any way at all, the quick look first: trees that may
+# go anywhere come back by ways that are twice as long as need be. The patient ones are for where no other found any.
+QUICK, PATIENT = ((400, 0.7), (1500, 1.5), (3000, np.pi), (1500, 1.5)), (20000, np.pi)
+# Nodes of the trees that look for further ways, and how far they reach, the second time where the first finds none.
+FURTHER, REACHES = 2000, (1.5, np.pi)
 # Bent lines: standard deviation of the middle's offset [rad]; where something is in the way, of so many that are drawn
 # the one that collides least.
 BEND, DRAWN = 0.6, 6
@@ -55,7 +56,8 @@ def iterate_ways(
         if seed is not None and not seed.reason and len(seed.vias):
             yield from_vias(problem, seed.vias, seed.label, problem.via_count)
         if blocked:
-            way = _drawn_way(problem, rng, FURTHER)
+            drawn = (_drawn_way(problem, rng, FURTHER, reach) for reach in REACHES)
+            way = next((one for one in drawn if one is not None), None)
             if way is not None:
                 yield from_vias(problem, way, f"trees {number}", problem.via_count)
         bends = [_bent(problem, rng, f"bent {number}") for _ in range(DRAWN if blocked else 1)]
@@ -88,16 +90,22 @@ def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> Planni
 
 
 def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array, "V n"] | None:
-    """Via points of the first way found; None if there is none."""
+    """Via points of the first way for which there is time; else of the quickest one found, None if there is none."""
+    best, quickest = None, np.inf
     for nodes, reach in QUICK:
         found = _drawn_way(problem, rng, nodes, reach)
-        if found is not None:
+        if found is None:
+            continue
+        points = np.concatenate([[problem.start], found, [problem.goal]])
+        need = float(np.max(np.abs(np.diff(points, axis=0)) / problem.limits.speed, axis=1).sum())
+        if problem.objective == "time" or need < problem.durations.sum():
             return found
-    return None
+        best, quickest = (found, need) if need < quickest else (best, quickest)
+    return _drawn_way(problem, rng, *PATIENT) if best is None else best
 
 
 def _drawn_way(
-    problem: PlanningProblem, rng: np.random.Generator, nodes: int, reach: float = np.pi
+    problem: PlanningProblem, rng: np.random.Generator, nodes: int, reach: float
 ) -> Float[Array, "V n"] | None:
     options = TreeOptions(margin=problem.margin, nodes=nodes)
     ends = np.stack([problem.start, problem.goal])

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import cma
 import numpy as np
 
 from ident.arrays import Array
@@ -55,6 +54,8 @@ class _Run:
     """One strategy in coordinates where every variable's range is one."""
 
     def __init__(self, problem: PlanningProblem, options: Evolution, seed: int) -> None:
+        import cma  # slow to load, and the default method does without
+
         self.problem = problem
         self.span = problem.upper - problem.lower
         self.best = np.inf

@@ -99,7 +99,12 @@ def _scale(reader: Reader, entry: Mapping[str, Any], key: str) -> Array:
 
 
 def _positive(reader: Reader, entry: Mapping[str, Any], key: str, name: str) -> float:
-    return float(reader.positive({name: [entry.get(name)]}, f"{key}.{name}", 1)[0])
+    if name not in entry:
+        raise SceneError(reader.file, f"{key}.{name} is missing", "add it, in metres")
+    value = entry[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < np.inf:
+        raise SceneError(reader.file, f"{key}.{name} is {value!r}, not a number above zero", "give one")
+    return float(value)
 
 
 def _sizes(reader: Reader, entry: Mapping[str, Any], key: str, count: int) -> Array:

@@ -43,7 +43,10 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         place, turn = ways.nearest
         short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
         what = f"task.goal_pose: the {arm.n} joints that move can't bring {named} there; they come within {short}"
-        raise TaskError(task.source, what, "move the pose, leave its rotation out, or let more joints move")
+        remedies = ["move the pose"]
+        remedies += [] if pose.rotation is None else ["leave its rotation out"]
+        remedies += [] if not arm.locked_joints else ["let more joints move"]
+        raise TaskError(task.source, what, ", or ".join(remedies))
     goals = [q for q in ways.positions if problem.scene.distances(q).min(initial=1.0) > 0.0]
     if not goals:
         q = ways.positions[0]

@@ -155,10 +155,12 @@ def find_obstruction(problem: PlanningProblem) -> str:
     if problem.objective == "energy" and duration < need:
         return f"{duration:g} s is too short: at the {bound} limits it takes {need:.3f} s at least"
     still = np.zeros_like(ends)[None]
-    share = np.abs(problem.model.torque(ends[None], still, still)[0]) / limits.torque
+    holding = np.abs(problem.model.torque(ends[None], still, still)[0])
+    share = holding / limits.torque
     if share.max() > 1.0:
         end, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-        return f"joint {joint + 1} can't hold the arm at the {('start', 'goal')[end]}: {share.max():.0%} of its torque"
+        needed = f"that takes {holding[end, joint]:.3g} N m, and it may use {limits.torque[joint]:.3g} N m"
+        return f"joint {joint + 1} can't hold the arm at the {('start', 'goal')[end]}: {needed}"
     return ""
 
 

@@ -2,14 +2,16 @@
 
     python tests/bench/bench_plan_optimum.py [TASKS] [--joints 3,6,7] [--obstacles 0,1,12] [--objectives energy,time]
                                              [--long STARTS] [--limit SECONDS] [--equal SECONDS]
-                                             [--first SEED] [--model FOLDER]
+                                             [--first SEED] [--model FOLDER] [--rows FILE]
 
-Each drawn task is solved by the default method, by the same method from many more starts of another seed together with
-CMA-ES from the best of them ("long", the best known), and by trees and TOPP-RA on their path (OMPL's RRTConnect where
-that is installed, our own trees where not), drawn again and again until as much processor time is spent as the default
-method took, `--equal` seconds at most; that best is held against the default method's best by then. Every time plan is
-retimed by TOPP-RA under the full model, stretched until a dense check finds every limit kept. Processor seconds
-throughout; all figures of a row come from one run.
+Each drawn task is solved by the default method, by the same method from many more starts of another seed and then, for
+the last fifth of `--limit`, by CMA-ES from the best of all ("long", the best known), and by trees and TOPP-RA on their
+path (OMPL's RRTConnect where that is installed, our own trees where not), drawn again and again until as much processor
+time is spent as the default method took, `--equal` seconds at most; that best is held against the default method's best
+by then. What the lower bound leaves to be saved below the trees' best is told beside what was: where that is little,
+nobody can save more. Every time plan is retimed by TOPP-RA under the full model, stretched until a dense check finds
+every limit kept. Processor seconds throughout; all figures of a row come from one run. FILE gets a line a task as it is
+done, and the summary speaks of all its lines: so a long run can be made in pieces.
 
 Three joints: the TM5-900 with its wrist held. Six: the whole TM5-900. Seven: the Panda of example-robot-data.
 """
@@ -17,9 +19,11 @@ Three joints: the TM5-900 with its wrist held. Six: the whole TM5-900. Seven: th
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -41,12 +45,18 @@ from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.result import certify
 from plan.solving.solve import solve
 
+# Share of a long search that is CMA-ES's.
+POLISHED = 0.2
+
 
 @dataclass(frozen=True)
 class Row:
-    """One task's figures: costs, processor seconds, and what retiming gained."""
+    """One task's figures: costs, processor seconds, and what retiming gained; infinite where nothing was found."""
 
-    name: str
+    joints: int
+    objective: str
+    boxes: int
+    seed: int
     ours: float
     best: float
     peer: float
@@ -57,6 +67,20 @@ class Row:
     spent: float
     peer_spent: float
     gain: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.joints} joints, {self.objective}, {self.boxes} boxes, {self.seed}"
+
+    @property
+    def saved(self) -> float:
+        """Share of the trees' cost that the default method had saved after the same time."""
+        return 1.0 - self.by_then / self.peer
+
+    @property
+    def room(self) -> float:
+        """Largest share of the trees' cost that any motion could save."""
+        return 1.0 - self.bound / self.peer
 
 
 def arm_of(joints: int) -> ArmModel:
@@ -111,13 +135,14 @@ def box(number: int, of: int, rng: np.random.Generator) -> Box:
 
 
 def long_search(task: PlanningProblem, starts: int, known: PlanningProblem | None, seconds: float) -> float:
-    """The best of many starts, polished by CMA-ES on coarse grids, and of the default's own plan polished."""
-    ledger = Ledger(Budget(10**7, seconds))
+    """The best of many starts, and of CMA-ES from the best known on a grid that is coarse enough for it."""
+    ledger = Ledger(Budget(10**7, (1.0 - POLISHED) * seconds))
     Sequential(starts=starts, kept=(8, 6, 4, 2)).run([task], ledger, np.random.default_rng(99))
     around = [p for p in (known, ledger.best.problem if ledger.best else None) if p is not None and p.dimension < 60]
+    polish = Ledger(Budget(10**7, POLISHED * seconds))
     if around:
-        Evolution(step=0.01, most=6000).run([replace(p, radius=0.3) for p in around], ledger, np.random.default_rng(98))
-    return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
+        Evolution(step=0.01, most=6000).run([replace(p, radius=0.3) for p in around], polish, np.random.default_rng(98))
+    return min((one.best.cost for one in (ledger, polish) if one.best and one.best.feasible), default=np.inf)
 
 
 def peer(task: PlanningProblem, seconds: float) -> tuple[float, float]:
@@ -170,40 +195,51 @@ def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped
     return ledger.best.cost if ledger.best is not None and ledger.best.feasible else np.inf
 
 
-def measure(task: PlanningProblem, name: str, starts: int, seconds: float, equal: float) -> Row | None:
+def measure(task: PlanningProblem, head: tuple[int, str, int, int], options: argparse.Namespace) -> Row:
+    """One task's row."""
     result = solve(task, "sqp", 0, Budget(10**6, 30.0), gap=False)
+    bound = np.nan if result.bound is None else result.bound
     if not result.solved or result.splines is None:
-        print(f"{name}: no plan ({result.reason})", flush=True)
-        return None
+        print(f"{head}: no plan ({result.reason})", flush=True)
+        best, none = long_search(task, options.long, None, options.limit), np.inf
+        cost, spent = peer(task, min(options.equal, result.cpu_seconds))
+        return Row(*head, none, best, cost, none, bound, none, none, result.cpu_seconds, spent, 0.0)
     assert certify(task, result.splines).broken == []
     allowed = [row for row in result.history if np.isfinite(row[2])]
     near = next(row[1] for row in allowed if row[2] <= 1.01 * allowed[-1][2])
-    best = min(result.cost, long_search(task, starts, task.with_initial(result.splines), seconds))
-    gain = 0.0
-    if task.objective == "time":
-        gain = max(0.0, 1.0 - retimed(task, result.splines) / result.cost)
-    equal = min(equal, result.cpu_seconds)
+    known = task.with_initial(result.splines)
+    best = min(result.cost, long_search(task, options.long, known, options.limit))
+    gain = max(0.0, 1.0 - retimed(task, result.splines) / result.cost) if task.objective == "time" else 0.0
+    equal = min(options.equal, result.cpu_seconds)
     cost, spent = peer(task, equal)
-    bound = np.nan if result.bound is None else result.bound
     spans = (allowed[0][1], near, result.cpu_seconds, spent)
-    return Row(name, result.cost, best, cost, by(allowed, equal), bound, *spans, gain)
+    return Row(*head, result.cost, best, cost, by(allowed, equal), bound, *spans, gain)
 
 
 def show(rows: list[Row]) -> None:
-    heads = ["task", "ours", "best known", "above", "trees + TOPP-RA", "ours by then", "saved", "bound"]
+    heads = ["task", "ours", "best known", "above", "trees + TOPP-RA", "ours by then", "saved", "bound", "room"]
     heads += ["first [s]", "near [s]", "CPU [s]", "theirs [s]", "retimed"]
     print("| " + " | ".join(heads) + " |")
     print("|" + "---|" * len(heads))
     for r in rows:
         print(line(r))
-    above = np.array([r.ours / r.best - 1 for r in rows])
-    print(f"{len(rows)} tasks: above the best known {np.median(above):.2%} median, {above.max():.2%} worst")
+    found = [r for r in rows if np.isfinite(r.ours)]
+    without = sum(np.isfinite(min(r.best, r.peer)) for r in rows if r not in found)
+    print(f"{len(found)} of {len(rows)} tasks planned; of the others a longer search or the trees planned {without}")
+    above = np.array([r.ours / r.best - 1 for r in found])
+    print(f"above the best known {np.median(above):.2%} median, {above.max():.2%} worst")
     for objective in ("energy", "time"):
-        saved = [1 - r.by_then / r.peer for r in rows if objective in r.name and np.isfinite(r.peer)]
-        if saved:
-            found = f"{np.median(saved):.1%} median, {min(saved):.1%} least"
-            print(f"{objective}: less than trees and TOPP-RA after the same time by {found}")
-    gains = [r.gain for r in rows if "time" in r.name]
+        held = [r for r in found if r.objective == objective and np.isfinite(r.peer)]
+        if held:
+            saved, least = [r.saved for r in held], min(held, key=lambda r: r.saved)
+            told = f"{np.median(saved):.1%} median, {least.saved:.1%} least (the bound leaves {least.room:.1%} there)"
+            print(f"{objective}: less than trees and TOPP-RA after the same time by {told}, {len(held)} tasks")
+    for joints in sorted({r.joints for r in found}):
+        own = [r for r in found if r.joints == joints]
+        first, near = (np.array([getattr(r, key) for r in own]) for key in ("first", "near"))
+        told = f"first plan after {np.median(first):.2f} s median, {first.max():.2f} s worst"
+        print(f"{joints} joints: {told}; within 1 % of its end after {np.median(near):.2f} s, {near.max():.2f} s")
+    gains = [r.gain for r in found if r.objective == "time"]
     if gains:
         print(f"retiming gains {np.median(gains):.2%} median, {max(gains):.2%} worst")
 
@@ -211,7 +247,7 @@ def show(rows: list[Row]) -> None:
 def line(r: Row) -> str:
     return (
         f"| {r.name} | {r.ours:.4g} | {r.best:.4g} | {r.ours / r.best - 1:+.2%} | {r.peer:.4g} | "
-        f"{r.by_then:.4g} | {1 - r.by_then / r.peer:.1%} | {r.bound:.4g} | {r.first:.2f} | {r.near:.2f} | "
+        f"{r.by_then:.4g} | {r.saved:.1%} | {r.bound:.4g} | {r.room:.1%} | {r.first:.2f} | {r.near:.2f} | "
         f"{r.spent:.2f} | {r.peer_spent:.2f} | {r.gain:.2%} |"
     )
 
@@ -227,6 +263,7 @@ def main() -> None:
     parser.add_argument("--equal", type=float, default=1e9)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--model", default=None)
+    parser.add_argument("--rows", type=Path, default=None)
     options = parser.parse_args()
     rows = []
     warm = draw(arm_of(3), torque_of(arm_of(3), None), "time", 1, np.random.default_rng(0))
@@ -238,17 +275,15 @@ def main() -> None:
             for boxes in map(int, options.obstacles.split(",")):
                 for i in range(options.first, options.first + options.tasks):
                     task = draw(arm, model, objective, boxes, np.random.default_rng([joints, boxes, i]))
-                    row = measure(
-                        task,
-                        f"{joints} joints, {objective}, {boxes} boxes, {i}",
-                        options.long,
-                        options.limit,
-                        options.equal,
-                    )
-                    if row is not None:
-                        rows.append(row)
-                        print(line(row), flush=True)
-    show(rows)
+                    rows.append(measure(task, (joints, objective, boxes, i), options))
+                    print(line(rows[-1]), flush=True)
+                    if options.rows is not None:
+                        with options.rows.open("a") as stream:
+                            stream.write(json.dumps(asdict(rows[-1])) + "\n")
+    if options.rows is not None:
+        rows = [Row(**json.loads(text)) for text in options.rows.read_text().splitlines()]
+    if rows:
+        show(rows)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,6 @@ def test_a_path_is_timed_and_certified(objective: str, monkeypatch: pytest.Monke
 def test_without_ompl_its_lack_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Naming it where it is not installed names the remedy; nobody gets it unasked."""
     assert "ompl" not in able(problem())
-    monkeypatch.setattr("plan.planners.is_installed", lambda: False)
+    monkeypatch.setattr("plan.planners.ompl_toppra.is_installed", lambda: False)
     with pytest.raises(InputError, match="pip install ompl"):
         make_planner("ompl", "energy")

@@ -70,7 +70,7 @@ def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize(
     ("pose", "words"),
     [
-        ("xyz_m = [3, 0, 0]", "can't bring link_6 there; they come within [0-9]{4} mm"),
+        ("xyz_m = [3, 0, 0]", "can't bring link_6 there; they come within [0-9]{4} mm; move the pose$"),
         ("xyz_m = [0.3, 0, 0.4]\nframe = 'claw'", "no frame 'claw'; use one of: .*link_6"),
         ("xyz_m = [0.3, 0]", "has 2 numbers, not 3"),
         ("xyz_m = [300, 0, 400]", "lies 400 m away; give metres"),

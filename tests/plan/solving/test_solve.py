@@ -107,12 +107,17 @@ def test_goal_inside_an_obstacle() -> None:
 
 
 def test_arm_too_weak_to_hold_itself() -> None:
-    """A torque limit below what gravity asks for at an end is named."""
+    """A torque limit below what gravity asks for at an end is named, with both torques."""
     task = problem()
     weak = replace(task, limits=replace(task.limits, torque=np.array([157.0, 10.0, 157.0])))
     result = solve(weak, "cma")
     assert result.status == "infeasible"
     assert "joint 2 can't hold the arm" in result.reason
+    needed = float(result.reason.split("that takes ")[1].split(" N m")[0])
+    still = np.zeros((1, 2, 3))
+    torque = np.abs(weak.model.torque(np.stack([weak.start, weak.goal])[None], still, still)[0, :, 1])
+    assert needed == pytest.approx(torque.max(), rel=5e-3)
+    assert result.reason.endswith("it may use 10 N m")
 
 
 def test_unreachable_goal_within_the_budget() -> None:
