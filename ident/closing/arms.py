@@ -99,8 +99,8 @@ def _compare(arm: ArmModel, hidden: Any, loop: Closed, seed: int) -> tuple[dict[
         "randomised": as_randomised(arm),
         "closed": loop.model,
     }
-    heldout = {name: measure_floors(model, fresh, loop.floors).together for name, model in models.items()}
-    found = track(hidden.hardware, models, motions, seed)
+    heldout = {name: measure_floors(model, fresh, loop.floors, loop.warmth).together for name, model in models.items()}
+    found = track(hidden.hardware, models, motions, seed, loop.warmth)
     return heldout, {name: one.together for name, one in found.items()}
 
 

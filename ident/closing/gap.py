@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float
+from ident.closing.warmth import NO_WARMTH, Warmth
 from ident.motion.motion import Motion
 from ident.patches.simulator_models import SimulatorModel, log_error
 
@@ -43,17 +44,20 @@ class GapFloors:
         return self.upper <= MARGIN
 
 
-def measure_floors(model: SimulatorModel, motions: Sequence[Motion], floors: Float[Array, " n"]) -> GapFloors:
+def measure_floors(
+    model: SimulatorModel, motions: Sequence[Motion], floors: Float[Array, " n"], warmth: Warmth = NO_WARMTH
+) -> GapFloors:
     """Compares what a model says of the log with the log, both through the run's own filter, where a joint slides.
 
     Args:
         model: The model.
         motions: Runs.
         floors: Noise of each joint [N m].
+        warmth: How warm the model's joints are before the first of these runs.
     """
     squares, counts = [], []
-    for run in motions:
-        squares.append(np.sum((log_error(model, run) / floors) ** 2, axis=0))
+    for one, run in zip(warmth.along(model, motions), motions, strict=True):
+        squares.append(np.sum((log_error(one, run) / floors) ** 2, axis=0))
         counts.append(run.settled.sum(axis=0))
     return pool_runs(np.array(squares), np.array(counts, dtype=float))
 

@@ -18,6 +18,7 @@ from ident.closing.exciting import Exciter
 from ident.closing.gap import GapFloors, measure_floors
 from ident.closing.models import as_diagnosed, as_urdf
 from ident.closing.recorder import Recorder
+from ident.closing.warmth import Warmth
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.base import Effect
 from ident.errors import InputError
@@ -67,6 +68,7 @@ class Closed:
         record: The diagnosis that it comes from.
         learned: Motions that it was made from.
         floors: Noise of each joint [N m].
+        warmth: How warm its joints are after all rounds.
     """
 
     closed: bool
@@ -78,6 +80,7 @@ class Closed:
     record: dict[str, Any]
     learned: tuple[Motion, ...]
     floors: np.ndarray = field(repr=False)
+    warmth: Warmth
 
     @property
     def minutes(self) -> float:
@@ -120,7 +123,7 @@ def close_gap(
         minutes, gap = session.duration / 60.0, None
         if state is not None:
             state.unseen.extend(prepare(report.session, state.corner))
-            gap = measure_floors(state.model, state.unseen, state.floors)
+            gap = measure_floors(state.model, state.unseen, state.floors, state.warmth)
             say(_tell(len(rounds) + 1, minutes, gap))
             last = len(rounds) + 1 >= most
             state.looks += 1
@@ -145,6 +148,7 @@ class _Taught:
     record: dict[str, Any]
     model: LawModel
     learned: tuple[Motion, ...]
+    warmth: Warmth
     unseen: list[Motion] = field(default_factory=list)
     looks: int = 0
 
@@ -168,7 +172,7 @@ class _Taught:
         farthest = list(self.record["gap"])[int(np.argmax(gap.joints))]
         why = "no nearer with more recordings" if stalled else "rounds spent"
         reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
-        rest = self.model, self.record, self.learned, self.floors
+        rest = self.model, self.record, self.learned, self.floors, self.warmth.after(self.model, self.unseen)
         return Closed(gap.closed, reason, tuple(rounds), before, gap, *rest)
 
 
@@ -181,7 +185,8 @@ def _has_stalled(reached: Sequence[float]) -> bool:
 def _teach(sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]) -> _Taught:
     """Diagnoses all recordings so far."""
     record, learned = _diagnose(sessions, arm, catalogue)
-    return _Taught(record, as_diagnosed(arm, record, catalogue, sessions[-1].payload), learned)
+    model = as_diagnosed(arm, record, catalogue, sessions[-1].payload)
+    return _Taught(record, model, learned, Warmth.learnt(model, learned))
 
 
 def _diagnose(

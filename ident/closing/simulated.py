@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.closing.warmth import NO_WARMTH, Warmth, put_on_a_clock
 from ident.patches.simulator_models import SimulatorModel
 from ident.plant.causes import CATALOGUE, find_cause
 from ident.plant.hardware import Hardware
@@ -93,7 +94,11 @@ class Tracking:
 
 
 def track(
-    hardware: Hardware, models: Mapping[str, SimulatorModel], motions: Sequence[ReferenceMotion], seed: int
+    hardware: Hardware,
+    models: Mapping[str, SimulatorModel],
+    motions: Sequence[ReferenceMotion],
+    seed: int,
+    warmth: Warmth = NO_WARMTH,
 ) -> dict[str, Tracking]:
     """Runs one controller on the true arm, its feed-forward designed with each model in turn.
 
@@ -105,12 +110,14 @@ def track(
         models: Models by their names.
         motions: What it has to follow.
         seed: Of noise.
+        warmth: Which joints warm, by the models that know it; the arm is cold at first.
     """
     soft = hardware.replace(bandwidth=TRACKING_BANDWIDTH)
     offset = np.array(hardware.sensing.encoder_offset)
-    found = {}
+    found, clocked = {}, put_on_a_clock(motions, REST_S)
     for name, model in models.items():
-        feeds = [model.joint_torque(run.q, run.dq, run.ddq, TICK_S) for run in motions]
+        each = zip(warmth.rested().along(model, clocked), motions, strict=True)
+        feeds = [one.joint_torque(run.q, run.dq, run.ddq, TICK_S) for one, run in each]
         simulator = Simulator(soft, np.random.default_rng([seed, 11]))
         traces = simulator.run(motions, [REST_S] * len(motions), no_progress, feeds)
         missed = np.concatenate([trace.log.angle + offset - trace.motion.q for trace in traces])

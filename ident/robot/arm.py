@@ -15,9 +15,10 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
 from ident.robot.mesh_files import with_mesh_paths
-from ident.robot.names import find_urdf
+from ident.robot.names import find_urdf, split_tip
+from ident.robot.poses import compute_joint_poses
 from ident.robot.regressor import compute_regressor
-from ident.robot.urdf import normalise_urdf, read_reductions
+from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
 from ident.untrusted_files import read_text
 
@@ -35,6 +36,7 @@ class ArmModel:
         joint_names: The n joint names, base to tip.
         source: The URDF file.
         locked_joints: Joints fixed on the way, with their positions [rad or m].
+        tip: The last joint by which one of several arms was named; else empty.
     """
 
     name: str
@@ -43,28 +45,33 @@ class ArmModel:
     joint_names: tuple[str, ...]
     source: Path | None = None
     locked_joints: dict[str, float] = field(default_factory=dict)
+    tip: str = ""
 
     @classmethod
     def load(cls, robot: str | Path, joints: Sequence[str] | None = None) -> ArmModel:
         """Loads a URDF or xacro path, or a name (`ident.robot.names`); grippers, heads and wheels are locked at zero.
 
         Args:
-            robot: Path or name.
+            robot: Path or name; of a robot of several arms with the last joint of one (`baxter:left_w2`).
             joints: Joints to keep; the others are locked at their neutral position. All if None.
 
         Raises:
             RobotError: No such robot, not a URDF, no inertia, or not a serial chain.
         """
-        path = find_urdf(robot)
+        path, (_, tip) = find_urdf(robot), split_tip(robot)
         text = expand(path) if path.suffix == SUFFIX else read_text(path, "give a URDF file", RobotError)
-        arm = cls.from_urdf(text, path)
+        text, beside = lock_beside(text, tip, str(path)) if tip else (text, {})
+        arm = cls.from_urdf(text, path, tip=tip)
+        arm = arm._with_model(arm.model, {**beside, **arm.locked_joints})
         if joints is None:
             return arm
         arm._require_joints(joints)
         return arm.locked([name for name in arm.joint_names if name not in set(joints)])
 
     @classmethod
-    def from_urdf(cls, text: str, source: Path | None = None, locked: dict[str, float] | None = None) -> ArmModel:
+    def from_urdf(
+        cls, text: str, source: Path | None = None, locked: dict[str, float] | None = None, tip: str = ""
+    ) -> ArmModel:
         """Builds the arm from a URDF text.
 
         Raises:
@@ -77,8 +84,8 @@ class ArmModel:
         except (ValueError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise RobotError(where, f"the URDF parser refused it ({reason})", "check it with check_urdf") from None
-        _require_serial_arm(model, where)
-        return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed)
+        _require_serial_arm(model, where, urdf)
+        return cls(model.name, urdf, model, tuple(model.names)[1:], source, fixed, tip)
 
     @property
     def n(self) -> int:
@@ -240,7 +247,7 @@ class ArmModel:
             raise RobotError(self.source or self.name, "every joint would be locked", "keep at least one joint")
         at = self.neutral[[self.joint_names.index(name) for name in joints]] if positions is None else positions
         fixed = {name: float(value) for name, value in zip(joints, at, strict=True)}
-        reduced = ArmModel.from_urdf(self.urdf, self.source, fixed)
+        reduced = ArmModel.from_urdf(self.urdf, self.source, fixed, self.tip)
         reduced = reduced.with_inertial_parameters(self._merged_inertias(reduced, fixed))
         return reduced._with_model(reduced.model, {**self.locked_joints, **fixed}).with_gravity(
             self.model.gravity.linear
@@ -259,6 +266,19 @@ class ArmModel:
             for i, frame in enumerate(self.model.frames)
             if frame.type == pin.FrameType.BODY
         }
+
+    def link_poses(
+        self, q: Float[Array, "T n"], links: Sequence[str]
+    ) -> dict[str, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
+        """Orientation and place [m] of some links in the base frame, for T positions at once."""
+        frames = {frame.name: frame for frame in self.model.frames if frame.type == pin.FrameType.BODY}
+        joints = {name: int(frames[name].parentJoint) for name in links}
+        poses = compute_joint_poses(*self._chain[:4], np.asarray(q, dtype=float), sorted(set(joints.values())))
+        found = {}
+        for name, joint in joints.items():
+            (turn, origin), placed = poses[joint], frames[name].placement
+            found[name] = turn @ placed.rotation, origin + turn @ placed.translation
+        return found
 
     @cached_property
     def geometry(self) -> pin.GeometryModel:
@@ -337,7 +357,7 @@ class ArmModel:
 
     def _with_model(self, model: pin.Model, locked: dict[str, float] | None = None) -> ArmModel:
         fixed = self.locked_joints if locked is None else locked
-        return ArmModel(self.name, self.urdf, model, self.joint_names, self.source, fixed)
+        return ArmModel(self.name, self.urdf, model, self.joint_names, self.source, fixed, self.tip)
 
 
 def _inertia(link: Float[Array, " 10"]) -> pin.Inertia:
@@ -360,7 +380,7 @@ def _joint_axis(model: pin.Model, joint: int) -> tuple[Array, Array]:
     return subspace[:3], subspace[3:]
 
 
-def _require_serial_arm(model: pin.Model, where: str) -> None:
+def _require_serial_arm(model: pin.Model, where: str, urdf: str) -> None:
     """Raises RobotError unless the model is a chain of one-axis joints whose every joint moves some mass."""
     if model.nv == 0:
         raise RobotError(where, "it has no moving joint", "give an arm")
@@ -369,16 +389,11 @@ def _require_serial_arm(model: pin.Model, where: str) -> None:
     parents = list(model.parents)[1:]
     if parents != list(range(model.njoints - 1)):
         fork = next(i for i, parent in enumerate(parents, start=1) if parent != i - 1)
-        raise RobotError(
-            where,
-            f"not a serial chain: {model.names[fork]} forks off",
-            "lock the other branches by fixed joints",
-        )
+        tips = " or ".join(f":{name}" for name in arm_tips(urdf)[:2])
+        remedy = f"name the last joint of the arm that is meant behind the robot: {tips}"
+        raise RobotError(where, f"not a serial chain: {model.names[fork]} forks off", remedy)
     moved = np.cumsum([model.inertias[i].mass for i in range(model.njoints - 1, 0, -1)])[::-1]
     for i, mass in enumerate(moved, start=1):
         if not mass > 0.0:
-            raise RobotError(
-                where,
-                f"joint {model.names[i]} moves no mass",
-                "add <inertial> to the links beyond that joint",
-            )
+            remedy = "add <inertial> to the links beyond that joint"
+            raise RobotError(where, f"joint {model.names[i]} moves no mass", remedy)

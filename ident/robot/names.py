@@ -58,13 +58,20 @@ def robot_names() -> list[str]:
     return [*SHIPPED_ROBOTS, *EXAMPLE_ROBOTS]
 
 
+def split_tip(robot: str | Path) -> tuple[str, str]:
+    """A robot and the last joint of the arm that is meant: `baxter:left_w2`; no joint where none is named."""
+    name, colon, tip = str(robot).rpartition(":")
+    named = bool(colon and name and tip) and "/" not in tip and not Path(robot).is_file()
+    return (name, tip) if named else (str(robot), "")
+
+
 def find_urdf(robot: str | Path) -> Path:
-    """The URDF (or xacro) file of a path or name.
+    """The URDF (or xacro) file of a path or name, whichever arm of it is meant.
 
     Raises:
         RobotError: Neither a file nor a known name.
     """
-    name = str(robot)
+    name, _ = split_tip(robot)
     if name in SHIPPED_ROBOTS or name.replace("_", "-") in SHIPPED_ROBOTS:
         return data_path(SHIPPED_ROBOTS[name.replace("_", "-")])
     if name in EXAMPLE_ROBOTS:
@@ -103,7 +110,14 @@ def _described(name: str) -> Path:
     return Path(path)
 
 
-def robot_argument(name: str, source: Path | None) -> str:
-    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF."""
+def robot_argument(name: str, source: Path | None, tip: str = "") -> str:
+    """What `--robot` takes for an arm, quoted for a shell: its known name, or the path of its URDF, and its last joint.
+
+    Args:
+        name: The arm's name.
+        source: Its URDF file, if it has one.
+        tip: The joint by which one of several arms is named, if it was.
+    """
     known = next((one for one in robot_names() if source is not None and find_urdf(one) == source), None)
-    return known or shlex.quote(name if source is None else str(source))
+    robot = known or (name if source is None else str(source))
+    return shlex.quote(f"{robot}:{tip}" if tip else robot)

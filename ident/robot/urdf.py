@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
@@ -81,6 +83,64 @@ def gripper_joints(root: ET.Element) -> list[str]:
         arm_joints += bool(onward) and moves(onward[0])
         link = link_of(onward[0], "child") if onward else None
     return beside
+
+
+def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]:
+    """Locks every joint at zero that is not on the way from the base to one joint.
+
+    Args:
+        text: URDF of a robot of several arms.
+        tip: Name of the last joint of the arm that is meant.
+        where: The file, for messages.
+
+    Returns:
+        The URDF, and the joints that were locked, with their positions [rad or m].
+
+    Raises:
+        RobotError: It has no such joint.
+    """
+    root = parse_urdf(text, where)
+    names = [joint.get("name") or "" for joint in moving_joints(root)]
+    if tip not in names:
+        near = difflib.get_close_matches(tip, names, n=3) or names
+        raise RobotError(where, f"no moving joint {tip!r}", f"its joints are: {', '.join(near)}")
+    above = {link_of(joint, "child"): joint for joint in root.findall("joint")}
+    at: ET.Element | None = next(one for one in moving_joints(root) if one.get("name") == tip)
+    on_the_way: set[str] = set()
+    while at is not None:
+        on_the_way.add(at.get("name") or "")
+        at = above.get(link_of(at, "parent"))
+    beside = {name: 0.0 for name in names if name not in on_the_way}
+    lock_joints(root, beside)
+    return ET.tostring(root, encoding="unicode"), beside
+
+
+def arm_tips(text: str) -> list[str]:
+    """The last joint of each arm of a robot of several, longest first; fingers at an arm's end are none of it."""
+    root = ET.fromstring(text)
+    above = {link_of(joint, "child"): joint for joint in root.findall("joint")}
+    moving = moving_joints(root)
+
+    def chain(joint: ET.Element) -> list[str]:
+        found: list[str] = []
+        at: ET.Element | None = joint
+        while at is not None:
+            found += [at.get("name") or ""] if at in moving else []
+            at = above.get(link_of(at, "parent"))
+        return found
+
+    chains = [chain(joint) for joint in moving]
+    branches = Counter(names[1] for names in chains if len(names) > 1)
+
+    def without_fingers(names: list[str]) -> list[str]:
+        start = 0
+        for k, name in enumerate(names[1:], start=1):
+            if branches[name] > 1 and k - start <= MOST_FINGER_JOINTS < len(names) - k:
+                start = k
+        return names[start:]
+
+    arms = [without_fingers(names) for names in chains if names[0] not in branches]
+    return list(dict.fromkeys(names[0] for names in sorted(arms, key=len, reverse=True)))
 
 
 def link_of(joint: ET.Element, end: str) -> str:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from ident import compare
+from ident.errors import InputError
 from ident.plant.causes import Circumstances, find_cause
 from ident.plant.hardware import nominal_hardware
 from ident.plant.request import EffectRequest
@@ -110,10 +111,15 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
     same = bool(rng.random() < 0.5)
     before = simulate(replace(earlier, **first))
     after = simulate(replace(later, **second), motions=before.motions if same else None)
-    started = time.process_time()
-    found = compare(before.session, after.session, arm)
-    spent = time.process_time() - started
     truth = _truth(kind, arm.joint_names[joint], before, after, reverse)
+    started = time.process_time()
+    try:
+        found = compare(before.session, after.session, arm)
+    except InputError as error:  # a joint that hardly moves, say: refused with a reason, so nothing is told
+        spent = time.process_time() - started
+        own = "" if kind in ("payload", "nothing") else arm.joint_names[joint]
+        return Pair(kind, world.name, own, truth, same, f"refused ({error})", (), None, spent, ())
+    spent = time.process_time() - started
     told = tuple((one.effect, one.estimate.rivals, one.joints, one.elsewhere) for one in found.changes)
     own = "" if kind in ("payload", "nothing") else arm.joint_names[joint]
     interval = None
@@ -196,7 +202,7 @@ def summary(pairs: list[Pair]) -> dict[str, Any]:
             "sized": f"{sum(pair.sized for pair in told)} of {len(told)}",
             "silent": sum(not pair.told for pair in own),
         }
-    found["verdicts"] = dict(Counter(pair.verdict for pair in pairs))
+    found["verdicts"] = dict(Counter(pair.verdict.split(" ")[0] for pair in pairs))
     found["seconds"] = round(float(np.mean([pair.seconds for pair in pairs])), 1)
     return found
 

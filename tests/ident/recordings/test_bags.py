@@ -71,6 +71,32 @@ def test_a_bag_gives_back_the_run(storage: StoragePlugin, lone: bool, run: Recor
         np.testing.assert_array_equal(getattr(read, channel), values)
 
 
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+def test_a_log_of_the_mcap_library_gives_back_the_run(compression: str, run: Recording, tmp_path: Path) -> None:
+    """Chunks as others write them, each compressed; messages by their definition in the file."""
+    mcap, mcap_ros2 = pytest.importorskip("mcap.writer"), pytest.importorskip("mcap_ros2.writer")
+    kind = "sensor_msgs/msg/JointState"
+    with (tmp_path / "run.mcap").open("wb") as stream:
+        writer = mcap_ros2.Writer(stream, compression=getattr(mcap.CompressionType, compression), chunk_size=4096)
+        schema = writer.register_msgdef(kind, TYPES.generate_msgdef(kind, ros_version=2)[0])
+        for k, time in enumerate(run.time):
+            seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+            message = {
+                "header": {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": ""},
+                "name": list(run.joints),
+                "position": run.position[k].tolist(),
+                "velocity": [] if run.velocity is None else run.velocity[k].tolist(),
+                "effort": run.effort[k].tolist(),
+            }
+            writer.write_message("/joint_states", schema, message, RECEIPT_NS + k, RECEIPT_NS + k, k)
+        writer.finish()
+    read = load_session(tmp_path / "run.mcap").runs[0]
+    assert read.issues == ()
+    np.testing.assert_allclose(read.time, run.time, atol=1e-9)
+    np.testing.assert_array_equal(read.position, run.position)
+    np.testing.assert_array_equal(read.effort, run.effort)
+
+
 def test_bag_folders_are_runs_of_a_session(run: Recording, tmp_path: Path) -> None:
     for name, start in (("first", 0.0), ("second", 10.0)):
         write_bag(tmp_path / name, rows_of(run.replace(time=run.time + start)))

@@ -66,6 +66,25 @@ def test_a_lerobot_data_set_is_a_session_of_episodes(names: Any, run: Recording,
         np.testing.assert_allclose(one.position_command - one.position, 0.1, atol=1e-6)
 
 
+def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
+    """Version 2.1: lists of any length, `episode_000001.parquet`, each on a clock of its own."""
+    folder = lerobot(tmp_path / "set", run, ["a.pos", "b.pos"], {"observation.state": run.position}, episodes=1)
+    info = json.loads((folder / "meta/info.json").read_text())
+    info["features"]["observation.effort"] = {"dtype": "float32", "shape": [2], "names": ["a.effort", "b.effort"]}
+    (folder / "meta/info.json").write_text(json.dumps(info | {"codebase_version": "v2.1", "total_episodes": 2}))
+    (folder / "data/chunk-000/file-000.parquet").unlink()
+    for episode in (0, 1):
+        columns = {"observation.state": run.position + episode, "observation.effort": run.effort}
+        table = {name: pa.array([row.astype("f4") for row in rows]) for name, rows in columns.items()}
+        table |= {"timestamp": pa.array(run.time.astype("f4")), "episode_index": pa.array(np.full(len(run), episode))}
+        pq.write_table(pa.table(table), folder / f"data/chunk-000/episode_{episode:06}.parquet")
+    session = load_session(folder)
+    assert [one.name for one in session.runs] == ["episode_000000", "episode_000001"]
+    for episode, one in enumerate(session.runs):
+        np.testing.assert_allclose(one.position, run.position + episode, atol=1e-6)
+        np.testing.assert_allclose(one.effort, run.effort, rtol=1e-6)
+
+
 def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_path: Path) -> None:
     """`observation.state.0` is the first number; without a mapping nobody knows which joint that is."""
     columns = {"observation.state": run.position, "observation.effort": run.effort}

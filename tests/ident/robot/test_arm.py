@@ -215,6 +215,15 @@ def test_links_are_those_that_the_joints_move(arm: ArmModel) -> None:
     assert all(pose.shape == (4, 4) for pose in poses.values())
 
 
+def test_poses_of_many_states_are_those_of_each(arm: ArmModel) -> None:
+    """Law: an array at a time and a state at a time tell the same poses, of joints that turn and that slide."""
+    q = np.random.default_rng(4).uniform(-2.0, 2.0, (7, arm.n))
+    alone = [arm.forward_kinematics(row) for row in q]
+    for name, (turn, place) in arm.link_poses(q, tuple(alone[0])).items():
+        assert np.allclose(turn, [pose[name][:3, :3] for pose in alone], atol=1e-12)
+        assert np.allclose(place, [pose[name][:3, 3] for pose in alone], atol=1e-12)
+
+
 def test_missing_meshes_are_an_input_error(tmp_path: Path) -> None:
     """An arm whose meshes are not there still has dynamics; asking for its geometry names the file and a remedy."""
     body = link("b").replace(

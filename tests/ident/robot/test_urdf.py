@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_names
+from ident.robot.names import EXAMPLE_ROBOTS, find_urdf, robot_argument, robot_names
 from ident.robot.urdf import gripper_joints, matrix_to_rpy, rpy_to_matrix
 from ident.robot.xacro_files import expand
 from tests.ident.made_up import joint, link, urdf
@@ -82,6 +82,45 @@ def test_two_arms_are_not_guessed_between() -> None:
     """Baxter has a left and a right one: which is meant nobody knows."""
     with pytest.raises(RobotError, match="not a serial chain"):
         ArmModel.load("baxter")
+
+
+@pytest.mark.parametrize(
+    ("robot", "joints"),
+    [("baxter:left_w2", 7), ("pr2:r_wrist_roll_joint", 8), ("tiago_dual:arm_left_7_joint", 8), ("talos_reduced", 0)],
+)
+def test_one_of_several_arms_is_named_by_its_last_joint(robot: str, joints: int) -> None:
+    """Law: all that is not on the way to it is locked at zero and moves as one with what it hangs on."""
+    name, _, tip = robot.partition(":")
+    if not tip:  # what is told of a robot of several arms leads to one of them
+        with pytest.raises(RobotError) as error:
+            ArmModel.load(name)
+        tip = error.value.remedy.split(":")[2].split()[0]
+    arm = ArmModel.load(f"{name}:{tip}")
+    assert arm.joint_names[-1] == tip == arm.tip
+    assert not joints or arm.n == joints
+    assert set(arm.locked_joints).isdisjoint(arm.joint_names)
+    assert set(arm.locked_joints.values()) == {0.0}
+    assert np.all(np.isfinite(arm.gravity(arm.neutral[None])))
+    told = robot_argument(arm.name, arm.source, arm.keeping(arm.joint_names[2:]).tip)
+    assert ArmModel.load(told).joint_names == arm.joint_names
+
+
+def test_the_arms_that_are_offered_end_before_their_fingers() -> None:
+    with pytest.raises(RobotError) as error:
+        ArmModel.load("baxter")
+    assert error.value.remedy.endswith(": :left_w2 or :right_w2")
+
+
+def test_a_joint_that_a_robot_lacks_is_told_with_the_nearest() -> None:
+    with pytest.raises(RobotError, match="no moving joint 'left_w9'") as error:
+        ArmModel.load("baxter:left_w9")
+    assert "left_w2" in error.value.remedy
+
+
+def test_a_file_with_a_colon_in_its_name_is_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "arm:two.urdf"
+    path.write_text(urdf(link("a"), link("b"), joint("one", "a", "b")))
+    assert ArmModel.load(path).joint_names == ("one",)
 
 
 def test_a_xacro_file_is_the_urdf_that_it_expands_to(tmp_path: Path) -> None:
