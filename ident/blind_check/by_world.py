@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.blind_check.scoring import Outcome
+from ident.blind_check.scoring import JUDGED, Outcome
 from ident.blind_check.statistics import Score, calibration_error, share
 from ident.blind_check.world_axes import DECADES, NUMBERS, WORDS
 
@@ -99,7 +99,7 @@ def world_scores(cases: Sequence[Outcome]) -> dict[str, Score]:
     """The scores of a stratum."""
     visible = [one for one in cases if one.kind == "single" and one.rich and one.amplitude >= 1.0]
     sound = [one for one in cases if one.kind in ("healthy", "decoy")]
-    said = [pair for one in cases if one.kind in NAMEABLE for pair in one.said]
+    said = [pair for one in cases if one.kind in JUDGED for pair in one.said]
     return {
         "strict": share([one.strict for one in visible]),
         "class_aware": share([one.class_aware for one in visible]),
@@ -109,9 +109,6 @@ def world_scores(cases: Sequence[Outcome]) -> dict[str, Score]:
         "told_gap": share([one.told_gap for one in sound if not one.urdf_wrong]),
         "calibration_error": calibration_error([p for p, _ in said], [right for _, right in said]),
     }
-
-
-NAMEABLE = ("single", "healthy", "decoy", "pair", "triple")
 
 
 def find_worst(worlds: Mapping[str, Sequence[Stratum]]) -> Stratum | None:

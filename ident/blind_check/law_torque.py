@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.effects.rigid_body import point_mass
+from ident.effects.added_body import point_mass
 from ident.plant.hardware import Hardware
 from ident.plant.loop import fresh_state, friction_torque, records
 from ident.plant.mjcf import AddedBody

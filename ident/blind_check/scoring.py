@@ -23,6 +23,8 @@ CONFIDENT = 0.8
 SHOWN_SHARE = 1.0 / 3.0
 # Causes outside the catalogue are none of these.
 KNOWN = {effect.id: effect for effect in CATALOGUE}
+# Where names are right or wrong. A probability reckons with causes that the catalogue lacks: it is held to them, too.
+JUDGED = ("single", "healthy", "decoy", "pair", "triple", "excluded", "outside")
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ class Outcome:
         urdf_wrong: Whether the URDF of its world is wrong beyond any tolerance.
         excused: Whether each name is true of the world, though nothing of the kind was hidden.
         refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
+        leftover: How far what is left stands out of the noise at the worst joint; None where nothing is fitted.
         oracle: Probability that an oracle names the effect; None where it was not asked.
         edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less
             the cause; `tuned`, nothing named; `unedited`. None without a test.
@@ -99,6 +102,7 @@ class Outcome:
     urdf_wrong: bool = False
     excused: tuple[bool, ...] = ()
     refusal_score: float | None = None
+    leftover: float | None = None
     oracle: float | None = None
     edit: Mapping[str, float] | None = None
     robot: str = ""
@@ -198,6 +202,7 @@ def score_case(
         urdf_wrong=urdf_is_wrong(answer.world),
         excused=tuple(excused),
         refusal_score=_refusal_score(record),
+        leftover=max(map(float, record["leftover"].values()), default=0.0) if "leftover" in record else None,
         robot=answer.robot,
         joints=tuple(record["joints"]),
     )
@@ -208,16 +213,9 @@ def _is_excused(finding: Mapping[str, Any], answer: Answer) -> bool:
 
 
 def _refusal_score(record: Mapping[str, Any]) -> float | None:
-    """The diagnosis's own figure where it tells one, else what its names leave open of the gap."""
-    if record["verdict"] in ("refused", "not_testable"):
-        return None
-    if record["verdict"] == "no_gap":
-        return 0.0
-    if record.get("outside_score") is not None:
-        return float(record["outside_score"])
-    closed = (record.get("heldout") or {}).get("shrink") or 0.0
-    surest = max((float(one["probability"]) for one in record["findings"]), default=0.0)
-    return 1.0 - surest * float(np.clip(closed, 0.0, 1.0))
+    """The diagnosis's own figure; None where nothing was fitted."""
+    told = record.get("outside_score")
+    return None if told is None else float(told)
 
 
 def _amplitude(slot: Slot, answer: Answer) -> float:

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from ident.blind_check.by_world import Stratum, find_worst, stratify
-from ident.blind_check.scoring import Outcome
+from ident.blind_check.scoring import JUDGED, Outcome
 from ident.blind_check.statistics import (
     Bin,
     Score,
@@ -24,8 +24,6 @@ from ident.results import Result
 SCHEMA = "ident.blind/1"
 SETS = ("pair", "triple")
 REFUSABLE = ("excluded", "outside")
-# Where a name may be right; elsewhere every name is wrong by construction, which says nothing of its probability.
-NAMEABLE = ("single", "healthy", "decoy", "pair", "triple")
 SINGLES = ("single", "semi_real")
 # An edit test is passed where the error is at most this multiple of the oracle's.
 EDIT_WITHIN = 1.1
@@ -57,7 +55,7 @@ class BlindReport(Result):
         visible = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude >= 1.0)
         small = self.of(*SINGLES, where=lambda one: one.rich and one.amplitude < 1.0)
         refusable, sets = self.of(*REFUSABLE), self.of(*SETS)
-        said = [pair for one in self.of(*NAMEABLE) for pair in one.said]
+        said = [pair for one in self.of(*JUDGED) for pair in one.said]
         covered = [cover.inside for one in self.outcomes for cover in one.coverage]
         seconds = [one.seconds for one in self.outcomes if one.seconds is not None]
         return {
@@ -143,7 +141,7 @@ class BlindReport(Result):
     def reliability(self) -> dict[str, Score]:
         """Of each effect, how often its name is true where it is given."""
         found: dict[str, list[bool]] = {}
-        for one in self.of(*NAMEABLE):
+        for one in self.of(*JUDGED):
             for (effect, _, _), right, false in zip(one.named, one.right, one.false_names, strict=True):
                 if right or false:
                     found.setdefault(effect, []).append(right)
@@ -162,7 +160,7 @@ class BlindReport(Result):
     @cached_property
     def calibration(self) -> tuple[Bin, ...]:
         """The curve behind the calibration error."""
-        return calibration_curve(*_unzip([pair for one in self.of(*NAMEABLE) for pair in one.said]))
+        return calibration_curve(*_unzip([pair for one in self.of(*JUDGED) for pair in one.said]))
 
     @cached_property
     def coverage(self) -> dict[str, Score]:

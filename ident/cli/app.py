@@ -217,16 +217,22 @@ def diagnose(
         typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
     ] = None,
     accept: Accept = None,
+    settings: Annotated[
+        Path | None, typer.Option(help="Numbers to decide by, as `ident blind --calibrate` writes them.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
     from ident.api.diagnosing import examine, examine_until
     from ident.api.fitting import evaluate as score
+    from ident.diagnosis.settings import USUAL
+    from ident.diagnosis.settings_file import read_settings
     from ident.show.terminal import gap_curves, gap_marks, print_diagnosis, print_looks
 
-    read = [*sessions, robot, model, catalogue, session_file]
+    read = [*sessions, robot, model, catalogue, session_file, settings]
     check_outputs(read, {"--html": html, "--rrd": rrd, "--json": json_file})
     options: dict[str, Any] = {
+        "settings": USUAL if settings is None else read_settings(settings),
         "model": model,
         "catalogue": catalogue,
         "cutoff": cutoff,

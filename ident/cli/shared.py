@@ -22,7 +22,8 @@ console = make_console()
 
 Sessions = Annotated[list[Path], typer.Argument(help="Session folders, or single files.", show_default=False)]
 Robot = Annotated[
-    str | None, typer.Option("--robot", help="URDF path, tm5-900, or a name of example-robot-data (panda, ur10, …).")
+    str | None,
+    typer.Option("--robot", help="URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …)."),
 ]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 Topic = Annotated[str, typer.Option(help="Topic of the joint states, for ROS 2 bags.")]

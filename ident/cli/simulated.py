@@ -128,13 +128,17 @@ def blind(
     edit: Annotated[
         bool, typer.Option(help="Take named causes out of the patched model; judge it on the arm without them.")
     ] = False,
+    calibrate: Annotated[
+        Path | None, typer.Option(help="Write the numbers that the cases speak for: a file for diagnose --settings.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
+    from ident.blind_check.calibration import write_calibration
     from ident.blind_check.cases import FULL_MIX, parse_mix
     from ident.blind_check.run import BlindOptions, run_blind
 
-    check_outputs([robot, semi_real], {"--json": json_file})
+    check_outputs([robot, semi_real], {"--json": json_file, "--calibrate": calibrate})
     options = BlindOptions(
         cases=cases,
         seed=seed,
@@ -155,8 +159,12 @@ def blind(
             lambda step, done, total: progress(done, total, 0.0),
         )
 
+    numbers = () if calibrate is None else write_calibration(calibrate, report)
+
     def show() -> None:
         console.print(report.summary(), highlight=False)
+        for one in numbers:
+            console.print(f"{one.group}.{one.name} {one.value:.3g} [{one.low:.3g}, {one.high:.3g}] of {one.count}")
         console.print(f"written to {out}")
 
     deliver(show, lambda: write_json(json_file, report.to_dict()))

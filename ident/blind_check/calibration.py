@@ -1,0 +1,139 @@
+"""Numbers that decide, from the cases of a check: what healthy arms leave, and how often names are right.
+
+Three kinds of number hang on the worlds in which a diagnosis is used and not on any law:
+
+- how far what is left must stand out (`verdict.stands_out`, `much_left`, `far_left`): in units of these, the largest of
+  an arm's joints is about log-normal over healthy arms. They are scaled by the value that one healthy arm in so many
+  exceeds (`ALARMS`);
+- how far a name is believed where nothing is left open (`selection.most_sure`) and where something is
+  (`verdict.trust_if_open`): the share of right names there, Laplace's rule on top of what was believed before.
+
+Each is told with its 95 % interval, so that a second seed can be held against it.
+
+Source: Gelman et al. 2013, section 2.4 (shares with a prior of some cases).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from ident.blind_check.scoring import JUDGED, Outcome
+from ident.blind_check.statistics import Z, share
+from ident.blind_check.summary import BlindReport
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.settings_file import ORIGIN
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.numerics import normal_quantile
+
+# One healthy arm in so many may be told that something is left.
+ALARMS = 200
+# Cases that what was believed before counts as.
+PRIOR_CASES = 4.0
+LEAST_HEALTHY, LEAST_NAMES = 20, 10
+STANDING = ("stands_out", "much_left", "far_left")
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A number with its 95 % interval.
+
+    Attributes:
+        group, name: Its place among the settings.
+        value, low, high: The number.
+        count: Cases, or names, behind it.
+    """
+
+    group: str
+    name: str
+    value: float
+    low: float
+    high: float
+    count: int
+
+    def to_dict(self) -> dict[str, Any]:
+        told = {key: getattr(self, key) for key in ("value", "low", "high")}
+        return {
+            "name": f"{self.group}.{self.name}",
+            **{k: float(f"{v:.4g}") for k, v in told.items()},
+            "count": self.count,
+        }
+
+
+def calibrate(outcomes: Sequence[Outcome], used: DiagnosisSettings = USUAL) -> tuple[Calibrated, ...]:
+    """All numbers of which enough cases speak.
+
+    Args:
+        outcomes: Cases that were diagnosed with the numbers that are used.
+        used: These.
+    """
+    return (*_standing(outcomes, used), *_trust(outcomes, used))
+
+
+def _standing(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Calibrated]:
+    healthy = [one for one in outcomes if one.kind in ("healthy", "decoy") and not one.urdf_wrong]
+    left = np.array([one.leftover for one in healthy if one.leftover])
+    if len(left) < LEAST_HEALTHY:
+        return []
+    logs, far = np.log(left), normal_quantile(1.0 - 1.0 / ALARMS)
+    spread = float(np.std(logs, ddof=1))
+    middle = float(np.mean(logs)) + far * spread
+    # Of a normal sample: the mean's error, and that of the deviation.
+    error = spread * float(np.sqrt(1.0 / len(logs) + far**2 / (2.0 * (len(logs) - 1))))
+    value, low, high = (float(np.exp(middle + side * Z * error)) for side in (0.0, -1.0, 1.0))
+    return [
+        Calibrated("verdict", name, old * value, old * low, old * high, len(left))
+        for name, old in ((name, getattr(used.verdict, name)) for name in STANDING)
+    ]
+
+
+def _trust(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Calibrated]:
+    surest, trust = used.selection.most_sure, used.verdict.trust_if_open
+    told = [(one.verdict == "named", p, right) for one in outcomes if one.kind in JUDGED for p, right in one.said]
+    # Names that have a rival are less sure by themselves.
+    whole = [right for named, p, right in told if named and p >= surest - 0.01]
+    part = [right for named, p, right in told if not named and p >= trust * surest - 0.01]
+    most = _share("selection", "most_sure", whole, surest)
+    beside = _share("verdict", "trust_if_open", part, trust)
+    return [one for one in (most, beside) if one is not None]
+
+
+def _share(group: str, name: str, right: Sequence[bool], before: float) -> Calibrated | None:
+    if len(right) < LEAST_NAMES:
+        return None
+    found = share(right)
+    assert found.low is not None
+    assert found.high is not None
+    value = (sum(right) + PRIOR_CASES * before) / (len(right) + PRIOR_CASES)
+    return Calibrated(group, name, value, min(found.low, value), max(found.high, value), len(right))
+
+
+def write_calibration(path: Path, report: BlindReport, used: DiagnosisSettings = USUAL) -> tuple[Calibrated, ...]:
+    """Writes the settings that a check speaks for.
+
+    Raises:
+        InputError: Too few cases for any of them.
+    """
+    found = calibrate(report.outcomes, used)
+    if not found:
+        what = f"{len(report.outcomes)} cases say too little for any number"
+        raise InputError(path, what, f"ask for --cases with {LEAST_HEALTHY} healthy arms or {LEAST_NAMES} names")
+    groups: dict[str, dict[str, float]] = {}
+    for one in found:
+        groups.setdefault(one.group, {})[one.name] = float(f"{one.value:.4g}")
+    origin: Mapping[str, Any] = {
+        "seed": report.seed,
+        "cases": len(report.outcomes),
+        "worlds": str(report.run.get("worlds") or ""),
+        "diagnosis": str(report.run.get("diagnosis") or ""),
+        "numbers": [one.to_dict() for one in found],
+    }
+    with atomic_write(path) as part:
+        part.write_text(tomli_w.dumps({ORIGIN: origin, **groups}), encoding="utf-8")
+    return found
