@@ -171,7 +171,7 @@ def _laws(groups: Sequence[Group], coefficients: Sequence[Float[Array, " k"]]) -
     """Coefficients and shape of the effects whose reported figures do not say all of their law, by joint."""
     found: dict[int, dict[str, OpenLaw]] = {}
     for group, values in zip(groups, coefficients, strict=True):
-        if group.effect.open_law:
+        if group.effect.tells_law(group.variant):
             figures = {**group.variant.shape, **group.variant.inner}
             law = OpenLaw(tuple(map(float, values)), {name: float(value) for name, value in figures.items()})
             found.setdefault(group.joint, {})[group.effect.id] = law

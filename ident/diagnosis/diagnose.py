@@ -30,7 +30,15 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.settle import settle
-from ident.diagnosis.verdict import decide, find_floors, find_nearest, find_unexplained, stands_out
+from ident.diagnosis.verdict import (
+    believed,
+    decide,
+    find_floors,
+    find_nearest,
+    find_unexplained,
+    score_outside,
+    stands_out,
+)
 from ident.effects.base import Effect, SessionContext
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import runs_recorded
@@ -93,31 +101,34 @@ def diagnose(
     ceilings = tuple(
         measure_ceiling(steady, j, settings.gap.trees)
         if stands_out(evidence, found.ladder[-1], j, settings.verdict)
-        else Ceiling.untried(series, j)
+        else Ceiling.untried(steady, j)
         for j in range(arm.n)
     )
-    left, noise = find_unexplained(found, ceilings, evidence, settings.verdict)
+    open_gap = find_unexplained(found, ceilings, evidence, settings.verdict)
+    left = open_gap.left
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
-    judged = np.where(left, np.minimum(settings.verdict.noise_margin * noise, floors), floors)
+    judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, settings.gap)
     spare = inflation(evidence, after)
     tolerance = measure_tolerance(evidence, prior, after, spare, settings.selection)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
-    findings = _findings(found, estimates, arm, floors, reach)
+    verdict = decide(found, left, judged, tolerance, settings.verdict)
+    names, heldout = believed(estimates, verdict, settings.verdict), _together(found, floors, reach)
+    findings = _findings(found, names, arm, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
     diagnosis = Diagnosis(
         robot=arm.name,
-        robot_option=robot_argument(arm.name, arm.source),
+        robot_option=robot_argument(arm.name, arm.source, arm.tip),
         joints=arm.joint_names,
-        verdict=decide(found, left, judged, tolerance, settings.verdict),
+        verdict=verdict,
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
         where=told(maps["before"], settings.gap.map),
         findings=findings,
-        heldout=_together(found, floors, reach),
+        heldout=heldout,
         not_testable=(
             *layout.silent,
             *(one.silence(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
@@ -131,6 +142,8 @@ def diagnose(
             baseline=_beside(baseline, fine, estimates) if fine else tuned_alone(baseline, evidence, after),
             baseline_alone=tuned_alone(baseline, evidence, before),
             baseline_urdf=tuned_alone(baseline, evidence, fixed),
+            outside_score=score_outside(verdict, names, heldout.shrink, open_gap.leftover),
+            leftover=open_gap.leftover,
         ),
         catalogue=tuple(catalogue),
         settings=settings,

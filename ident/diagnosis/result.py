@@ -143,6 +143,8 @@ class Details:
         baseline: The baseline as tuned beside the names, joint by joint.
         baseline_alone: The same without them.
         baseline_urdf: The same with the URDF's inertias held fast.
+        outside_score: How much speaks for a cause that the catalogue lacks, from 0 to 1.
+        leftover: How far what is left stands out of the noise at each joint; above 1 it has no name.
     """
 
     nearest: Nearest | None
@@ -152,6 +154,8 @@ class Details:
     baseline: Mapping[str, TunedJoint]
     baseline_alone: Mapping[str, TunedJoint]
     baseline_urdf: Mapping[str, TunedJoint]
+    outside_score: float
+    leftover: Float[np.ndarray, " n"]
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, by the names of the joints."""
@@ -167,6 +171,8 @@ class Details:
             "baseline": told(self.baseline),
             "baseline_alone": told(self.baseline_alone),
             "baseline_urdf": told(self.baseline_urdf),
+            "outside_score": self.outside_score,
+            "leftover": dict(zip(names, map(float, self.leftover), strict=True)),
         }
 
 

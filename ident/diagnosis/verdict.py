@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.gap.trees import Ceiling
 from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.prior_check import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 
@@ -31,49 +31,50 @@ def stands_out(evidence: Evidence, last: HeldOutScore, joint: int, settings: Ver
     return bool(last.rms[joint] ** 2 > (1.0 + settings.least_gap_share) * evidence.floor[joint] ** 2)
 
 
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """What is left at each joint, beside what noise and friction that varies would leave.
+
+    Attributes:
+        leftover: How far it stands out; above 1 something is there that has no name.
+        noise: The noise that the joint's innovation speaks for [N m].
+    """
+
+    leftover: Float[Array, " n"]
+    noise: Float[Array, " n"]
+
+    @property
+    def left(self) -> Bool[Array, " n"]:
+        """Where more than noise is left."""
+        return self.leftover > 1.0
+
+
 def find_unexplained(
     found: SearchResults,
     ceilings: Sequence[Ceiling],
     evidence: Evidence,
     settings: VerdictSettings = USUAL_VERDICT,
-) -> tuple[Bool[Array, " n"], Float[Array, " n"]]:
-    """At which joints more than noise is left, and the noise that their innovation speaks for [N m].
+) -> Unexplained:
+    """At which joints more than noise is left, and how far it stands out.
 
     Unexplained is what trees can learn; and, whether they can or not, an error over innovation (what can't be foretold
-    from one sample to the next) far above that of the middle joint, or far above the noise.
+    from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a run's own
+    level of friction doesn't count: that varies.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
-    typical = np.minimum(found.ladder[-1].rms, found.ladder[-1].typical_rms)
+    steady = np.array([ceiling.before for ceiling in ceilings])
+    typical = np.minimum.reduce([found.ladder[-1].rms, found.ladder[-1].typical_rms, steady])
     colour = typical / np.maximum(whitening.innovation, 1e-12)
     usual = float(np.median(colour[moved])) if moved.any() else 1.0  # a joint that stands still says nothing of noise
-    learnt = [c.sure and 1.0 - (c.rms / max(c.before, 1e-12)) ** 2 > settings.least_gap_share for c in ceilings]
+    learnt = np.array([c.sure * (1.0 - (c.rms / max(c.before, 1e-12)) ** 2) for c in ceilings])
     # What all joints have in excess is the noise's estimate, up to a point.
     excess = (typical / np.maximum(evidence.floor, 1e-12)) ** 2
     shared = max(float(np.median(excess[moved])), 1.0) if moved.any() else 1.0
-    much = excess > min(settings.much_left * shared, settings.far_left)
-    varying = varying_at_most(evidence, moved, settings)
-    beyond = typical**2 > whitening.level**2 + varying
-    left = moved & (np.array(learnt) | (beyond & ((colour > settings.stands_out * usual) | much)))
-    return left, np.minimum(evidence.floor, usual * whitening.innovation)
-
-
-def varying_at_most(
-    evidence: Evidence, moved: Bool[Array, " n"], settings: VerdictSettings = USUAL_VERDICT
-) -> Float[Array, " n"]:
-    """Upper end of the 95 % interval of what friction's variation leaves at each joint that moved [N² m²].
-
-    A joint's variance is known from so many stretches only; the arm's other joints vary alike, and speak for as many
-    stretches more (a scaled inverse χ² prior: Gelman et al. 2013, section 2.6). A stretch that was left out lies apart
-    from the mean of the others.
-    """
-    stretches = max(len(np.unique(evidence.friction.stretch)), 2)
-    spread = np.maximum(evidence.spread, 1e-9)
-    usual = float(np.median(spread[moved])) if moved.any() else 1.0
-    known = settings.alike_stretches + stretches - 1
-    pooled = (settings.alike_stretches * (usual / spread) ** 2 + stretches - 1) / known
-    lowest = 2.0 * float(gammaincinv(0.5 * known, settings.sure_side))  # quantile of χ²
-    most = known / lowest * stretches / (stretches - 1)
-    return np.asarray(most * pooled * evidence.friction_noise**2)
+    much = excess / min(settings.much_left * shared, settings.far_left)
+    standing = np.maximum(colour / (settings.stands_out * usual), much)
+    beyond = typical**2 / np.maximum((1.0 + settings.least_gap_share) * whitening.level**2, 1e-24)
+    leftover = np.maximum(learnt / settings.least_gap_share, np.minimum(beyond, standing))
+    return Unexplained(np.where(moved, leftover, 0.0), np.minimum(evidence.floor, usual * whitening.innovation))
 
 
 def decide(
@@ -97,6 +98,29 @@ def decide(
     if share >= settings.named_from:
         return "partial" if tolerance.exceeded else "named"
     return "partial" if share >= settings.partial_from else "none_of_catalogue"
+
+
+def believed(estimates: Sequence[Estimate], verdict: str, settings: VerdictSettings = USUAL_VERDICT) -> list[Estimate]:
+    """Names as far as they are believed: less where they leave the gap open, whose cause may then be another."""
+    trust = 1.0 if verdict == "named" else settings.trust_if_open
+    return [replace(one, probability=trust * one.probability) for one in estimates]
+
+
+def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, leftover: Float[Array, " n"]) -> float:
+    """How much speaks for a cause that the catalogue lacks, from 0 to 1: to rank sessions by, no probability.
+
+    Args:
+        verdict: The verdict.
+        estimates: The names, as far as they are believed.
+        closed: Share of the gap that they close.
+        leftover: How far what is left stands out at each joint.
+    """
+    most = float(leftover.max(initial=0.0))
+    if estimates:
+        told = 1.0 if verdict == "named" else float(np.clip(closed, 0.0, 1.0))
+        return 1.0 - told * max(one.probability for one in estimates) / max(most, 1.0)
+    open_share = most / (1.0 + most)
+    return max(open_share, 0.5) if verdict == "none_of_catalogue" else min(open_share, 0.5)
 
 
 @dataclass(frozen=True)

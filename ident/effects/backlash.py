@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -95,7 +95,7 @@ class Backlash(Effect):
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         gap = variant.inner.get("gap_rad", variant.shape.get("gap_rad", 0.0))
         contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
-        return [_knock(run, joint, contact, (gap,))[0][:, :, None] / gap for run in session.runs]
+        return [next(_knock(run, joint, contact, (gap,), unit=gap))[:, :, None] for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -121,15 +121,21 @@ def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, flo
 
 
 def _knock(
-    run: RunContext, joint: int, contact: tuple[float, float], gaps: Sequence[float]
-) -> list[Float[Array, "T n"]]:
-    """What all joints feel of play, for each width [N m]."""
-    tight = deflect(run, joint, *contact, 0.0)
-    found = []
+    run: RunContext,
+    joint: int,
+    contact: tuple[float, float],
+    gaps: Sequence[float],
+    rows: slice = slice(None),
+    unit: float = 1.0,
+) -> Iterator[Float[Array, "T k"]]:
+    """What all joints, or some of them, feel of play, for each width, in units of one [N m]."""
+    same_gear = "without play", joint, contact
+    if same_gear not in run.kept:
+        run.kept[same_gear] = deflect(run, joint, *contact, 0.0)
+    tight = run.kept[same_gear]
     for gap in gaps:
         loose = deflect(run, joint, *contact, gap)
-        found.append(felt_torque(run, joint, loose[0] - tight[0], loose[1] - tight[1]))
-    return found
+        yield felt_torque(run, joint, loose[0] - tight[0], loose[1] - tight[1], rows, unit)
 
 
 def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int) -> tuple[float, ...]:
@@ -140,10 +146,10 @@ def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], jo
     for run, left in zip(session.runs, leftover, strict=True):
         counts = (left[1:, joint] != 0.0) & (left[:-1, joint] != 0.0)
         steps = np.diff(left[:, joint])[counts]
-        for k, felt in enumerate(_knock(run, joint, contact, WIDE_GAPS)):
-            change = np.diff(run.motion.filtered(felt[:, [joint]])[:, 0])[counts]
-            along[k] += change @ steps
-            power[k] += change @ change
+        felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
+        change = np.diff(run.motion.filtered_together(felt), axis=0)[counts]
+        along += steps @ change
+        power += np.sum(change**2, axis=0)
     score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)
     best = np.argsort(-score, kind="stable")[:WIDE_KEPT]
     return tuple(sorted(WIDE_GAPS[k] for k in best if score[k] > 0.0))

@@ -80,6 +80,11 @@ class RunContext:
         q, dq, ddq = (np.moveaxis(np.ascontiguousarray(np.moveaxis(one, 0, -1)), -1, 0) for one in by_sample)
         return q, dq, ddq
 
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """What else was made of the run and will be asked for again, by whatever names it."""
+        return {}
+
     def copied(self) -> RunContext:
         """A copy that knows the derivatives if this one does, and takes what more it computes along when it goes."""
         copy = replace(self)
@@ -103,6 +108,7 @@ class SessionContext:
         joint_names: The joints.
         gear_ratios: Reduction of each joint, or None where it is not known.
         rated_torque: Effort limits [N m].
+        tuned: Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
         every: One of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk.
     """
 
@@ -111,6 +117,7 @@ class SessionContext:
     joint_names: tuple[str, ...]
     gear_ratios: Float[Array, " n"] | None
     rated_torque: Float[Array, " n"]
+    tuned: Float[Array, " 10n"] | None = None
     every: int = 1
 
     @property
@@ -232,6 +239,10 @@ class Effect(ABC):
         """Columns without which it would be another effect: they must earn their own place; () if there are none."""
         return ()
 
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        """Whether a point of the inner grid is right about such coefficients: a law made linear there holds near it."""
+        return True
+
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """A finer grid around a point of the inner grid that fits best; laws without inner figures have none."""
         return (variant,)
@@ -292,6 +303,10 @@ class Effect(ABC):
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """Columns of a point of the inner grid whose coefficients can't be negative."""
         return self.nonnegative
+
+    def tells_law(self, variant: Variant) -> bool:
+        """Whether a diagnosis tells coefficients and shape of this point beside the reported figures."""
+        return self.open_law
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]

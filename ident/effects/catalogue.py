@@ -64,7 +64,8 @@ from ident.effects.joint_elasticity import JointElasticity
 from ident.effects.memory import PreslidingHysteresis, ThermalFriction
 from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
 from ident.effects.ripple import TorqueRipple
-from ident.effects.sensing import EncoderOffset, TorqueDelay, TorqueGainError, TorqueOffset, TorqueSaturation
+from ident.effects.sensing import EncoderOffset, TorqueGainError, TorqueOffset, TorqueSaturation
+from ident.effects.torque_delay import TorqueDelay
 from ident.effects.transmission import JointCoupling, SpringTorque
 from ident.errors import InputError
 

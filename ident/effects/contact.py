@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
+from ident.effects.added_body import point_mass
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.knowledge import EVENT, Doubt, Expression, Range, Typical
-from ident.effects.rigid_body import point_mass
 from ident.effects.typical_sizes import amplitude_interval, exactly
 from ident.robot.arm import ArmModel
 

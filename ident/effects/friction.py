@@ -141,6 +141,10 @@ def _bend(exponent: float) -> float:
     return float(abs(at**exponent - at))
 
 
+# Half of the speed of one, at which a curved law is told by how far it lies off the straight line [rad/s].
+HALF_SPEED = 0.5
+
+
 class NonlinearViscousFriction(Effect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
@@ -191,8 +195,11 @@ class NonlinearViscousFriction(Effect):
         return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        law = f"{figures['coefficient'].value:.3g} N m (|v| / (1 rad/s))^{figures['exponent'].value:.2g}"
-        return f"give {where} a curved friction law, {law}, beside its line; grease that has aged bends it too"
+        bend = HALF_SPEED ** figures["exponent"].value - HALF_SPEED
+        torque = figures["coefficient"].words("N m", abs(bend))
+        way = "more" if bend > 0.0 else "less"
+        law = f"at {HALF_SPEED:g} rad/s {torque} {way} than on the straight line from rest to 1 rad/s"
+        return f"let the friction of {where} bend over speed: {law}; grease that has aged bends it too"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)

@@ -49,11 +49,37 @@ def deflect(
     return twist, rate
 
 
-def felt_torque(run: RunContext, joint: int, twist: Array, rate: Array) -> Float[Array, "T n"]:
-    """What all joints feel of a deflection [N m]."""
-    position, velocity, inertia = (part[:, :, joint] for part in run.derivatives)
+def felt_torque(
+    run: RunContext, joint: int, twist: Array, rate: Array, rows: slice = slice(None), unit: float = 1.0
+) -> Float[Array, "T k"]:
+    """What all joints, or some of them, feel of a deflection, divided by a unit of it [N m]."""
+    position, velocity, inertia = (np.ascontiguousarray(np.moveaxis(part, 0, -1)) for part in run.derivatives)
+    chosen = range(run.n)[rows]
+    felt = np.empty((len(chosen), len(twist)))
     change = np.gradient(rate, run.interval)
-    return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+    _feel(position, velocity, inertia, joint, chosen.start, twist, rate, change, unit, felt)
+    return felt.T
+
+
+@compiled("f3 f3 f3 i i f1 f1 f1 f f2")
+def _feel(
+    position: Array,
+    velocity: Array,
+    inertia: Array,
+    joint: int,
+    first: int,
+    twist: Array,
+    rate: Array,
+    change: Array,
+    unit: float,
+    felt: Array,
+) -> None:
+    """Torque of one joint after the other, sample by sample; of a derivative the samples come last."""
+    for k in range(len(felt)):
+        i = first + k
+        for t in range(len(twist)):
+            torque = inertia[i, joint, t] * change[t] + velocity[i, joint, t] * rate[t]
+            felt[k, t] = -(torque + position[i, joint, t] * twist[t]) / unit
 
 
 @compiled("f1 f1 f1 f1 f f f f i f1 f1")

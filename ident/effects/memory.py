@@ -50,7 +50,7 @@ class ThermalFriction(Effect):
     summary = "friction changes with warmth; look at the same motion cold and hot"
     by_run = True
     shown_by = "repeat"
-    defining = ("viscous_change", "coulomb_change")
+    defining = ("viscous_change",)  # no gear warms up without it
     typical = Typical("viscous_change", 0.4, {"time_constant_s": 120.0})
     doubt = Doubt(shares={"time_constant_s": 0.35})  # a gear has more than one
     left_open = "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)"

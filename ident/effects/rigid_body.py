@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.effects.added_body import (
+    LARGEST_TOOL_SHARE,
+    PLACE,
+    Places,
+    acting,
+    link_law,
+    moment_change,
+    place_of,
+    placed,
+    places_of_tuning,
+    point_mass,
+)
 from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
 from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
 from ident.effects.knowledge import Expression, Range, Typical, exactly_as
@@ -23,18 +36,18 @@ LEAST_PAYLOAD_SHARE = 0.003  # of the arm's mass
 LARGEST_LEVER = 0.3  # [m]
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 LARGEST_TILT = 0.1  # [rad]
-# Distance of a tool's centre from the flange, as a share of the arm's reach.
-LARGEST_TOOL_SHARE = 0.5
-# A column whose torque is less than this share of its link's largest acts on nothing.
-LEAST_COLUMN = 1e-6
-STRUCTURE_STATES = 30
+NOWHERE: Places = MappingProxyType({})
 
 
 class UnknownPayload(Effect):
     """A load at the last link that the model doesn't know: mass m at a centre c, in the last link's frame.
 
-    The four columns belong to m and m (c − c₀), with the inertia that a point mass has near c₀, a reach along the last
-    joint's axis. Columns that act on no torque, whatever the motion, are left out: the height of what hangs on a SCARA.
+    The four columns belong to m and m (c − c₀), with the inertia that a point mass has near c₀: a reach along the last
+    joint's axis, or the place that was found for it. Columns that act on no torque, whatever the motion, are left out:
+    the height of what hangs on a SCARA.
+
+    Args:
+        places: Where a body was found on the last link, if one was.
     """
 
     id = "payload"
@@ -52,14 +65,23 @@ class UnknownPayload(Effect):
         "mjcf": exactly_as("body `payload` in the last link"),
     }
 
+    def __init__(self, places: Places = NOWHERE) -> None:
+        self.places = places
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> UnknownPayload:
+        return UnknownPayload(places_of_tuning(session))
+
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant(shape={"reach_m": reach}) for reach in PAYLOAD_REACHES)
+        found = placed(self.places, session.runs[0].arm, session.n - 1)
+        # As many points as without: the place was found, not chosen among more.
+        usual = PAYLOAD_REACHES[: len(PAYLOAD_REACHES) - len(found)]
+        return (*(Variant(shape={"reach_m": reach}) for reach in usual), *found)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        nominal = _flange_direction(session.runs[0].arm) * variant.shape["reach_m"]
+        nominal = _load_place(session.runs[0].arm, variant)
         axes = _acting_axes(session.runs[0].arm)
         change = np.column_stack([point_mass(nominal), moment_change(nominal)[:, axes]])
         return [run.regressor[:, :, -10:] @ change for run in session.runs]
@@ -67,7 +89,7 @@ class UnknownPayload(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        nominal = _flange_direction(session.runs[0].arm) * variant.shape["reach_m"]
+        nominal = _load_place(session.runs[0].arm, variant)
         # Without a mass there is no centre of one; a gram keeps the quotient finite.
         centres = {
             f"com_{axis}_m": Interval(nominal[k], nominal[k] - LARGEST_LEVER, nominal[k] + LARGEST_LEVER)
@@ -121,8 +143,12 @@ class UnknownPayload(Effect):
 class LinkInertialError(Effect):
     """A link of another mass, or with its centre of mass elsewhere.
 
-    The columns belong to more mass of the link's own density, and to shifts of the first moment m c, whose inertia
-    about the joint goes along. Columns that act on no torque, whatever the motion, are left out.
+    The columns belong to more mass, of the link's own density or of a body at the place that was found for it, and to
+    shifts of the first moment m c, whose inertia about the joint goes along. Columns that act on no torque, whatever
+    the motion, are left out.
+
+    Args:
+        places: Where a body was found on each link on which one was.
     """
 
     id = "link_inertial_error"
@@ -137,20 +163,26 @@ class LinkInertialError(Effect):
         "mjcf": exactly_as("inertial of the body"),
     }
 
+    def __init__(self, places: Places = NOWHERE) -> None:
+        self.places = places
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> LinkInertialError:
+        return LinkInertialError(places_of_tuning(session))
+
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
 
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return (Variant(), *placed(self.places, session.runs[0].arm, joint))
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        arm = session.runs[0].arm
-        change = _link_change(arm, joint)[:, _acting(arm, joint)]
+        change = _acting_law(session.runs[0].arm, joint, variant)
         return [run.regressor[:, :, 10 * joint : 10 * joint + 10] @ change for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        arm = session.runs[0].arm
-        acting = _acting(arm, joint)
-        change = _link_change(arm, joint)[:4, acting]
+        change = _acting_law(session.runs[0].arm, joint, variant)[:4]
         found = {"mass_change_kg": linear_interval(change[0], coefficients, covariance)}
         for k, axis in enumerate("xyz", start=1):
             found[f"moment_change_{axis}_kgm"] = linear_interval(change[k], coefficients, covariance)
@@ -171,15 +203,39 @@ class LinkInertialError(Effect):
         change = figures["mass_change_kg"].words("kg")
         return f"correct the link behind {where} in the URDF: its mass is off by {change}; `ident patch` writes it"
 
+    def tells_law(self, variant: Variant) -> bool:
+        return bool(variant.shape)
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Where the body was laid out: its second moments hang on it."""
+        return {name: float(shape[name]) for name in PLACE if name in shape}
+
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
         link = arm.inertial_parameters[10 * joint : 10 * joint + 10]
         mass = LARGEST_INERTIA_SHARE * max(float(link[0]), 0.1)
         lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), 0.1)
-        return np.array([mass, mass * lever, mass * lever, mass * lever])[_acting(arm, joint)]
+        law = link_law(arm, joint, variant)
+        return np.array([mass, mass * lever, mass * lever, mass * lever])[acting(arm, joint, law)]
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
-        return SizePrior.about_zero(0.5 * self.prior_scale(session, joint, variant))
+        """Student's t about zero for the mass, and for the moment beside that of so much of the link's own density."""
+        usual = SizePrior.about_zero(0.5 * self.prior_scale(session, joint, variant))
+        if not variant.shape:
+            return usual
+        arm = session.runs[0].arm
+        law = link_law(arm, joint, variant)
+        own = link_law(arm, joint, Variant())[1:4, 0]
+        kept = acting(arm, joint, law)
+        beside = np.concatenate([[0.0], law[1:4, 0] - own])[kept]
+        first = kept[0] == 0
+
+        def log_density(coefficients: Float[Array, " k"]) -> float:
+            return usual.log_density(coefficients + beside * coefficients[0] if first else coefficients)
+
+        return SizePrior(usual.deviation, log_density)
 
 
 class GravityMisalignment(Effect):
@@ -233,26 +289,6 @@ class GravityMisalignment(Effect):
         return np.full(2, LARGEST_TILT)
 
 
-def point_mass(centre: Float[Array, " 3"]) -> Float[Array, " 10"]:
-    """Inertial parameters of a unit point mass."""
-    inertia = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    return np.concatenate([[1.0], centre, _six(inertia)])
-
-
-def moment_change(centre: Float[Array, " 3"]) -> Float[Array, "10 3"]:
-    """Change of inertial parameters per change of the first moment, for a body that is shifted."""
-    columns = []
-    for axis in np.eye(3):
-        inertia = 2 * (centre @ axis) * np.eye(3) - np.outer(centre, axis) - np.outer(axis, centre)
-        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
-    return np.stack(columns, axis=1)
-
-
-def _six(inertia: Float[Array, "3 3"]) -> Float[Array, " 6"]:
-    """Entries in the order xx, xy, yy, xz, yz, zz."""
-    return np.asarray(inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
-
-
 def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:
     """Direction in the last link's frame in which tools are mounted: its joint's axis, away from the arm.
 
@@ -267,22 +303,17 @@ def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:
 
 def _acting_axes(arm: ArmModel) -> list[int]:
     """Axes of the last link's frame along which a shifted load changes some torque."""
-    return [column - 1 for column in _acting(arm, arm.n - 1) if column > 0]
+    last = arm.n - 1
+    return [column - 1 for column in acting(arm, last, link_law(arm, last, Variant())) if column > 0]
 
 
-def _link_change(arm: ArmModel, link: int) -> Float[Array, "10 4"]:
-    """Change of a link's parameters per kilogram of its own density, and per shift of its first moment."""
-    parameters = arm.inertial_parameters[10 * link : 10 * link + 10]
-    mass = float(parameters[0])
-    if mass <= 0.0:
-        return np.column_stack([point_mass(np.zeros(3)), moment_change(np.zeros(3))])
-    return np.column_stack([parameters / mass, moment_change(parameters[1:4] / mass)])
+def _load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
+    """About which place a load is laid out, in the last link's frame [m]."""
+    reach = variant.shape.get("reach_m")
+    return place_of(variant) if reach is None else _flange_direction(arm) * reach
 
 
-def _acting(arm: ArmModel, link: int) -> list[int]:
-    """Which columns of `_link_change` act on some torque: a matter of the arm, not of the motion."""
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, STRUCTURE_STATES, arm.n))
-    torque = arm.regressor(q, dq, ddq)[:, :, 10 * link : 10 * link + 10] @ _link_change(arm, link)
-    size = np.sqrt(np.mean(torque**2, axis=(0, 1)))
-    return [int(k) for k in np.flatnonzero(size > LEAST_COLUMN * max(float(size.max()), 1e-12))]
+def _acting_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 k"]:
+    """Change of a link's numbers, by the columns that act on some torque."""
+    law = link_law(arm, link, variant)
+    return law[:, acting(arm, link, law)]

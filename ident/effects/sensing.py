@@ -1,4 +1,4 @@
-"""Torque and position that are not what the log says: gain, offset, delay, flat tops, a shifted zero."""
+"""Torque and position that are not what the log says: gain, offset, flat tops, a shifted zero."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ident.effects.typical_sizes import (
     coefficient_interval,
     exactly,
     grid_interval,
+    is_near,
     near_one_pose,
     rated_torque,
-    root_mean_square,
     sampled_states,
 )
 
@@ -32,10 +32,6 @@ LARGEST_OFFSET = 0.3
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
 LEAST_TORQUE_VARIATION = 0.004
 LARGEST_OFFSET_SHARE = 0.1  # of the rated torque
-DELAYS = (0.002, 0.008, 0.02)  # [s]
-LARGEST_DELAY = 0.05  # [s]
-# What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
-TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
 SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
 # Drives bend into their limit: it may lie this share above the largest reading.
 KNEE_SHARE = 0.05
@@ -164,76 +160,6 @@ class TorqueOffset(Effect):
         return np.asarray(scale)
 
 
-class TorqueDelay(Effect):
-    """Torque logged late against position: τ = [τ_model(t − d₀) − τ_model(t)] / d₀ · d.
-
-    Every point d₀ of the grid has the limit −dτ/dt · d, so that the coefficient is the delay at each; curvature beyond
-    the first order is right at d = d₀ and about right around it.
-    """
-
-    id = "torque_delay"
-    scope = "arm"
-    rows = "all"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "torque lags behind position on all joints alike; look at fast changes of torque"
-    shown_by = "chirp"
-    defining = ("delay_s",)
-    typical = Typical("delay_s", 0.15)
-    of_the_log = True
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all(OUTSIDE_URDF),
-        "mjcf": exactly_as(
-            "delay of the motor's force sensor: the log is late, not the motor; a logged ctrl goes earlier"
-        ),
-    }
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        for j in range(session.n):
-            change = root_mean_square([np.gradient(run.total[:, j], run.interval) for run in session.runs])
-            if change * TYPICAL_DELAY > LEAST_DELAY_SHARE * rated_torque(session, j):
-                return None
-        return "torque changes too slowly in all joints"
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant(shape={"delay_s": delay}) for delay in DELAYS)
-
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        delay = variant.shape["delay_s"]
-        return [((shifted(run.total, delay / run.interval) - run.total) / delay)[:, :, None] for run in session.runs]
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {"delay_s": coefficient_interval(0, coefficients, covariance)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        return {"delay_s": Range(0.0, LARGEST_DELAY, "logs are late by some samples: mend the clocks first")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        delay = figures["delay_s"].words("ms", 1e3)
-        return f"shift the torque log earlier by {delay}, or mend the clocks: it is late at {where}"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_DELAY])
-
-
-def shifted(values: Float[Array, "T n"], delay: float) -> Float[Array, "T n"]:
-    """Signals late by some samples, whole or not: the cubic through the four samples around each instant."""
-    whole = int(np.floor(delay))
-    u = delay - whole  # the instant lies u samples before sample t − whole
-    weights = (
-        -u * (1 - u) * (2 - u) / 6,  # of one sample later
-        (1 + u) * (1 - u) * (2 - u) / 2,
-        (1 + u) * u * (2 - u) / 2,
-        -(1 + u) * u * (1 - u) / 6,
-    )
-    at = np.arange(len(values)) - whole
-    total = np.zeros_like(values)
-    for offset, weight in zip((1, 0, -1, -2), weights, strict=True):
-        total += weight * values[np.clip(at + offset, 0, len(values) - 1)]
-    return total
-
-
 class TorqueSaturation(Effect):
     """Torque that flattens above a knee L: τ = −c sign(τ_model) (|τ_model| − L)₊; c is 1 where it is quite flat.
 
@@ -346,6 +272,10 @@ class EncoderOffset(Effect):
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         return tuple(Variant(shape={"about_rad": share * LARGE_OFFSET}) for share in FINE_OFFSETS)
+
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        about = variant.shape["about_rad"]
+        return about == 0.0 or is_near(about, float(coefficients[0]), 0.0)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         about = variant.shape["about_rad"]

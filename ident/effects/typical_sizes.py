@@ -21,6 +21,8 @@ LEAST_SPEED_RATIO = 3.0
 LEAST_POSES = 0.1
 # Samples of a session by which structure and typical sizes are judged.
 SAMPLED_STATES = 200
+# A secant is right within this factor of where it was taken: inner grids are about as wide.
+NEAR = 2.5
 
 
 def rated_torque(session: SessionContext, joint: int) -> float:
@@ -160,3 +162,9 @@ def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2
     spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
     reach = min(np.pi, 1.96 * spread / size) if size > 0.0 else np.pi
     return Interval(phase, phase - reach, phase + reach)
+
+
+def is_near(point: float, found: float, least: float) -> bool:
+    """Whether a figure that was found is about the one at which its law was made linear; all near zero are."""
+    ratio = found / point
+    return (abs(point) <= least and ratio < NEAR) or 1.0 / NEAR < ratio < NEAR

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.model.bounded import solve_bounded
 from ident.model.loss import LossModel, loss_columns
 from ident.motion.motion import Motion
 from ident.numerics import factor_by_pivots
@@ -203,27 +204,26 @@ def _solve(
     information: Array, score: Array, arm: ArmModel, base: BaseParameters, mode: str, scale: Array
 ) -> tuple[Array, Array]:
     """Most probable change of the inertial numbers, and the loss figures (non-negative but for offsets)."""
-    import cvxpy as cp  # slow to load: only where something is solved
-
-    losses = cp.Variable(len(score) - base.rank)
-    if mode == "base":
-        unknown = cp.Variable(base.rank)
-        lift = lift_base(base, scale)
-        change, beta = lift @ unknown, unknown
-    else:
-        unknown = cp.Variable(10 * arm.n)
-        change = cp.multiply(scale, unknown)
-        beta = base.mapping @ change
     values, vectors = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T  # rootᵀ root = information
     target = np.linalg.lstsq(root.T, score, rcond=None)[0]
-    misfit = root[:, : base.rank] @ beta + root[:, base.rank :] @ losses - target
+    figures = (len(score) - base.rank) // arm.n
+    bounded = [figures * j + k for j in range(arm.n) for k in range(3)]
+    if mode == "base":
+        lift = lift_base(base, scale)
+        believed = np.concatenate([(1 / scale)[:, None] * lift, np.zeros((len(scale), arm.n * figures))], axis=1)
+        tables = ((root, target), (believed, np.zeros(len(scale))))
+        found = solve_bounded(tables, [base.rank + k for k in bounded])
+        return np.asarray(lift @ found[: base.rank]), found[base.rank :].reshape(arm.n, figures)
+    import cvxpy as cp  # slow to load: only where bodies are to be possible
+
+    losses, unknown = cp.Variable(arm.n * figures), cp.Variable(10 * arm.n)
+    change = cp.multiply(scale, unknown)
+    misfit = root[:, : base.rank] @ (base.mapping @ change) + root[:, base.rank :] @ losses - target
     objective = cp.sum_squares(misfit) + cp.sum_squares(cp.multiply(1 / scale, change))
-    figures = losses.size // arm.n
-    constraints = [losses[figures * j + k] >= 0 for j in range(arm.n) for k in range(3)]
-    if mode == "consistent":
-        links = arm.inertial_parameters + change
-        constraints += [_pseudo_inertia(links[10 * i : 10 * i + 10]) >> 0 for i in range(arm.n)]
+    links = arm.inertial_parameters + change
+    constraints = [losses[k] >= 0 for k in bounded]
+    constraints += [_pseudo_inertia(links[10 * i : 10 * i + 10]) >> 0 for i in range(arm.n)]
     cp.Problem(cp.Minimize(objective), constraints).solve(solver=cp.CLARABEL)
     return np.asarray(change.value), np.asarray(losses.value).reshape(arm.n, figures)
 

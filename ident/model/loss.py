@@ -18,6 +18,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import RecordingError
+from ident.model.bounded import solve_bounded
 from ident.motion.motion import Motion
 from ident.numerics import student_quantile
 
@@ -175,7 +176,9 @@ class LossModel:
         """
         joints = motions[0].joints
         widths = self.transition_speeds(motions, analytic)
-        fits = [self._fit_joint(j, motions, analytic, widths) for j in range(len(joints))]
+        rows = [loss_columns(motion, widths) for motion in motions]
+        targets = [m.tau_filtered - m.filtered(torque) for m, torque in zip(motions, analytic, strict=True)]
+        fits = [self._fit_joint(j, motions, rows, targets) for j in range(len(joints))]
         values = np.stack([fit[0] for fit in fits], axis=1)
         return LossResults(
             params=LossParameters(values[0], values[1], values[2], values[3], widths),
@@ -193,8 +196,10 @@ class LossModel:
             return np.full(n, self.transition_speed)
         misfit = np.zeros((len(TRANSITION_GRID), n))
         targets = [m.tau_filtered - m.filtered(torque) for m, torque in zip(motions, analytic, strict=True)]
+        rows = [loss_columns(motion, np.full(n, TRANSITION_GRID[0])) for motion in motions]
         for k, width in enumerate(TRANSITION_GRID):
-            rows = [loss_columns(motion, np.full(n, width)) for motion in motions]
+            for row, motion in zip(rows, motions, strict=True):  # of all columns the width bends one
+                row[..., 2] = motion.filtered(direction(motion.dq, np.full(n, width)))
             for j in range(n):
                 x = np.concatenate([row[motion.moving[:, j], j] for row, motion in zip(rows, motions, strict=True)])
                 y = np.concatenate([t[motion.moving[:, j], j] for t, motion in zip(targets, motions, strict=True)])
@@ -203,19 +208,17 @@ class LossModel:
         return np.asarray(TRANSITION_GRID)[np.argmin(misfit, axis=0)]
 
     def _fit_joint(
-        self, j: int, motions: Sequence[Motion], analytic: Sequence[Array], widths: Array
+        self, j: int, motions: Sequence[Motion], rows: Sequence[Array], targets: Sequence[Array]
     ) -> tuple[Array, Array, int, float, tuple[str, ...]]:
         used = [0, 1, 2, 3] if self.offset else [0, 1, 2]
-        rows: list[Array] = []
-        targets: list[Array] = []
+        moving = [motion.moving[:, j] for motion in motions]
         blocks: list[Array] = []
-        for motion, torque in zip(motions, analytic, strict=True):
-            moving = motion.moving[:, j]
-            rows.append(loss_columns(motion, widths)[moving, j][:, used])
-            targets.append((motion.tau_filtered - motion.filtered(torque))[moving, j])
-            label = (motion.time[motion.coarse][moving] - motion.time[0]) // BLOCK_DURATION
+        for motion, there in zip(motions, moving, strict=True):
+            label = (motion.time[motion.coarse][there] - motion.time[0]) // BLOCK_DURATION
             blocks.append(label + (blocks[-1].max(initial=-1) + 1 if blocks else 0))
-        x, y, block = np.concatenate(rows), np.concatenate(targets), np.concatenate(blocks)
+        x = np.concatenate([row[there, j][:, used] for row, there in zip(rows, moving, strict=True)])
+        y = np.concatenate([target[there, j] for target, there in zip(targets, moving, strict=True)])
+        block = np.concatenate(blocks)
         if len(y) < 20:
             name = motions[0].joints[j]
             raise RecordingError(
@@ -233,19 +236,18 @@ class LossModel:
         return values, covariance, count, float(np.sqrt(np.mean(residual**2))), bound
 
     def _solve(self, x: Float[Array, "T k"], y: Float[Array, " T"]) -> Float[Array, " k"]:
-        """Non-negative least squares, or Huber's loss, by cvxpy; the offset's sign is free."""
-        import cvxpy as cp  # slow to load: only where something is solved
-
+        """Non-negative least squares, or Huber's loss; the offset's sign is free."""
         scale = np.maximum(np.linalg.norm(x, axis=0) / np.sqrt(len(x)), 1e-12)
-        unknown = cp.Variable(x.shape[1])
-        if self.robust:
-            start = np.linalg.lstsq(x / scale, y, rcond=None)[0]
-            knee = HUBER_KNEE * 1.4826 * np.median(np.abs(y - (x / scale) @ start)) + 1e-9
-            objective = cp.sum(cp.huber((y - (x / scale) @ unknown) / knee, 1))
-        else:
+        if not self.robust:
             # The triangular factor holds all that squares need of the rows: three numbers instead of 10⁴.
             basis, factor = np.linalg.qr(x / scale)
-            objective = cp.sum_squares(factor @ unknown - basis.T @ y)
+            return solve_bounded([(factor, basis.T @ y)], range(3)) / scale
+        import cvxpy as cp  # slow to load: only for Huber's loss
+
+        unknown = cp.Variable(x.shape[1])
+        start = np.linalg.lstsq(x / scale, y, rcond=None)[0]
+        knee = HUBER_KNEE * 1.4826 * np.median(np.abs(y - (x / scale) @ start)) + 1e-9
+        objective = cp.sum(cp.huber((y - (x / scale) @ unknown) / knee, 1))
         cp.Problem(cp.Minimize(objective), [unknown[:3] >= 0]).solve(solver=cp.CLARABEL)
         return np.asarray(unknown.value) / scale
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-import torch
 
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Sets torch's thread count for a block, and puts it back."""
+    """Sets torch's thread count for a block, and puts it back; without torch, which is slow to load, there is none.
+
+    Whoever uses torch inside the block has loaded it before.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -6,7 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,7 +21,7 @@ from ident.motion.encoder_band import find_signal_band, keep_band
 from ident.motion.encoder_noise import draw_errors, find_resolution
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
-from ident.motion.zero_phase import filter_both_ways
+from ident.motion.zero_phase import filter_both_ways, filter_together
 from ident.recordings.recording import Payload, Recording, Session
 
 FILTER_ORDER = 4
@@ -63,8 +63,14 @@ class Lowpass:
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
-        padding = min(len(values) - 1, int(3 * self.rate / self.cutoff))
-        return filter_both_ways(_sections(self.rate, self.cutoff), values, padding)[:: self.factor]
+        return filter_both_ways(_sections(self.rate, self.cutoff), values, self._padding(values))[:: self.factor]
+
+    def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
+        """The same of several signals, all of their columns side by side."""
+        return filter_together(_sections(self.rate, self.cutoff), parts, self._padding(parts[0]))[:: self.factor]
+
+    def _padding(self, values: Float[Array, "T ..."]) -> int:
+        return min(len(values) - 1, int(3 * self.rate / self.cutoff))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +92,7 @@ class Motion:
         state_noise: One more draw of the encoder noise that is left in q, dq and ddq, or None: what it does to columns
             made of the states is what the noise that is in them does.
         band: Frequency up to which each joint's states follow its motion [Hz], or None where they follow all of it.
+        log_interval: Sampling interval of the recording [s]; 0 where nobody knows.
         settings: How it was made, and what of it counts as settled.
     """
 
@@ -104,6 +111,7 @@ class Motion:
     continues: bool = False
     state_noise: Float[Array, "T n 3"] | None = None
     band: Float[Array, " n"] | None = None
+    log_interval: float = 0.0
     settings: MotionSettings = USUAL_MOTION
 
     @property
@@ -118,6 +126,10 @@ class Motion:
     def filtered(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Any signal of this run through the common filter."""
         return self.lowpass(values)
+
+    def filtered_together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
+        """Several signals through the common filter, all of their columns side by side."""
+        return self.lowpass.together(parts)
 
     @cached_property
     def tau_filtered(self) -> Float[Array, "t n"]:
@@ -259,6 +271,7 @@ def prepare_run(
         position_command=on_grid(run.position_command),
         state_noise=None if noise is None else freeze(noise),
         band=freeze(np.minimum(band, levels.bandwidth(1.0 / rate))),
+        log_interval=1.0 / rate,
         settings=settings,
     )
 

@@ -9,6 +9,9 @@ Source: Gustafsson 1996 for filtering both ways; direct form II transposed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 
 from ident.arrays import Array, Float
@@ -26,19 +29,37 @@ def filter_both_ways(
         values: Signals.
         padding: Samples by which both ends are extended; fewer than there are.
     """
-    columns = np.asarray(values, dtype=float).reshape(len(values), -1)
-    extended = np.empty((len(values) + 2 * padding, columns.shape[1]))
-    middle = slice(padding, padding + len(values))
-    extended[middle] = columns
-    extended[:padding] = 2.0 * columns[0] - columns[padding:0:-1]
-    extended[middle.stop :] = 2.0 * columns[-1] - columns[-2 : -padding - 2 : -1]
+    return filter_together(sections, [values], padding).reshape(np.shape(values))
+
+
+def filter_together(
+    sections: Float[Array, "s 6"], parts: Sequence[Float[Array, "T ..."]], padding: int
+) -> Float[Array, "T k"]:
+    """The same of several arrays: all of their columns side by side."""
+    length = len(parts[0])
+    ends = np.cumsum([0, *(int(np.prod(np.shape(part)[1:])) for part in parts)])
+    columns = np.empty((length + 2 * padding, ends[-1]))
+    middle = slice(padding, padding + length)
+    inner = columns[middle]
+    for part, first, end in zip(parts, ends[:-1], ends[1:], strict=True):
+        inner[:, first:end] = np.reshape(part, (length, -1))
+    columns[:padding] = 2.0 * inner[0] - inner[padding:0:-1]
+    columns[middle.stop :] = 2.0 * inner[-1] - inner[-2 : -padding - 2 : -1]
+    pairs, steady = _in_pairs(np.asarray(sections, dtype=float).tobytes())
+    state = np.empty((len(pairs), 2, columns.shape[1]))
+    _filter(columns, pairs, steady, state)
+    return inner
+
+
+@lru_cache(maxsize=64)
+def _in_pairs(content: bytes) -> tuple[Float[Array, "s 6"], Float[Array, "s 2"]]:
+    """Sections, an even number of them, and the states in which they rest: a session asks for few filters, often."""
+    sections = np.frombuffer(content).reshape(-1, 6).copy()
     steady = resting_states(sections)
-    if len(sections) % 2:  # sections go in pairs: one more that changes nothing
+    if len(sections) % 2:  # one more that changes nothing
         sections = np.vstack([sections, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
         steady = np.vstack([steady, [0.0, 0.0]])
-    state = np.empty((len(sections), 2, columns.shape[1]))
-    _filter(extended, np.ascontiguousarray(sections), steady, state)
-    return extended[middle].reshape(np.shape(values))
+    return sections, steady
 
 
 @compiled("f2 f2 f2 f3")

@@ -35,7 +35,8 @@ Arrays are (T, n), joints in the order of JOINTS, SI units; one state may be giv
 must deliver: a simulator applies it with the sign reversed (MuJoCo: data.qfrc_applied[:] = -missing_torque("mjcf", …)).
 `interval` is the sampling interval of an even run; laws with a memory need it, dry friction that turns round over a
 displacement too. `slip` is the direction of sliding in [-1, 1], where it is known better than from the run; single
-states take tanh(dq / v0). `warmth` goes from 0 (cold) to 1 (as warm as the diagnosed session became).
+states take tanh(dq / v0). `warmth` goes from 0 (cold) to 1 (as warm as the diagnosed session became), (T, n) where
+joints differ.
 
 Written by `ident patch`; patch.json beside this file says what the figures leave open.
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -37,14 +37,16 @@ class LawModel:
         arm: The chain, its links tuned.
         losses: Rotor inertia and friction.
         effects: Named effects; those without a law in torque are left out.
+        warmth: Of a run's joints, as `MovingArm` takes it; half warm where nobody has followed it.
     """
 
     arm: Arm
     losses: Losses
     effects: tuple[Effect, ...] = ()
+    warmth: Any = 0.5
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        states = MovingArm(self.arm, self.losses, q, dq, ddq, interval)
+        states = MovingArm(self.arm, self.losses, q, dq, ddq, interval, warmth=self.warmth)
         plain = states.rigid + self.losses.torque(dq, ddq, states.direction)
         return np.asarray(plain + acting_torque(self.effects, states))
 

@@ -136,6 +136,8 @@ class DiagnosisRecord(TypedDict):
     next_experiment: NextExperimentRecord | None
     provenance: ProvenanceRecord
     nearest: NotRequired[dict[str, Any] | None]
+    outside_score: NotRequired[float]
+    leftover: NotRequired[dict[str, float]]
     detectable: NotRequired[list[DetectableRecord]]
     until: NotRequired[dict[str, Any]]
     baseline: NotRequired[dict[str, dict[str, Any]]]

@@ -56,5 +56,5 @@ def reach(item: RunResidual, rate: float) -> Float[Array, " t"]:
     every = max(1, round(1.0 / (rate * item.step)))
     at = np.unique(np.append(np.arange(0, len(item.time), every), len(item.time) - 1))
     arm = item.run.arm
-    poses = [arm.forward_kinematics(q)[arm.links[-1]] for q in item.run.motion.q[item.run.motion.coarse][at]]
-    return np.interp(np.arange(len(item.time)), at, [float(np.linalg.norm(pose[:3, 3])) for pose in poses])
+    _, places = arm.link_poses(item.run.motion.q[item.run.motion.coarse][at], arm.links[-1:])[arm.links[-1]]
+    return np.interp(np.arange(len(item.time)), at, np.linalg.norm(places, axis=1))

@@ -42,20 +42,23 @@ class RunResidual:
     counts: Bool[Array, "t n"]
 
     def without_friction_level(self, spread: Float[Array, " n"]) -> RunResidual:
-        """The same with the run's own friction level, and its drift, taken out of what is left after the names.
+        """The same without the run's own viscous and dry friction, and its drift, in what is left after the names.
 
         Args:
             spread: Relative standard deviation of each joint's friction from run to run.
         """
         after = self.after.copy()
-        friction = self.run.friction[self.run.motion.coarse]
+        keep = self.run.motion.coarse
+        friction, direction = self.run.friction[keep], self.run.direction[keep]
         drift = 2.0 * (self.time - self.time[0]) / max(self.time[-1] - self.time[0], 1e-9) - 1.0
         for j in range(after.shape[1]):
-            columns = np.stack([friction[:, j], friction[:, j] * drift], axis=1)
+            kinds = np.stack([self.run.motion.dq[keep, j], direction[:, j]], axis=1)
+            parts = kinds * np.linalg.lstsq(kinds, friction[:, j], rcond=1e-9)[0]
+            columns = np.concatenate([parts, (friction[:, j] * drift)[:, None]], axis=1)
             x, y = columns[self.counts[:, j]], after[self.counts[:, j], j]
             noise = float(np.mean(y**2)) if len(y) else 0.0
             if noise > 0.0 and spread[j] > 0.0:
-                level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(2), x.T @ y)
+                level = np.linalg.solve(x.T @ x + noise / spread[j] ** 2 * np.eye(3), x.T @ y)
                 after[:, j] -= columns @ level
         return replace(self, after=after)
 

@@ -80,45 +80,50 @@ class HeldOut:
         return self.evidence.gram()
 
     @cached_property
-    def _parts(self) -> tuple[tuple[Float[Array, "F p p"], Float[Array, "F p p"]], ...]:
-        """For each joint, the whitened sums of all folds but one, and of that one."""
-        held = self.evidence
-        return tuple(
-            held.friction.part(sums, j, float(held.spread[j]), held.fold_of_block)
-            for j, sums in enumerate(held.free.by_fold)
-        )
+    def _scored(self) -> dict[tuple[Group, ...], tuple[FoldWeights, HeldOutScore]]:
+        """Models that were asked for, solved and scored: most are asked for again."""
+        return {}
 
     def weights(self, groups: Sequence[Group] = ()) -> FoldWeights:
         """Residual weights of the baseline and some groups, solved without each fold in turn."""
+        return self._of(groups)[0]
+
+    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
+        """Scores the baseline and some groups."""
+        return self._of(groups)[1]
+
+    def _of(self, groups: Sequence[Group]) -> tuple[FoldWeights, HeldOutScore]:
+        key = tuple(groups)
+        if key not in self._scored:
+            found = self._solved(groups)
+            self._scored[key] = found, self._score_of(found)
+        return self._scored[key]
+
+    def _solved(self, groups: Sequence[Group]) -> FoldWeights:
         layout = self.evidence.layout
         used = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups), [layout.size]]).astype(
             int
         )
-        spots = [_spots(local, used) for local in layout.local]
-        solved = []
-        for fold in range(len(self._parts[0][0])):
-            gram = np.zeros((len(used), len(used)))
-            for (rest, _), (places, into) in zip(self._parts, spots, strict=True):
-                gram[np.ix_(into, into)] += rest[fold][np.ix_(places, places)]
-            solved.append(self._solve(gram, used))
-        values = np.array(solved)
+        parts = self.evidence.parts
+        grams = np.zeros((len(parts[0][0]), len(used), len(used)))
+        for (rest, _), local in zip(parts, layout.local, strict=True):
+            places, into = _spots(local, used)
+            grams[:, into[:, None], into] += rest[:, places[:, None], places]
+        values = np.array([self._solve(gram, used) for gram in grams])
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
         if once.any():  # what happened once can't be learnt from other runs
             values[:, once] = self._solve(self._whole[np.ix_(used, used)], used)[once]
         return FoldWeights(used, values)
 
-    def score(self, groups: Sequence[Group] = ()) -> HeldOutScore:
-        """Scores the baseline and some groups."""
+    def _score_of(self, found: FoldWeights) -> HeldOutScore:
         layout = self.evidence.layout
-        found = self.weights(groups)
         misfit, squares = np.zeros((2, len(found.values), layout.n))
         for j, local in enumerate(layout.local):
             places, into = _spots(local, found.columns)
-            for fold, weights in enumerate(found.values):
-                w = weights[into]
-                with np.errstate(over="ignore"):  # what a fold knows nothing of may run away: as bad as can be
-                    misfit[fold, j] = w @ self._parts[j][1][fold][np.ix_(places, places)] @ w
-                    squares[fold, j] = w @ self.evidence.plain[j][fold][np.ix_(places, places)] @ w
+            w, across = found.values[:, into], places[:, None]
+            with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
+                for sums, told in ((self.evidence.parts[j][1], misfit), (self.evidence.plain[j], squares)):
+                    told[:, j] = np.einsum("fk,fk->f", w, (sums[:, across, places] @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:

@@ -82,7 +82,11 @@ class FrictionSums:
 
         What is taken off it is the symmetric half of Pᵀ S.
         """
-        return self.sums[joint], 0.5 * self._slope(self._whole(joint), joint, spread)[self._place]
+        known = self._last_slopes.get(joint)
+        if known is None or known[0] != spread:
+            slope = 0.5 * self._slope(self._wholes[joint], joint, spread)[self._place]
+            known = self._last_slopes[joint] = spread, slope
+        return self.sums[joint], known[1]
 
     def part(
         self, own: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
@@ -114,11 +118,23 @@ class FrictionSums:
         """Number of each piece's stretch."""
         return np.unique(self.stretch, return_inverse=True)[1]
 
-    def _whole(self, joint: int, inside: Bool[Array, " K"] | None = None) -> Float[Array, "R 2 p"]:
-        """Sums of each stretch, of all its pieces or of some."""
-        pieces = self.sums[joint] if inside is None else self.sums[joint] * inside[:, None, None]
+    @cached_property
+    def _last_slopes(self) -> dict[int, tuple[float, Float[Array, "K 2 p"]]]:
+        """By joint the spread that was asked for last, and ½ S of each piece: mostly it is asked for again."""
+        return {}
+
+    @cached_property
+    def _wholes(self) -> tuple[Float[Array, "R 2 p"], ...]:
+        """For each joint the sums of each stretch."""
+        everywhere = np.ones(len(self._place), dtype=bool)
+        return tuple(self._whole(joint, everywhere) for joint in range(len(self.sums)))
+
+    def _whole(self, joint: int, inside: Bool[Array, " K"]) -> Float[Array, "R 2 p"]:
+        """Sums of some pieces of each stretch."""
+        pieces = self.sums[joint]
         whole = np.zeros((int(self._place.max()) + 1, *pieces.shape[1:]))
-        np.add.at(whole, self._place, pieces)
+        for k in np.flatnonzero(inside):
+            whole[self._place[k]] += pieces[k]
         return whole
 
     def _slope(self, whole: Float[Array, "R 2 p"], joint: int, spread: float) -> Float[Array, "R 2 p"]:
@@ -139,7 +155,7 @@ class FrictionSums:
         Returns:
             What takes a model's weights of a row to the levels; their covariance by noise.
         """
-        level, whole = self.level[joint], self._whole(joint)
+        level, whole = self.level[joint], self._wholes[joint]
         information = level[:, None] * whole[:, :, self.columns] * level
         information += 1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         moved = np.linalg.eigvalsh(information)[:, 0] > 1e-9
@@ -157,7 +173,7 @@ class FrictionSums:
             joint: The joint.
             weights: What the model leaves of a row is their product.
         """
-        level, whole = self.level[joint], self._whole(joint)
+        level, whole = self.level[joint], self._wholes[joint]
         power = np.einsum("a,rab,b->r", level, whole[:, :, self.columns], level)
         seen = power > 1e-9
         return (whole[seen] @ weights) @ level / power[seen], 1.0 / power[seen]

@@ -95,9 +95,18 @@ class Evidence:
         """For each joint, its whitened sums over all blocks."""
         return tuple(sums - self.friction.taken(j, float(self.spread[j])) for j, sums in enumerate(self.free.total))
 
+    @cached_property
+    def parts(self) -> tuple[tuple[Float[Array, "F p p"], Float[Array, "F p p"]], ...]:
+        """For each joint, the whitened sums of all folds but one, and of that one."""
+        return tuple(
+            self.friction.part(sums, j, float(self.spread[j]), self.fold_of_block)
+            for j, sums in enumerate(self.free.by_fold)
+        )
+
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
         """Whitened sums of every block times weights of a joint's columns."""
-        product: Array = self.free.of_joint[joint] @ weights
+        used = np.flatnonzero(weights)  # a model has few of all columns: the rest of the sums need not be read
+        product: Array = weights[used] @ self.free.of_joint[joint][:, used]
         taken = self.friction.taken_of_blocks(joint, float(self.spread[joint]), weights, len(product))
         return np.asarray(product - taken)
 

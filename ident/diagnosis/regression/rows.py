@@ -20,6 +20,8 @@ from ident.robot.regressor import PER_LINK
 
 # Samples (after decimation) that are in memory at once, unless a run has more.
 CHUNK_SAMPLES = 10_000
+# Samples (after decimation) of a session whose baseline's columns are kept from pass to pass: some 100 MiB at the most.
+KEPT_SAMPLES = 30_000
 # Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
 BATCH_COLUMNS = 64
 
@@ -81,7 +83,8 @@ def compute_tables(
         # Copies, so that what the effects cache with a run goes when its chunk goes.
         fresh = (session.runs[i].copied() for i in chunk)
         part = replace(session, runs=tuple(noisier_run(baseline, run) if noisier else run for run in fresh), every=1)
-        tables = [baseline_tables(baseline, layout, run) for run in part.runs]
+        known = _kept_columns(session, baseline, chunk, part.runs, noisier)
+        tables = [baseline_tables(layout, one) for one in known]
         batches = [_Batch(layout, run, table) for run, table in zip(part.runs, tables, strict=True)]
         for group in groups:
             for batch, columns in zip(batches, group.effect.columns(part, group.joint, group.variant), strict=True):
@@ -106,27 +109,68 @@ def _chunks(session: SessionContext, runs: Sequence[int]) -> Iterator[list[int]]
         yield chunk
 
 
-def baseline_tables(baseline: Baseline, layout: Layout, run: RunContext) -> list[Float[Array, "t p"]]:
+def baseline_tables(layout: Layout, known: BaselineColumns) -> list[Float[Array, "t p"]]:
     """Tables with the baseline's columns and the torque filled in, room left for the candidates."""
+    tables = []
+    for j, local in enumerate(layout.local):
+        table = np.zeros((len(known.target), len(local)))
+        table[:, known.felt[j]] = known.base[j]
+        table[:, layout.rank : layout.rank + LOSS_FIGURES] = known.losses[:, j]
+        table[:, -1] = known.target[:, j]
+        tables.append(table)
+    return tables
+
+
+@dataclass(frozen=True, eq=False)
+class BaselineColumns:
+    """The baseline's columns of a run, filtered: which base parameters each joint feels, and what each joint carries.
+
+    No joint feels links before it: such columns are zero, need no filter, and are left out.
+    """
+
+    felt: tuple[Int[Array, " b"], ...]
+    base: tuple[Float[Array, "t b"], ...]
+    losses: Float[Array, "t n l"]
+    target: Float[Array, "t n"]
+
+
+def baseline_columns(baseline: Baseline, run: RunContext) -> BaselineColumns:
+    """The baseline's columns of a run."""
     motion = run.motion
-    # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one. No joint feels links before
-    # it: such columns are zero, and need no filter.
+    # Inertias don't enter the regressor: that of the tuned arm is that of the nominal one.
     numbers = np.array(baseline.base.columns)
-    felt = [np.flatnonzero(numbers >= PER_LINK * j) for j in range(run.n)]
+    felt = tuple(np.flatnonzero(numbers >= PER_LINK * j) for j in range(run.n))
     flat = np.concatenate([run.regressor.shape[2] * j + numbers[own] for j, own in enumerate(felt)])
     rows = motion.filtered(run.regressor.reshape(len(run.regressor), -1)[:, flat])
-    ends = np.cumsum([len(own) for own in felt])
+    base = np.split(rows, np.cumsum([len(own) for own in felt])[:-1], axis=1)
     losses = motion.filtered(np.stack([motion.ddq, motion.dq, run.direction], axis=-1))
     nominal = baseline.nominal.with_payload(motion.payload).inertial_parameters
     target = motion.tau_filtered - motion.filtered(run.regressor @ nominal)
-    tables = []
-    for j, local in enumerate(layout.local):
-        table = np.zeros((len(target), len(local)))
-        table[:, felt[j]] = rows[:, ends[j] - len(felt[j]) : ends[j]]
-        table[:, layout.rank : layout.rank + LOSS_FIGURES] = losses[:, j]
-        table[:, -1] = target[:, j]
-        tables.append(table)
-    return tables
+    # Copies: what is kept must not hold on to signals at the full rate.
+    return BaselineColumns(felt, tuple(part.copy() for part in base), losses.copy(), target)
+
+
+def _kept_columns(
+    session: SessionContext, baseline: Baseline, chunk: Sequence[int], runs: Sequence[RunContext], noisier: bool
+) -> list[BaselineColumns]:
+    """The baseline's columns of some runs: of a session that is held and short, all passes but the first find them.
+
+    Args:
+        session: The session.
+        baseline: The tuned model.
+        chunk: Numbers of the runs.
+        runs: The same, as they are to be seen.
+        noisier: Whether that is with one more draw of the encoder noise.
+    """
+    if not (isinstance(session.runs, tuple) and sum(r.motion.filtered_length for r in session.runs) <= KEPT_SAMPLES):
+        return [baseline_columns(baseline, run) for run in runs]
+    found = []
+    for i, run in zip(chunk, runs, strict=True):
+        kept, name = session.runs[i].kept, (baseline, "noisier" if noisier else "baseline")
+        if name not in kept:
+            kept[name] = baseline_columns(baseline, run)
+        found.append(kept[name])
+    return found
 
 
 @dataclass(eq=False)
@@ -149,9 +193,7 @@ class _Batch:
         """Filters what waits and writes it into the tables of the joints that it acts on."""
         if not self.waiting:
             return
-        filtered = self.run.motion.filtered(
-            np.concatenate([columns.reshape(len(columns), -1) for _, columns in self.waiting], axis=1)
-        )
+        filtered = self.run.motion.filtered_together([columns for _, columns in self.waiting])
         start = 0
         for group, columns in self.waiting:
             end = start + columns[0].size

@@ -28,6 +28,7 @@ def build_session(baseline: Baseline, motions: Sequence[Motion], common_clock: b
         joint_names=baseline.nominal.joint_names,
         gear_ratios=baseline.nominal.gear_ratios,
         rated_torque=baseline.nominal.effort_limit,
+        tuned=baseline.arm.inertial_parameters - baseline.nominal.inertial_parameters,
         every=every,
     )
 

@@ -76,7 +76,7 @@ class Candidates:
 
         Columns that make a group what it is must earn their own place; until they do, they alone count.
         """
-        gain, scaled = projection.gain(group)
+        gain, scaled = self.gain_of(projection, group)
         if group.prior is not None:
             told = projection.rest[np.ix_(group.columns, group.columns)]
             return 0.5 * gain - self.cost_of_size(group, group.prior, scaled, told) - self._choices[group.effect.id]
@@ -87,6 +87,12 @@ class Candidates:
             if 0.5 * own - len(essential) * column < self.settings.essential_nats:
                 gain = own
         return 0.5 * gain - self.cost_of(group)
+
+    def gain_of(self, projection: Projection, group: Group) -> tuple[float, Array]:
+        """Fall of the misfit by a group, and its scaled coefficients; none where its point of the grid isn't theirs."""
+        gain, scaled = projection.gain(group)
+        holds = group.effect.stands_for(group.variant, scaled / self.evidence.scale[group.columns])
+        return gain if holds else 0.0, scaled
 
     def cost_of(self, group: Group) -> float:
         """What a group's freedom and its grid cost [nats]."""

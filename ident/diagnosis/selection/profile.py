@@ -106,7 +106,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
     mates = tuple(
         other for other in search.evidence.layout.groups if other.key == group.key and len(other.columns) == width
     )
-    seen = [projection.gain(mate) for mate in mates]
+    seen = [search.gain_of(projection, mate) for mate in mates]
     gains = np.array([gain for gain, _ in seen]) / spare
     drop, share = search.settings.interval_fall, group.effect.doubt.share
     open_ended = 0.5 * share**2 * float(gains[mates.index(group)])

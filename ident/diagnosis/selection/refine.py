@@ -64,7 +64,7 @@ def _best(fine: Search, keys: Sequence[tuple[str, int, int | None]]) -> tuple[Gr
         for key in keys:
             others = [best[other] for other in keys if other != key]
             projection = project(gram, fine.evidence, fine.prior, others)
-            first = mates[key][int(np.argmax([projection.gain(group)[0] for group in mates[key]]))]
+            first = mates[key][int(np.argmax([fine.gain_of(projection, group)[0] for group in mates[key]]))]
             best[key] = fine.steadier(projection, others, first)
         if best == before:
             break

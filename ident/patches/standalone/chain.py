@@ -103,14 +103,17 @@ def payload_parameters(figures: dict[str, float]) -> Array:
 
 
 def link_change(link: Array, figures: dict[str, float]) -> Array:
-    """Change of a link's ten numbers: more of its own density, then a shift of its first moment.
+    """Change of a link's ten numbers: more of its own density, or a body at a place, then a shift of its first moment.
 
     What the figures leave open, the second moments, follows as in the diagnosis: I grows with the mass, and with the
-    shift of the first moment h as that of a body near the link's centre c, 2 (c · h) 1 − c hᵀ − h cᵀ.
+    shift of the first moment h as that of a body near the link's centre or that place c, 2 (c · h) 1 − c hᵀ − h cᵀ.
     """
     mass = link[0]
     centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
     density = link / mass if mass > 0.0 else np.eye(10)[0]
+    if "x_m" in figures:
+        centre = np.array([figures[f"{axis}_m"] for axis in "xyz"])
+        density = np.concatenate([[1.0], centre, six(centre @ centre * np.eye(3) - np.outer(centre, centre))])
     shift = np.array([figures[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - figures["mass_change_kg"] * centre
     inertia = 2.0 * (centre @ shift) * np.eye(3) - np.outer(centre, shift) - np.outer(shift, centre)
     return figures["mass_change_kg"] * density + np.concatenate([[0.0], shift, six(inertia)])

@@ -62,7 +62,8 @@ class MovingArm:
         q, dq, ddq: States [rad, rad/s, rad/s²].
         interval: Sampling interval [s]; 0 for single states, of which laws with a memory know nothing.
         slip: Direction of sliding in [-1, 1]; if None, as the losses have it along the run.
-        warmth: From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number or shape (T,).
+        warmth: From 0 (coldest moment of the diagnosed session) to 1 (warmest); a number, shape (T,), or (T, n) where
+            joints differ.
     """
 
     arm: Arm
@@ -86,6 +87,11 @@ class MovingArm:
     def rigid(self) -> Array:
         """Rigid torque; without rotor and friction it is also the load of the gears [N m]."""
         return rigid_torque(self.arm, self.q, self.dq, self.ddq)
+
+    def warmth_of(self, j: int) -> Array:
+        """How warm a joint is."""
+        warmth = np.asarray(self.warmth, dtype=float)
+        return warmth[:, j] if warmth.ndim == 2 else warmth
 
     def at(self, j: int, torque: Array) -> Array:
         """A torque on one joint, none on the others."""

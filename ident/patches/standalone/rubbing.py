@@ -28,7 +28,7 @@ def load_dependent(m: MovingArm, j: int, p: dict[str, float]) -> Array:
 def thermal(m: MovingArm, j: int, p: dict[str, float]) -> Array:
     """The losses are those of the cold joint; both changes are shares of them."""
     viscous = p["viscous_change"] * m.losses.viscous[j] * m.dq[:, j]
-    return m.at(j, m.warmth * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]))
+    return m.at(j, m.warmth_of(j) * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]))
 
 
 def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:

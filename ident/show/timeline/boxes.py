@@ -62,11 +62,8 @@ def link_poses(
     arm: ArmModel, q: Float[np.ndarray, "T n"], links: tuple[str, ...]
 ) -> dict[str, tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]]:
     """Position [m] and quaternion (x, y, z, w) of links in the base frame over time."""
-    poses = [arm.forward_kinematics(row) for row in q]
-    stacked = {link: np.array([pose[link] for pose in poses]).reshape(-1, 4, 4) for link in links}
-    return {
-        link: (matrix[:, :3, 3], Rotation.from_matrix(matrix[:, :3, :3]).as_quat()) for link, matrix in stacked.items()
-    }
+    poses = arm.link_poses(q, links)
+    return {link: (place, Rotation.from_matrix(turn).as_quat()) for link, (turn, place) in poses.items()}
 
 
 def arm_reach(arm: ArmModel) -> float:

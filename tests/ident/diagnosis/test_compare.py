@@ -12,7 +12,7 @@ from ident.diagnosis.change.compare import ALARM, compare, least_nats, stand_ins
 from ident.diagnosis.change.friction_doubt import may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.look import look_at
-from ident.diagnosis.change.placed_bodies import PLACE, PlacedLinkError, place_bodies
+from ident.diagnosis.change.placed_bodies import place_bodies
 from ident.diagnosis.change.places import told_apart
 from ident.diagnosis.change.readings import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
@@ -20,7 +20,8 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.search import Search
-from ident.effects.rigid_body import point_mass
+from ident.effects.added_body import PLACE, point_mass
+from ident.effects.rigid_body import LinkInertialError
 from ident.effects.typical_sizes import friction_level
 from ident.model.named_laws import JointStates, by_load
 from ident.motion.motion import Motion
@@ -207,7 +208,7 @@ def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, be
 def test_where_a_mass_shows_by_its_moments_alone_no_place_is_asked_for(arm: ArmModel, before: list[Motion]) -> None:
     """A link on an upright base: its mass is whatever its place makes it."""
     session = look_at(before[:2], before[2:], arm).session
-    effect = PlacedLinkError(dict.fromkeys(range(3), np.array([0.1, 0.1, 0.1])))
+    effect = LinkInertialError(dict.fromkeys(range(3), np.array([0.1, 0.1, 0.1])))
     assert [len(effect.variants(session, link)) for link in range(3)] == [1, 1, 2]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -15,7 +17,7 @@ from ident.diagnosis.regression.design import Layout
 from ident.diagnosis.regression.gram import Evidence, build_partition, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise
-from ident.diagnosis.regression.rows import Rows, baseline_tables, compute_rows
+from ident.diagnosis.regression.rows import Rows, baseline_columns, baseline_tables, compute_rows
 from ident.motion.motion import Lowpass, Motion
 
 
@@ -103,7 +105,7 @@ def test_columns_that_are_zero_need_no_filter(healthy: Analysis) -> None:
     run = healthy.session.runs[0]
     chosen = list(healthy.baseline.base.columns)
     whole = run.motion.filtered(run.regressor[:, :, chosen])
-    for j, table in enumerate(baseline_tables(healthy.baseline, healthy.evidence.layout, run)):
+    for j, table in enumerate(baseline_tables(healthy.evidence.layout, baseline_columns(healthy.baseline, run))):
         assert np.array_equal(table[:, : len(chosen)], whole[:, j])
 
 
@@ -175,6 +177,20 @@ def test_held_out_score_is_a_refit_without_the_fold(healthy: Analysis, whitened:
         assert np.allclose(score.misfit[fold], expected, rtol=1e-5)
 
 
+def test_a_model_that_is_asked_for_again_has_its_score(healthy: Analysis) -> None:
+    """Law: scores depend on the groups, not on what was asked before; two views of a session share its sums alone."""
+    prior = Prior.of(healthy.evidence, healthy.baseline.prior)
+    group, other = healthy.evidence.layout.groups[0], healthy.evidence.layout.groups[-1]
+    asked = HeldOut(healthy.evidence, prior)
+    tight = HeldOut(healthy.evidence, prior.tightened(100.0))
+    for groups in ((), (group,), (group, other), (other, group), (), (group,)):
+        for scorer in (asked, tight):
+            first = HeldOut(healthy.evidence, scorer.prior).score(groups)
+            assert np.array_equal(scorer.score(groups).misfit, first.misfit)
+            assert np.array_equal(scorer.score(groups).squares, first.squares)
+    assert not np.array_equal(asked.score((group,)).misfit, tight.score((group,)).misfit)
+
+
 def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch) -> None:
     """Law: how many runs are in memory at once changes neither the rows nor, in N m, their sums."""
     monkeypatch.setattr(rows_module, "CHUNK_SAMPLES", 500)
@@ -191,6 +207,21 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
         ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]
         assert np.allclose(a * ours, b * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
+
+
+def test_a_later_pass_has_the_rows_of_the_first(
+    healthy: Analysis, all_rows: list[Rows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Law: what is kept of the baseline's columns changes no number; of a long session nothing is kept."""
+    session = replace(healthy.session, runs=tuple(replace(run) for run in healthy.session.runs))
+    partition = build_partition(session)
+    for most in (0, 10**9, 10**9):  # not kept, kept, and found again
+        monkeypatch.setattr(rows_module, "KEPT_SAMPLES", most)
+        again = compute_rows(session, healthy.baseline, healthy.evidence.layout, partition)
+        for one, other in zip(again, all_rows, strict=True):
+            for ours, theirs in ((one.tables, other.tables), (one.noise or (), other.noise or ())):
+                assert all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
+        assert all(bool(run.kept) == bool(most) for run in session.runs)
 
 
 @pytest.mark.parametrize("bursts", [0, 2])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.settings import USUAL_VERDICT
+from ident.diagnosis.verdict import believed
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import (
@@ -72,6 +74,15 @@ def test_twins_are_told_as_one_class(short_arm: ArmModel) -> None:
     assert finding.joints == ("joint_1",)
     assert {"torque_offset", "asymmetric_friction"} <= set(finding.estimate.rivals)
     assert finding.estimate.probability < 0.9
+
+
+def test_a_name_beside_an_open_gap_is_believed_less(short_arm: ArmModel) -> None:
+    """Law: what names leave open may have a cause that the catalogue lacks, and so may what they seem to explain."""
+    (finding,) = analyse(short_arm, spring_on_3).diagnosis.findings
+    (whole,), (part,) = (believed([finding.estimate], verdict) for verdict in ("named", "partial"))
+    assert whole.probability == finding.estimate.probability
+    assert part.probability == pytest.approx(USUAL_VERDICT.trust_if_open * whole.probability)
+    assert part.parameters == whole.parameters
 
 
 def test_an_effect_that_is_not_in_the_catalogue(short_arm: ArmModel) -> None:

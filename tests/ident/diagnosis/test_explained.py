@@ -13,8 +13,8 @@ def test_every_unit_of_a_turning_joint_has_one_of_a_sliding_joint(turning: str, 
 
 
 def test_a_curved_law_of_a_slide_is_a_force_over_a_speed_in_metres() -> None:
-    told = of_a_slide("give it a curved friction law, 2.1 N m (|v| / (1 rad/s))^0.5, beside its line")
-    assert told == "give it a curved friction law, 2.1 N (|v| / (1 m/s))^0.5, beside its line"
+    told = of_a_slide("at 0.5 rad/s 2.1 N m [1, 3] more than on the straight line from rest to 1 rad/s")
+    assert told == "at 0.5 m/s 2.1 N [1, 3] more than on the straight line from rest to 1 m/s"
 
 
 def test_words_stay_as_they_are() -> None:

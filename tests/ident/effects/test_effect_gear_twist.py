@@ -13,7 +13,7 @@ from smooth_motion import make_session
 
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
-from ident.effects.gear_twist import deflect
+from ident.effects.gear_twist import deflect, felt_torque
 from ident.robot.arm import ArmModel
 
 SUBSTEPS = 8
@@ -85,6 +85,17 @@ def test_a_law_that_swings_up_without_bound_says_nothing(short: SessionContext) 
         twist, rate = deflect(run, 1, 9e3, 10.0, gap)
         assert not twist.any()
         assert not rate.any()
+
+
+def test_what_is_felt_of_a_deflection_is_the_link_s_own_law(short: SessionContext) -> None:
+    """Law: −(M δ'' + V δ' + P δ) with the whole column of each derivative, of all joints or some, in any unit."""
+    run = short.runs[0]
+    twist, rate = 1e-3 * np.random.default_rng(2).normal(size=(2, len(run.motion.time)))
+    position, velocity, inertia = (part[:, :, 1] for part in run.derivatives)
+    change = np.gradient(rate, run.interval)
+    expected = -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+    assert np.allclose(felt_torque(run, 1, twist, rate), expected, rtol=1e-13)
+    assert np.allclose(felt_torque(run, 1, twist, rate, slice(1, 3), 0.004), expected[:, 1:3] / 0.004, rtol=1e-13)
 
 
 def test_every_joint_feels_an_elastic_one(short: SessionContext) -> None:

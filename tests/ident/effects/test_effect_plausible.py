@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.diagnosis.explained import of_a_slide
 from ident.effects.base import Effect, Interval, SessionContext
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.contact import ExternalContact, Push
@@ -43,8 +44,15 @@ def test_typical_sizes_are_physical(effect: Effect, session: SessionContext) -> 
         action = effect.action("joint_2", figures)
         assert action[0].islower()
         assert not action.endswith(".")
-        assert "[" in action or effect.id in ("nonlinear_viscous_friction",)
+        assert "[" in action
         assert impossible(effect, session, joint, figures) is None
+
+
+def test_friction_that_grows_with_time_alone_is_no_warmth() -> None:
+    """A lubricant's friction falls as it warms: where that may be zero, dry friction merely wanders."""
+    rise = {"viscous_change": Interval(0.0, -0.045, 0.045), "coulomb_change": Interval(0.078, 0.006, 0.149)}
+    assert undefined(find_effect("thermal_friction"), rise) is not None
+    assert undefined(find_effect("thermal_friction"), rise | {"viscous_change": Interval(-0.2, -0.3, -0.1)}) is None
 
 
 @pytest.mark.parametrize("effect", [effect for effect in CATALOGUE if effect.defining], ids=lambda effect: effect.id)
@@ -130,6 +138,16 @@ def test_what_to_do_bears_the_figures() -> None:
     assert "reads 11 % [8, 14] too little" in find_effect("torque_gain_error").action("joint_5", gain)
     warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
+
+
+@pytest.mark.parametrize(("exponent", "way"), [(0.85, "more"), (0.5, "more"), (2.0, "less")])
+def test_a_curved_law_is_told_by_the_torque_off_a_straight_line(exponent: float, way: str) -> None:
+    """Law: between rest and a speed of 1 the law c |v|^e lies off its chord by what the sentence says at half of it."""
+    curved = {"coefficient": Interval(100.0, 80.0, 120.0), "exponent": Interval(exponent, exponent, exponent)}
+    told = find_effect("nonlinear_viscous_friction").action("joint_2", curved)
+    off = abs(0.5**exponent - 0.5 * 1.0**exponent)
+    assert f"at 0.5 rad/s {100 * off:.3g} N m [{80 * off:.3g}, {120 * off:.3g}] {way} than" in told
+    assert f"at 0.5 m/s {100 * off:.3g} N [" in of_a_slide(told)
 
 
 def test_friction_may_vary_more_than_there_is_where_it_was_not_seen(session: SessionContext) -> None:

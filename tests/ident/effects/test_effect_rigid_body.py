@@ -9,7 +9,8 @@ import pytest
 from smooth_motion import Recover, make_session
 
 from ident.arrays import Array
-from ident.effects.base import SessionContext
+from ident.effects.added_body import PLACE, point_mass
+from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -120,3 +121,27 @@ def test_columns_depend_on_their_own_run_only(name: str, session: SessionContext
     for variant in effect.variants(session, 1):
         alone, among = effect.columns(second, 1, variant)[0], effect.columns(session, 1, variant)[1]
         np.testing.assert_array_equal(alone, among)
+
+
+def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionContext) -> None:
+    """Law: where tuning has put one body on a link, that is its place, and its column there is its torque, whole; what
+    is usual of it beforehand does not hang on where it is laid out.
+    """
+    link, mass, place = 4, 0.4, np.array([0.09, -0.11, 0.06])
+    body = mass * point_mass(place)
+    tuned = np.zeros(10 * session.n)
+    tuned[10 * link : 10 * link + 10] = body
+    effect = find_effect("link_inertial_error").screened(replace(session, tuned=tuned), [])
+    usual, placed = effect.variants(session, link)
+    np.testing.assert_allclose([placed.shape[name] for name in PLACE], place, atol=1e-6)
+    at_place = np.array([mass, 0.0, 0.0, 0.0])
+    told = effect.columns(session, link, placed)[0] @ at_place
+    np.testing.assert_allclose(told, session.runs[0].regressor[:, :, 10 * link : 10 * link + 10] @ body, atol=1e-9)
+    arm = session.runs[0].arm
+    shift = mass * (place - arm.inertial_parameters[10 * link + 1 : 10 * link + 4] / arm.inertial_parameters[10 * link])
+    priors = [effect.size_prior(session, link, variant) for variant in (usual, placed)]
+    of_own_density = np.append(mass, shift)
+    assert priors[1].log_density(at_place) == pytest.approx(priors[0].log_density(of_own_density))
+    whole = find_effect("payload").screened(replace(session, tuned=tuned), [])
+    assert len(whole.variants(session, 0)) == len(find_effect("payload").variants(session, 0))
+    assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)

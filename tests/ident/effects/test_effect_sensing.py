@@ -10,7 +10,7 @@ from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
 from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.sensing import shifted
+from ident.effects.torque_delay import share_of_steps, shifted
 from ident.robot.arm import ArmModel
 
 
@@ -55,6 +55,38 @@ def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, d
     torque = [b.total - a.total for a, b in zip(session.runs, late.runs, strict=True)]
     found = recover(find_effect("torque_delay"), session, 0, torque)["delay_s"]
     np.testing.assert_allclose(found.value, delay, rtol=0.03)
+
+
+def test_a_secant_stands_for_what_is_near_it() -> None:
+    """A coefficient of a third of a millisecond is no delay of 20 ms, whatever that point of the grid explains."""
+    delay, shift = find_effect("torque_delay"), find_effect("encoder_offset")
+    points = {ms: Variant(shape={"delay_s": 1e-3 * ms}) for ms in (2, 8, 20)}
+    for true in (3.5e-4, 2e-3, 4.5e-3, 12e-3, 30e-3):
+        assert any(delay.stands_for(point, np.array([true])) for point in points.values())
+    assert not delay.stands_for(points[20], np.array([3.5e-4]))
+    assert not delay.stands_for(points[2], np.array([12e-3]))
+    secant = Variant(shape={"about_rad": -0.25})
+    assert shift.stands_for(secant, np.array([-0.3]))
+    assert not shift.stands_for(secant, np.array([0.3]))
+
+
+def test_torque_that_steps_leaves_a_delay_open_by_half_an_interval(session: SessionContext) -> None:
+    """Smooth torque does not: what it is late by is known below the log's interval."""
+
+    def in_steps(run: RunContext) -> RunContext:
+        held = 25 * (np.arange(len(run.rigid)) // 25)
+        return replace(slow(run), rigid=run.rigid[held])
+
+    def slow(run: RunContext) -> RunContext:
+        still = np.zeros_like(run.rigid)
+        return replace(run, friction=still, rotor=still, motion=replace(run.motion, log_interval=0.02))
+
+    effect, point = find_effect("torque_delay"), Variant(shape={"delay_s": 0.008})
+    smooth, stepped = edit_runs(session, slow), edit_runs(session, in_steps)
+    assert share_of_steps(smooth) < 0.2 < 0.4 < share_of_steps(stepped) <= 1.0
+    for one in (smooth, stepped):
+        told = effect.parameters(one, 0, point, np.array([0.006]), np.zeros((1, 1)))["delay_s"]
+        assert told.high - told.value == pytest.approx(0.01 * share_of_steps(one))
 
 
 def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from ident.effects.added_body import PLACE, point_mass
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
-from ident.effects.rigid_body import point_mass
 from ident.errors import InputError
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.presliding import stop_operator
@@ -233,6 +233,18 @@ def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmMode
     torque = regressor[:, :, 50:] @ wanted
     left = regressor @ links.total.ravel() - torque
     assert np.sqrt(np.mean(left**2)) < 0.05 * np.sqrt(np.mean(torque**2))
+
+
+def test_a_body_beside_a_link_has_the_inertia_of_its_place(arm: ArmModel) -> None:
+    """Where a diagnosis laid a body out about a place, the written link's second moments are those of a body there."""
+    place, mass = np.array([0.1, -0.05, 0.06]), 0.4
+    error = {"mass_change_kg": mass, **{f"moment_change_{k}_kgm": mass * x for k, x in zip("xyz", place, strict=True)}}
+    figures = {name: Interval(value, value, value) for name, value in error.items()}
+    law = {"coefficients": (mass, 0.0, 0.0, 0.0), "shape": dict(zip(PLACE, place, strict=True))}
+    change = Change("link_inertial_error", 4, ("joint_5",), figures, law=law, kind=find_effect("link_inertial_error"))
+    link = arm.inertial_parameters.reshape(6, 10)[4]
+    np.testing.assert_allclose(link_change(link, change.values), mass * point_mass(place), atol=1e-12)
+    np.testing.assert_allclose(change_links(arm, np.zeros((6, 10)), [change]).named[4], mass * point_mass(place))
 
 
 def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:

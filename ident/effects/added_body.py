@@ -1,0 +1,139 @@
+"""A body on a link: what it does to the link's ten inertial numbers, and where tuning says that one sits.
+
+A mass m at c has the first moment m c and second moments that grow with c². Columns are straight lines about a place
+known beforehand: a link's own density, a tool a reach off the flange. A body a distance d beside that lacks second
+moments of about m d², for which the tuned inertias of every link would have to make up. So each body is also laid out
+about a place that a first look found for it, where what a straight line lacks is of second order in the error of c.
+Links near an upright base are left as they are: there a mass shows by its moments alone, and where it is can't be told.
+
+Source: Atkeson, An and Hollerbach 1986 (inertial parameters of a load, in which the torque is linear); Nocedal and
+Wright 2006, chapter 10 (Gauss–Newton).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import SessionContext, Variant
+from ident.effects.plausible import arm_reach
+from ident.effects.typical_sizes import rated_torque, sampled_states
+from ident.robot.arm import ArmModel
+
+PLACE = ("x_m", "y_m", "z_m")
+# Distance of a tool's centre from the flange, as a share of the arm's reach.
+LARGEST_TOOL_SHARE = 0.5
+# A body's mass that is this share of the arm's is none: its place can't be told [1].
+LEAST_MASS_SHARE = 1e-4
+# A column whose torque is less than this share of its link's largest acts on nothing.
+LEAST_COLUMN = 1e-6
+STRUCTURE_STATES = 30
+# Steps of Gauss and Newton towards a body's place.
+PLACE_STEPS = 4
+
+Places = Mapping[int, Float[Array, " 3"]]
+"""Of each link of the arm by its number, where a body was found on it, in its joint's frame [m]."""
+
+
+def point_mass(centre: Float[Array, " 3"]) -> Float[Array, " 10"]:
+    """Inertial parameters of a unit point mass."""
+    inertia = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    return np.concatenate([[1.0], centre, _six(inertia)])
+
+
+def moment_change(centre: Float[Array, " 3"]) -> Float[Array, "10 3"]:
+    """Change of inertial parameters per change of the first moment, for a body that is shifted."""
+    columns = []
+    for axis in np.eye(3):
+        inertia = 2 * (centre @ axis) * np.eye(3) - np.outer(centre, axis) - np.outer(axis, centre)
+        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
+    return np.stack(columns, axis=1)
+
+
+def _six(inertia: Float[Array, "3 3"]) -> Float[Array, " 6"]:
+    """Entries in the order xx, xy, yy, xz, yz, zz."""
+    return np.asarray(inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+
+
+def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]:
+    """Change of a link's numbers per kilogram, and per shift of its first moment.
+
+    Of a body at the variant's place, or, where it has none, of more of the link's own density.
+    """
+    if all(name in variant.shape for name in PLACE):
+        place = place_of(variant)
+        return np.column_stack([point_mass(place), moment_change(place)])
+    parameters = arm.inertial_parameters[10 * link : 10 * link + 10]
+    mass = float(parameters[0])
+    if mass <= 0.0:
+        return np.column_stack([point_mass(np.zeros(3)), moment_change(np.zeros(3))])
+    return np.column_stack([parameters / mass, moment_change(parameters[1:4] / mass)])
+
+
+def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
+    """Which columns of a law act on some torque: a matter of the arm, not of the motion."""
+    size = np.sqrt(np.mean((_structure(arm, link) @ law) ** 2, axis=0))
+    return [int(k) for k in np.flatnonzero(size > LEAST_COLUMN * max(float(size.max()), 1e-12))]
+
+
+def place_of(variant: Variant) -> Float[Array, " 3"]:
+    """Where a variant has its body [m]."""
+    return np.array([variant.shape[name] for name in PLACE])
+
+
+def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
+    """A body about its place, if it was found and turns any joint there."""
+    if link not in places or not _weighs(arm, link):
+        return ()
+    variant = Variant(shape=dict(zip(PLACE, map(float, places[link]), strict=True)))
+    return (variant,) if acting(arm, link, link_law(arm, link, variant)) else ()
+
+
+def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
+    """Where a body of such mass and moment is, no farther out than a tool's centre; None of what weighs nothing."""
+    if abs(mass) < LEAST_MASS_SHARE * float(arm.inertial_parameters[::10].sum()):
+        return None
+    place = moment / mass
+    far = LARGEST_TOOL_SHARE * arm_reach(arm)
+    return np.asarray(place * min(1.0, far / max(float(np.linalg.norm(place)), 1e-12)))
+
+
+def places_of_tuning(session: SessionContext) -> Places:
+    """On each link the place of the one body there that explains best what tuning changed of all inertias."""
+    if session.tuned is None or not session.tuned.any():
+        return {}
+    arm = session.runs[0].arm
+    rated = np.array([rated_torque(session, j) for j in range(session.n)])
+    regressor = arm.regressor(*sampled_states(session)) / rated[:, None]
+    changed = (regressor @ session.tuned).ravel()
+    found = {}
+    for link in range(session.n):
+        own = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)
+        variant, place = Variant(), None
+        for _ in range(PLACE_STEPS):
+            law = link_law(arm, link, variant)
+            body = law[:4] @ np.linalg.lstsq(own @ law, changed, rcond=1e-9)[0]
+            place = centre_of(arm, float(body[0]), body[1:])
+            if place is None:
+                break
+            variant = Variant(shape=dict(zip(PLACE, map(float, place), strict=True)))
+        if place is not None:
+            found[link] = place
+    return found
+
+
+def _weighs(arm: ArmModel, link: int) -> bool:
+    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the arm."""
+    own = _structure(arm, link)
+    mass, others = own[:, 0], own[:, 1:]
+    left = mass - others @ np.linalg.lstsq(others, mass, rcond=None)[0]
+    return bool(np.linalg.norm(left) > LEAST_COLUMN * max(float(np.linalg.norm(own)), 1e-12))
+
+
+def _structure(arm: ArmModel, link: int) -> Float[Array, "M 10"]:
+    """What a link's numbers do to all torques in some states."""
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, STRUCTURE_STATES, arm.n))
+    return arm.regressor(q, dq, ddq)[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)

@@ -1,0 +1,120 @@
+"""Torque that is logged late against position."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.knowledge import Expression, Range, Typical, exactly_as, not_at_all
+from ident.effects.sensing import OUTSIDE_URDF
+from ident.effects.typical_sizes import coefficient_interval, is_near, rated_torque, root_mean_square
+from ident.motion.spectrum import mean_spectrum
+
+DELAYS = (0.002, 0.008, 0.02)  # [s]
+LARGEST_DELAY = 0.05  # [s]
+# What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
+TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
+# Samples of a stretch of which a spectrum is taken; from which share of the corner on torque that is smooth is gone.
+SPECTRUM_SAMPLES, NEAR_CORNER = 512, 0.6
+
+
+class TorqueDelay(Effect):
+    """Torque logged late against position: τ = [τ_model(t − d₀) − τ_model(t)] / d₀ · d.
+
+    Every point d₀ of the grid has the limit −dτ/dt · d, so that the coefficient is the delay at each; curvature beyond
+    the first order is right at d = d₀ and about right around it.
+
+    Torque that steps where it is sampled (controllers log in step with what they command) is read half an interval of
+    the log early or late, and no later look can tell. The interval of d holds that, by the share of the torque's change
+    that may be steps.
+    """
+
+    id = "torque_delay"
+    scope = "arm"
+    rows = "all"
+    nonnegative: ClassVar[tuple[int, ...]] = (0,)
+    summary = "torque lags behind position on all joints alike; look at fast changes of torque"
+    shown_by = "chirp"
+    defining = ("delay_s",)
+    typical = Typical("delay_s", 0.15)
+    of_the_log = True
+    formats: ClassVar[Mapping[str, Expression]] = {
+        "urdf": not_at_all(OUTSIDE_URDF),
+        "mjcf": exactly_as(
+            "delay of the motor's force sensor: the log is late, not the motor; a logged ctrl goes earlier"
+        ),
+    }
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        for j in range(session.n):
+            change = root_mean_square([np.gradient(run.total[:, j], run.interval) for run in session.runs])
+            if change * TYPICAL_DELAY > LEAST_DELAY_SHARE * rated_torque(session, j):
+                return None
+        return "torque changes too slowly in all joints"
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return tuple(Variant(shape={"delay_s": delay}) for delay in DELAYS)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        delay = variant.shape["delay_s"]
+        return [((shifted(run.total, delay / run.interval) - run.total) / delay)[:, :, None] for run in session.runs]
+
+    def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
+        return is_near(variant.shape["delay_s"], float(coefficients[0]), DELAYS[0])
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        found = coefficient_interval(0, coefficients, covariance)
+        doubt = 0.5 * max(run.motion.log_interval for run in session.runs) * share_of_steps(session)
+        reach = float(np.hypot(found.high - found.value, doubt))
+        return {"delay_s": Interval(found.value, found.value - reach, found.value + reach)}
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        return {"delay_s": Range(0.0, LARGEST_DELAY, "logs are late by some samples: mend the clocks first")}
+
+    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        delay = figures["delay_s"].words("ms", 1e3)
+        return f"shift the torque log earlier by {delay}, or mend the clocks: it is late at {where}"
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([LARGEST_DELAY])
+
+
+def share_of_steps(session: SessionContext) -> float:
+    """Largest share of the modelled torque's change, below the common corner, that can be steps.
+
+    The rate of torque that steps has a flat spectrum: it is as dense at all frequencies as it is near the corner, where
+    what is smooth has gone.
+    """
+    steps = change = 0.0
+    rated = np.array([rated_torque(session, j) for j in range(session.n)])
+    for run in session.survey.runs:
+        corner, rate = run.motion.lowpass.cutoff, np.diff(run.total, axis=0) / run.interval / rated
+        frequency, density = mean_spectrum(rate, run.motion.lowpass.rate, min(SPECTRUM_SAMPLES, len(rate)))
+        below = density[frequency <= corner].sum(axis=1)
+        high = below[frequency[frequency <= corner] >= NEAR_CORNER * corner]
+        steps += len(rate) * len(below) * float(high.mean() if len(high) else below.mean())
+        change += len(rate) * float(below.sum())
+    return min(steps / max(change, 1e-300), 1.0)
+
+
+def shifted(values: Float[Array, "T n"], delay: float) -> Float[Array, "T n"]:
+    """Signals late by some samples, whole or not: the cubic through the four samples around each instant."""
+    whole = int(np.floor(delay))
+    u = delay - whole  # the instant lies u samples before sample t − whole
+    weights = (
+        -u * (1 - u) * (2 - u) / 6,  # of one sample later
+        (1 + u) * (1 - u) * (2 - u) / 2,
+        (1 + u) * u * (2 - u) / 2,
+        -(1 + u) * u * (1 - u) / 6,
+    )
+    at = np.arange(len(values)) - whole
+    total = np.zeros_like(values)
+    for offset, weight in zip((1, 0, -1, -2), weights, strict=True):
+        total += weight * values[np.clip(at + offset, 0, len(values) - 1)]
+    return total
