@@ -157,7 +157,7 @@ def find_nearest(found: SearchResults, joints: Sequence[str]) -> Nearest | None:
         return None
     item = found.hint
     own = item.group.effect.rows == "own"
-    most = item.group.joint if own else int(np.argmax(1.0 - item.after.rms / np.maximum(item.before.rms, 1e-12)))
+    most = item.group.joint if own else int(np.argmax(item.after.fall_from(item.before)))
     gates = item.gates
     return Nearest(item.group.effect.id, (joints[most],), gates.p_value, gates.evidence, gates.rms_fall)
 

@@ -11,7 +11,7 @@ Source: paper, eq. 3 and 5; one three-column problem a joint (the printed row fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,8 @@ BLOCK_DURATION = 1.5
 TRANSITION_GRID = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 # Residuals beyond this many robust standard deviations count linearly in the robust fit (Huber's k).
 HUBER_KNEE = 1.345
+# Samples in motion, all runs together, below which a joint has no loss to be fitted.
+LEAST_MOVING = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +166,15 @@ class LossModel:
     robust: bool = False
     transition_speed: float | None = None
 
-    def fit(self, motions: Sequence[Motion], analytic: Sequence[Float[Array, "T n"]]) -> LossResults:
+    def fit(
+        self, motions: Sequence[Motion], analytic: Sequence[Float[Array, "T n"]], still: Collection[int] = ()
+    ) -> LossResults:
         """Fits every joint by itself, where it moves.
 
         Args:
             motions: Training runs.
             analytic: Modelled rigid torque of each run [N m], not filtered.
+            still: Joints that are not asked for: they get no loss.
 
         Raises:
             RecordingError: A joint hardly moves in any run.
@@ -178,13 +183,14 @@ class LossModel:
         widths = self.transition_speeds(motions, analytic)
         rows = [loss_columns(motion, widths) for motion in motions]
         targets = [m.tau_filtered - m.filtered(torque) for m, torque in zip(motions, analytic, strict=True)]
-        fits = [self._fit_joint(j, motions, rows, targets) for j in range(len(joints))]
+        nothing = np.zeros(4), np.zeros((4, 4)), 0, 0.0, ()
+        fits = [nothing if j in still else self._fit_joint(j, motions, rows, targets) for j in range(len(joints))]
         values = np.stack([fit[0] for fit in fits], axis=1)
         return LossResults(
             params=LossParameters(values[0], values[1], values[2], values[3], widths),
             joints=joints,
             covariance=np.stack([fit[1] for fit in fits]),
-            blocks=min(fit[2] for fit in fits),
+            blocks=min((fit[2] for j, fit in enumerate(fits) if j not in still), default=0),
             residual_rms=freeze([fit[3] for fit in fits]),
             at_bound=tuple(fit[4] for fit in fits),
         )
@@ -219,7 +225,7 @@ class LossModel:
         x = np.concatenate([row[there, j][:, used] for row, there in zip(rows, moving, strict=True)])
         y = np.concatenate([target[there, j] for target, there in zip(targets, moving, strict=True)])
         block = np.concatenate(blocks)
-        if len(y) < 20:
+        if len(y) < LEAST_MOVING:
             name = motions[0].joints[j]
             raise RecordingError(
                 motions[0].name, f"{name} hardly moves: its loss can't be fitted", "add runs that move it, or lock it"

@@ -6,7 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -201,6 +201,14 @@ class Motion:
         if corner >= self.lowpass.cutoff:
             return self
         return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, self.settings))
+
+    def with_still(self, joints: Collection[int]) -> Motion:
+        """The same run where nothing that some joints do counts as motion: of their own torque nothing is used."""
+        if not joints:
+            return self
+        std = np.array(self.std)
+        std[1, list(joints)] = np.inf
+        return replace(self, std=freeze(std))
 
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""

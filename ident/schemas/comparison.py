@@ -62,6 +62,14 @@ class ComparedHeldoutRecord(TypedDict):
     noise_Nm: ByJoint
 
 
+class StillJointRecord(TypedDict):
+    """A joint that stood still in one of the sets, or in both: of its own torque nothing is told."""
+
+    joint: str
+    when: Literal["before", "after", "before and after"]
+    reason: str
+
+
 class ArmComparisonRecord(TypedDict):
     """What changed between two sets of recordings of one arm: figures are after minus before."""
 
@@ -77,4 +85,5 @@ class ArmComparisonRecord(TypedDict):
     friction_run_spread: ByJoint
     not_testable: list[NotTestableRecord]
     provenance: ProvenanceRecord
+    still: NotRequired[list[StillJointRecord]]
     reservations: NotRequired[list[dict[str, Any]]]

@@ -67,8 +67,21 @@ def print_comparison(console: Console, comparison: ArmComparison) -> None:
         console.print(told, soft_wrap=True, highlight=False)
     if spread := describe_spread(comparison.run_spread):
         console.print(f"  {spread}", soft_wrap=True, highlight=False)
-    for line in group_silent(record["not_testable"]):
+    for line in describe_still(record):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
+    for line in group_silent(without_still(record)):
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
+
+
+def describe_still(record: Mapping[str, Any]) -> list[str]:
+    """Joints that stood still, a line each."""
+    return [f"nothing is told of {one['joint']}: {one['reason']}" for one in record.get("still", ())]
+
+
+def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What could not be tested for another reason than that a joint stood still."""
+    told = {one["reason"] for one in record.get("still", ())}
+    return [one for one in record["not_testable"] if one["reason"] not in told]
 
 
 def describe_change(change: ArmChange) -> str:

@@ -22,6 +22,7 @@ from ident.diagnosis.change.places import open_places
 from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.second_look import SecondLook, look_again
+from ident.diagnosis.change.still_joints import find_still_joints
 from ident.diagnosis.change.switched import keys_of
 from ident.diagnosis.change.yardstick import Standing, measure_standing
 from ident.diagnosis.explained import measure_shrink, slides
@@ -104,11 +105,13 @@ def compare(
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
-    first = replace(look_at(before, after, arm), doubt=doubt)
+    still = find_still_joints(before, after)
+    first = replace(look_at(before, after, arm, still=still), doubt=doubt)
     if not enough(first.switched.evidence):
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.switched.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
-        return ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=tuple(hidden.values()))
+        silent = tuple(hidden.values())
+        return ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still)
     selection = replace(settings.selection, family_error=ALARM)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     told = _tell(first, seed, selection, sessions)
@@ -127,7 +130,7 @@ def _with_places(
     """The same look with every body about the place where it would be."""
     others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
     asked = place_bodies(_search(look, 0, USUAL.selection), others, look.session)
-    return replace(look_at(before, after, arm, known=look.known, asked=asked), doubt=look.doubt)
+    return replace(look_at(before, after, arm, known=look.known, asked=asked, still=look.still), doubt=look.doubt)
 
 
 def _search(look: SharedLook, seed: int, settings: SelectionSettings) -> Search:
@@ -246,7 +249,7 @@ def _standings(
     for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
         scale = evidence.scale[group.columns]
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        day = another_day(group, look.session, beta + more, evidence.spread, sessions)
+        day = another_day(group, look.session, beta + more, evidence.spread[look.judged], sessions)
         sides = look.switched, look.sides
         found.append(measure_standing(*sides, model, group, scaled, covariance, asked, day))
     return found
@@ -349,18 +352,24 @@ def _result(
             )
         )
     found.sort(key=lambda change: -change.closed)
+    judged = look.judged
+
+    def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
+        return {joints[j]: float(values[j]) for j in judged}
+
     return ArmComparison(
         robot=arm.name,
         joints=joints,
         verdict=_verdict(found, told.unlawful, look.sides.too_short),
         sides=sides,
         changes=tuple(found),
-        rms_before=dict(zip(joints, map(float, told.found.ladder[0].rms), strict=True)),
-        rms_after=dict(zip(joints, map(float, told.left.rms), strict=True)),
-        noise=dict(zip(joints, map(float, floor), strict=True)),
-        run_spread=dict(zip(joints, map(float, look.switched.evidence.spread), strict=True)),
+        rms_before=by_joint(told.found.ladder[0].rms),
+        rms_after=by_joint(told.left.rms),
+        noise=by_joint(floor),
+        run_spread=by_joint(look.switched.evidence.spread),
         not_testable=tuple(hidden),
         reservations=told.doubted,
+        still=look.still,
     )
 
 

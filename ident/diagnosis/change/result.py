@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.change.still_joints import StillJoint
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
@@ -106,6 +107,7 @@ class ArmComparison(Result):
         not_testable: What these recordings can't show, and why.
         reservations: Changes that were not believed.
         cutoff: Corner of the common filter [Hz]; NaN where nothing was filtered.
+        still: Joints that stood still in one of the sets: of their own torque nothing is told.
     """
 
     robot: str
@@ -121,6 +123,7 @@ class ArmComparison(Result):
     not_testable: tuple[NotTestable, ...] = ()
     reservations: tuple[Reservation, ...] = ()
     cutoff: float = np.nan
+    still: tuple[StillJoint, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -135,6 +138,7 @@ class ArmComparison(Result):
             "heldout": {"rms_before_Nm": self.rms_before, "rms_after_Nm": self.rms_after, "noise_Nm": self.noise},
             "friction_run_spread": self.run_spread,
             "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
+            "still": [one.to_dict() for one in self.still],
             "reservations": [one.to_dict() for one in self.reservations],
             "provenance": self.provenance.to_dict(),
         }

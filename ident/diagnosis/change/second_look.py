@@ -69,7 +69,7 @@ def look_again(
     else:
         before = [_carrying(motion, load) for motion in before]
     apart = IN_THE_BASELINE | COMMON_GAIN
-    look = look_at(before, after, arm, apart, first.known, (EvenLoadFriction(),), first.asked)
+    look = look_at(before, after, arm, apart, first.known, (EvenLoadFriction(),), first.asked, first.still)
     look = replace(look, doubt=first.doubt)
     groups = tuple(_same(first, look, one.group) for one in estimates)
     added = tuple(one.coefficients if one is body else np.zeros(len(one.coefficients)) for one in estimates)

@@ -108,10 +108,12 @@ class Switched:
     Attributes:
         evidence: Its layout's groups are the changes; the same effects in all runs are part of the baseline.
         always: For each change the columns that hold its effect in all runs.
+        common: The effects whose columns in all runs are the baseline's further ones, in their order.
     """
 
     evidence: Evidence
     always: dict[int, Int[Array, " k"]]
+    common: tuple[Group, ...]
 
     def in_all_runs(self, group: Group) -> Int[Array, " k"]:
         """The columns of a change's effect in all runs."""
@@ -151,7 +153,7 @@ def switch(
         groups.append(Group(ChangeOf(group.effect), group.joint, group.variant, columns))
         twins[int(columns[0])] = always[int(group.columns[0])]
     layout = _layout(old, groups, origin, first[len(common)] - start)
-    return Switched(_sums(evidence, layout, origin, split, sides), twins)
+    return Switched(_sums(evidence, layout, origin, split, sides), twins, tuple(common))
 
 
 def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:

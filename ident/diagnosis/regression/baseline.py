@@ -6,7 +6,7 @@ tuning can explain is no effect; what an effect explains beyond it is its visibl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +85,7 @@ def fit_baseline(
     arm: ArmModel,
     share: float | None = None,
     settings: RegressionSettings = USUAL_REGRESSION,
+    still: Collection[int] = (),
 ) -> Baseline:
     """Tunes the arm on all runs.
 
@@ -93,13 +94,14 @@ def fit_baseline(
         arm: The arm as its user has it.
         share: Standard deviation of its inertial numbers, as a share of each link's own; that of a URDF if None.
         settings: What the regression counts with.
+        still: Joints that stand still: they get no loss.
     """
     share = settings.inertia_share if share is None else share
     motions = few(motions)
     model = LossModel()
     results = fit_inertia(motions, arm, "base", model, share)
     rigid = [rigid_torque(results.arm, motion) for motion in motions]
-    loss = model.fit(motions, rigid)
+    loss = model.fit(motions, rigid, still)
     number_std = share * parameter_scale(arm)
     prior = base_prior(results.base, number_std)
     sliding = fit_sliding(motions, rigid)

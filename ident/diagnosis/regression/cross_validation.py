@@ -41,6 +41,11 @@ class HeldOutScore:
         folds = [column[weight > 0] for column, weight in zip(each.T, self.weights.T, strict=True)]
         return np.sqrt([float(np.median(fold)) if len(fold) else 0.0 for fold in folds])
 
+    def fall_from(self, other: HeldOutScore) -> Float[Array, " n"]:
+        """Share by which each joint's root mean square falls from another model's [1]; 0 of a joint without samples."""
+        old = other.rms
+        return np.where(old > 0.0, 1.0 - self.rms / np.maximum(old, 1e-12), 0.0)
+
     def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
         """Gain of log score over another model, and its standard error over the folds."""
         gains = 0.5 * (other.misfit - self.misfit).sum(axis=1)
@@ -129,8 +134,7 @@ class HeldOut:
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:
         """Residual weights (−coefficients, 1) of a model trained on some sums."""
         information = gram[:-1, :-1].copy()
-        rank = self.evidence.layout.rank
-        information[:rank, :rank] += self.prior.base
+        self.prior.add_to(information, self.evidence.layout)
         power = np.diag(information).copy()
         noise = self.evidence.settings.noise_ridge * self.evidence.noise_power[used[:-1]]
         information[np.diag_indices(len(information))] += 1e-8 * power + noise + 1e-9

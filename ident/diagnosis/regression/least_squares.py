@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline, UrdfError
-from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.design import Group, Layout
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.settings import RegressionSettings
@@ -35,15 +35,17 @@ USUAL_URDF = UrdfError()
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Information that lies in the URDF, on the scaled base parameters.
+    """What is known before any torque is seen: of the scaled base parameters by the URDF, of further columns by size.
 
     Attributes:
-        base: The information.
+        base: Information on the base parameters.
         error: How far off the URDF is believed to be.
+        further: Information on the scaled coefficient of each further column of the baseline; None for none.
     """
 
     base: Float[Array, "r r"]
     error: UrdfError = USUAL_URDF
+    further: Float[Array, " f"] | None = None
 
     @classmethod
     def of(cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF) -> Prior:
@@ -58,7 +60,14 @@ class Prior:
 
     def tightened(self, factor: float) -> Prior:
         """The same with standard deviations divided by a factor: 100 is as good as the URDF held fast."""
-        return Prior(self.base * factor**2, self.error.divided(factor))
+        return Prior(self.base * factor**2, self.error.divided(factor), self.further)
+
+    def add_to(self, information: Float[Array, "z z"], layout: Layout) -> None:
+        """Adds it, in place, to the information on a model whose first columns are those of the baseline."""
+        information[: layout.rank, : layout.rank] += self.base
+        if self.further is not None:
+            at = np.arange(layout.tuned - layout.further, layout.tuned)
+            information[at, at] += self.further
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +209,7 @@ def _factorise(
     layout = evidence.layout
     inside = np.concatenate([np.arange(layout.tuned), *(group.columns for group in groups)]).astype(int)
     information = gram[np.ix_(inside, inside)].copy()
-    information[: layout.rank, : layout.rank] += prior.base
+    prior.add_to(information, layout)
     power = np.diag(information)
     ridge = RIDGE * power + evidence.settings.noise_ridge * evidence.noise_power[inside] + 1e-9
     information[np.diag_indices(len(inside))] += ridge

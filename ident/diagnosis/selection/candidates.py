@@ -222,7 +222,7 @@ class Candidates:
         floor = self.evidence.floor
         joints = group.acts_on(self.evidence.layout.n)
         start, old, new = (one.rms[joints] for one in scores)
-        fall = 1.0 - new / np.maximum(old, 1e-12)
+        fall = scores[2].fall_from(scores[1])[joints]
         closed = old**2 - new**2
         first = _reducible(start, floor[joints])
         gap = closed / (first if group.effect.event else _reducible(old, floor[joints]))
@@ -249,4 +249,4 @@ class Candidates:
 
 def _reducible(rms: Array, floor: Array) -> Array:
     """Mean square above the noise, of which a model may close some; a little where there is none [N² m²]."""
-    return np.asarray(np.maximum(rms**2 - floor**2, 1e-3 * rms**2))
+    return np.asarray(np.maximum(np.maximum(rms**2 - floor**2, 1e-3 * rms**2), 1e-300))

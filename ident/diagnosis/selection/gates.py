@@ -105,7 +105,7 @@ class Named:
         """Joints at which it shows: its own, or those where the error falls by at least a third of the most."""
         if self.group.effect.rows == "own":
             return [self.group.joint]
-        fall = 1.0 - self.after.rms / np.maximum(self.before.rms, 1e-12)
+        fall = self.after.fall_from(self.before)
         return [int(j) for j in np.flatnonzero(fall >= max(fall.max() / 3, 1e-6))] or [int(np.argmax(fall))]
 
 

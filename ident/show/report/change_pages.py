@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ident.recordings.recording import TelemetryIssue
-from ident.show.changes import describe_spread, headline, places_of
+from ident.show.changes import describe_spread, describe_still, headline, places_of, without_still
 from ident.show.report.findings import parameter_row
 from ident.show.report.numbers import fixed, percent, plural
 from ident.show.report.page import Section, render_page, write_report
@@ -46,7 +46,8 @@ class ChangesSection(Section):
                 )
             ],
             "spread": describe_spread(record["friction_run_spread"]),
-            "silent": silent_groups(record["not_testable"]),
+            "still": [f"{line[0].upper()}{line[1:]}." for line in describe_still(record)],
+            "silent": silent_groups(without_still(record)),
             "fatal": [issue for issue in record["telemetry"] if issue["severity"] == "fatal"],
         }
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.change.common_laws import LOOSE
 from ident.diagnosis.change.compare import ALARM, compare, least_nats, stand_ins
 from ident.diagnosis.change.friction_doubt import may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
@@ -22,16 +23,18 @@ from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.search import Search
 from ident.effects.added_body import PLACE, point_mass
 from ident.effects.rigid_body import LinkInertialError
-from ident.effects.typical_sizes import friction_level
+from ident.effects.sensing import LARGEST_OFFSET_SHARE
+from ident.effects.typical_sizes import friction_level, rated_torque
 from ident.model.named_laws import JointStates, by_load
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, NOISE, SLIP, Plant, at_joint, healthy_torque, load_arm, nothing
-from tests.ident.made_up import made_motions
+from tests.ident.made_up import Law, made_motions
 
 RUBBING = 0.06
 LOAD = Payload(1.2, (0.05, 0.0, 0.06))
+FEW = range(50, 54), range(4)
 BRACKET = np.array([0.1, 0.25, 0.1])  # [m]
 
 
@@ -69,6 +72,10 @@ def with_denser_link(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     more = np.zeros_like(arm.inertial_parameters)
     more[10:20] = 0.1 * arm.inertial_parameters[10:20]
     return wrong_everywhere(arm, q, dq, ddq) + arm.regressor(q, dq, ddq) @ more
+
+
+def wrong_law(arm: ArmModel) -> Law:
+    return lambda q, dq, ddq: healthy_torque(arm, q, dq, ddq) + wrong_everywhere(arm, q, dq, ddq)
 
 
 def runs_of(arm: ArmModel, plant: Plant, seeds: range) -> list[Motion]:
@@ -251,6 +258,23 @@ def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
     found = compare(*sets, arm, (Side(), Side()))
     assert (found.verdict, found.changes) == ("not_testable", ())
     assert found.not_testable
+
+
+def test_laws_that_both_sets_share_are_as_large_as_laws_are(arm: ArmModel) -> None:
+    """A few seconds tell a part of the baseline's many columns: the rest must not run away on runs left out."""
+    before, after = (made_motions(arm, wrong_law(arm), seeds, 2.0, 50.0, noise=NOISE) for seeds in FEW)
+    look = look_at(before, after, arm)
+    evidence, free = look.switched.evidence, replace(look.prior, further=None)
+    bounded, unbounded = (HeldOut(evidence, prior).score().misfit.sum() for prior in (look.prior, free))
+    assert bounded < 0.8 * unbounded
+    assert look.prior.further is not None
+    assert len(look.prior.further) == evidence.layout.further
+    (first,) = [one for one in look.switched.common if one.effect.id == "torque_offset" and one.joint == 1]
+    at = look.switched.common.index(first)
+    column = sum(len(one.columns) for one in look.switched.common[:at])
+    largest = LOOSE * LARGEST_OFFSET_SHARE * rated_torque(look.session, 1)
+    scale = evidence.scale[evidence.layout.tuned - evidence.layout.further + column]
+    assert look.prior.further[column] == pytest.approx(1.0 / (largest * scale) ** 2)
 
 
 def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
