@@ -27,6 +27,30 @@ RUN = """<script>axe.run({resultTypes: ["violations"]}).then(found => {
 SCRIPT_TIME = 60_000
 
 
+# A phone's width [px], and what asks a page that is shown so wide for its own.
+PHONE = 390
+FRAMED = """<body style="margin: 0"><iframe id="page" src="{page}" style="width: {width}px; height: 800px; border: 0">
+</iframe><script>document.getElementById("page").addEventListener("load", event => {{
+  const shown = event.target.contentDocument;
+  shown.querySelectorAll("details").forEach(one => one.open = true);
+  document.body.dataset.width = shown.scrollingElement.scrollWidth;
+}});</script></body>"""
+
+
+def width_on_a_phone(page: Path, folder: Path) -> int:
+    """How wide a page is on a phone with all of its parts open [px]: more than `PHONE` is to be scrolled sideways.
+
+    Args:
+        page: The page.
+        folder: Where a page with it inside may be written.
+    """
+    framed = folder / f"phone_{page.name}"
+    framed.write_text(FRAMED.format(page=page.as_uri(), width=PHONE), encoding="utf-8")
+    found = re.search(r'data-width="(\d+)"', _shown(framed, folder, ["--allow-file-access-from-files"]))
+    assert found is not None, "the page did not load"
+    return int(found[1])
+
+
 def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:
     """Rules that a page breaks, each with the elements that do; skips where browser or axe-core is missing.
 
@@ -35,9 +59,6 @@ def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:
         folder: Where a copy of it with axe-core inside may be written.
         dark: Whether its reader prefers dark pages.
     """
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip("no Chromium here")
     axe = files(pytest.importorskip("axe_core_python")).joinpath("axe.min.js").read_text(encoding="utf-8")
     text = page.read_text(encoding="utf-8")
     assert "</body>" in text
@@ -45,9 +66,16 @@ def find_violations(page: Path, folder: Path, dark: bool = False) -> list[str]:
     script = axe.replace("</script>", "<\\/script>")
     judged.write_text(text.replace("</body>", f"<script>{script}</script>{RUN}</body>"), encoding="utf-8")
     wish = ["--blink-settings=preferredColorScheme=0"] if dark else []
-    command = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
-    command += [*wish, f"--virtual-time-budget={SCRIPT_TIME}", "--dump-dom", judged.as_uri()]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True).stdout
-    told = re.search(r'<pre id="axe">(.*?)</pre>', shown, re.DOTALL)
+    told = re.search(r'<pre id="axe">(.*?)</pre>', _shown(judged, folder, wish), re.DOTALL)
     assert told is not None, "axe-core did not finish"
     return [f"{rule}: {'; '.join(nodes)}" for rule, nodes in json.loads(html.unescape(told[1]))]
+
+
+def _shown(page: Path, folder: Path, wishes: list[str]) -> str:
+    """A page's text as it is once its scripts have run."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip("no Chromium here")
+    command = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
+    command += [*wishes, f"--virtual-time-budget={SCRIPT_TIME}", "--dump-dom", page.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, check=True).stdout

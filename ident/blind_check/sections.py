@@ -14,7 +14,7 @@ from ident.blind_check.summary import BlindReport
 from ident.show.report.figures import make_panel, to_svg
 from ident.show.report.numbers import DASH, fixed, percent, plural
 from ident.show.report.page import Section
-from ident.show.report.words import effect_name
+from ident.show.report.words import effect_name, parameter_name
 
 SHARES = {
     "strict": "named: the first name is the hidden effect",
@@ -67,8 +67,8 @@ class BlindVerdictSection(BlindSection):
         scores = self.report.scores
         visible, healthy = scores["class_aware"], scores["false_alarm"]
         headline = (
-            f"{percent(visible.value)} of the visible effects are found; "
-            f"{percent(healthy.value)} of the healthy sessions raise a false alarm."
+            f"{percent(visible.value)} of {plural(visible.count, 'visible effect')} found; "
+            f"{percent(healthy.value)} of {plural(healthy.count, 'healthy session')} with a false alarm."
         )
         failed = sum(one.verdict == "failed" for one in self.report.outcomes)
         return {
@@ -180,7 +180,9 @@ class CoverageSection(BlindSection):
         rows = []
         for name, score in self.report.coverage.items():
             effect, parameter = name.split(".", 1)
-            rows.append({**score_row(parameter, score, True), "effect": effect_name(effect)})
+            words, unit = parameter_name(parameter)
+            told = f"{words} [{unit}]" if unit else words
+            rows.append({**score_row(told, score, True), "effect": effect_name(effect)})
         return {"rows": rows}
 
 

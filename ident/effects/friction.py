@@ -123,7 +123,7 @@ class StribeckFriction(Effect):
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         amplitude = figures["amplitude_Nm"].words("N m")
         speed = figures["stribeck_velocity_rad_s"].value
-        return f"let {where} need {amplitude} more below {speed:.2g} rad/s, or have it cross slow speeds quickly"
+        return f"give {where} in the model {amplitude} more below {speed:.2g} rad/s, or cross slow speeds quickly"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.array([coulomb_level(session, joint)])

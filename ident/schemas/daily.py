@@ -59,17 +59,6 @@ class WatchedSessionRecord(TypedDict):
     robot: NotRequired[str | None]
 
 
-class WatchedArmRecord(TypedDict):
-    """An arm through time; figures by `joint/figure`. No robot, no joints where no session could be read."""
-
-    arm: str
-    robot: str | None
-    joints: list[str]
-    sessions: list[WatchedSessionRecord]
-    figures: dict[str, list[FigurePointRecord]]
-    effects: list[dict[str, Any]]
-
-
 class AlarmRecord(TypedDict):
     """A figure that has changed, with the 95 % interval of the change."""
 
@@ -88,6 +77,21 @@ class AlarmRecord(TypedDict):
     scale: float | None
     scale_low: float | None
     scale_high: float | None
+
+
+class WatchedArmRecord(TypedDict):
+    """An arm through time; figures by `joint/figure`. No robot, no joints where no session could be read.
+
+    The hint is what may be changing, without evidence enough for an alarm.
+    """
+
+    arm: str
+    robot: str | None
+    joints: list[str]
+    sessions: list[WatchedSessionRecord]
+    figures: dict[str, list[FigurePointRecord]]
+    effects: list[dict[str, Any]]
+    hint: NotRequired[AlarmRecord | None]
 
 
 class OddSessionRecord(TypedDict):

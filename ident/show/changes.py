@@ -37,6 +37,9 @@ def headline(record: Mapping[str, Any]) -> str:
 
 def _named(change: Mapping[str, Any]) -> str:
     """A change with its place; one of the whole arm has none."""
+    if change["effect"] == "payload":
+        mass = change["parameters"]["mass_kg"]["value"]
+        return f"{significant(abs(mass), 3)} kg {'more' if mass > 0.0 else 'less'} at the flange"
     if change["effect"] in OF_THE_ARM:
         return effect_name(change["effect"])
     where = places_of(change) if len(change["joints"]) <= 3 else "the whole arm"
@@ -96,8 +99,9 @@ def describe_change(change: ArmChange) -> str:
     parts = [
         f"{name} {fixed(before)} → {fixed(change.rms_after[name])} N m" for name, before in change.rms_before.items()
     ]
+    where = "" if change.effect in OF_THE_ARM else f"{places_of(change.to_dict())}: "
     return (
-        f"{places_of(change.to_dict())}: {effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
+        f"{where}{effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
         f"error in the later set {', '.join(parts)} ({percent(change.shrink)} of what can be closed)"
     )
 

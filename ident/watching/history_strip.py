@@ -45,10 +45,10 @@ def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str
     for time, point in zip(times, points, strict=True):
         if point.session in changes:
             line = f"M{x(time):.1f} {TOP}V{HEIGHT - BOTTOM}"
-            parts.append(f'<path d="{line}" stroke="#d55e00" stroke-width="2" stroke-dasharray="4 2"/>')
+            parts.append(f'<path d="{line}" class="since"/>')
         parts.append(
-            f'<path d="M{x(time):.1f} {y(point.low):.1f}V{y(point.high):.1f}" stroke="#0072b2" stroke-opacity=".45"/>'
-            f'<circle cx="{x(time):.1f}" cy="{y(point.value):.1f}" r="2.2" fill="#0072b2">'
+            f'<path d="M{x(time):.1f} {y(point.low):.1f}V{y(point.high):.1f}" class="reach"/>'
+            f'<circle cx="{x(time):.1f}" cy="{y(point.value):.1f}" r="2.2" class="point">'
             f"<title>{escape(point.session)}: {significant(point.value, 3)}</title></circle>"
         )
     style = 'font-size="9" font-family="sans-serif" fill="currentColor"'

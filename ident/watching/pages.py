@@ -86,6 +86,16 @@ def _scale_action(alarm: Alarm) -> str:
     return f"recalibrate the torque or current of {alarm.joint}: all of its figures changed alike, by {size}"
 
 
+def _hint_words(hint: Alarm, figures: int) -> str:
+    """What may be changing, and what to do about it."""
+    card = alarm_card(hint)
+    return (
+        f"{card['what']} may have changed since {card['since']}: {card['change']}. "
+        f"That is {hint.evidence:.0f} to 1 for one of {plural(figures, 'figure')} that are watched, too little for an "
+        "alarm: record another session or two."
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class ArmVerdict(Section):
     """One sentence, and every change with what to do."""
@@ -106,7 +116,8 @@ class ArmVerdict(Section):
             first = cards[0]
             headline = f"The {first['what']} has changed since {first['since']}: {first['change']}."
         odd = [tell_odd(one).removeprefix(f"{self.arm.arm}: ") for one in self.arm.odd]
-        return {"headline": headline, "cards": cards, "odd": odd, "level": self.level, "fleet": False}
+        hint = None if self.arm.hint is None else _hint_words(self.arm.hint, len(self.arm.figures))
+        return {"headline": headline, "cards": cards, "odd": odd, "hint": hint, "level": self.level, "fleet": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +160,8 @@ class ArmSessions(Section):
         effects: dict[str, list[str]] = defaultdict(list)
         for row in self.arm.effects:
             effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
-        return {"rows": [_session_row(row, effects[row["session"]]) for row in reversed(self.arm.sessions)]}
+        rows = [_session_row(row, effects[row["session"]]) for row in reversed(self.arm.sessions)]
+        return {"rows": rows, "said": any(row["said"] for row in rows), "named": bool(self.arm.effects)}
 
 
 def _session_row(row: dict[str, Any], effects: list[str]) -> dict[str, str]:
@@ -178,7 +190,14 @@ class FleetVerdict(Section):
             headline = f"{who} changed beyond what days differ by."
         cards = [alarm_card(alarm) for alarm in alarms]
         odd = [tell_odd(one) for arm in self.found.arms for one in arm.odd]
-        return {"headline": headline, "cards": cards, "odd": odd, "level": self.found.level, "fleet": True}
+        return {
+            "headline": headline,
+            "cards": cards,
+            "odd": odd,
+            "hint": None,
+            "level": self.found.level,
+            "fleet": True,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +211,18 @@ class FleetTable(Section):
     template: ClassVar[str] = "watch_arms.html"
 
     def context(self) -> dict[str, Any]:
-        return {"rows": [self._row(arm) for arm in self.found.arms]}
+        rows = [self._row(arm) for arm in self.found.arms]
+        heads = ["arm", "sessions", "unfit", "last", "changes", "last change"]
+        diagnosed = any(row["verdict"] for arm in self.found.arms for row in arm.done)
+        return {"rows": rows, "heads": heads + ["effects in the last session"] * diagnosed, "diagnosed": diagnosed}
 
     def _row(self, arm: ArmHistory) -> dict[str, Any]:
         good = len(arm.done)
         named = {f"{effect_name(row['effect'])} ({row['joints']})" for row in arm.last_effects}
         newest = arm.alarms[-1] if arm.alarms else None
-        changed = "" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
+        changed = "none" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
+        if arm.hint is not None and newest is None:
+            changed = f"perhaps {NAMES[arm.hint.figure]} of {arm.hint.joint} since {arm.hint.since}"
         return {
             "arm": arm.arm,
             "page": self.store.page(arm.arm).name,
@@ -207,7 +231,7 @@ class FleetTable(Section):
             "last": arm.sessions[-1]["date"][:10],
             "alarms": len(arm.alarms),
             "changed": changed,
-            "effects": ", ".join(sorted(named)),
+            "effects": ", ".join(sorted(named)) or "none",
         }
 
 

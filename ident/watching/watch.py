@@ -11,7 +11,7 @@ from typing import Any
 
 from ident.ownership import begin_folder
 from ident.results import Result
-from ident.watching.alarms import LEVEL, Alarm, Point, find_alarms
+from ident.watching.alarms import LEVEL, Alarm, Point, find_changes
 from ident.watching.figures import UNITS
 from ident.watching.folder import STORE_KIND, FoundSession, find_sessions, is_settled
 from ident.watching.odd_sessions import OddSession, find_odd_sessions
@@ -56,6 +56,7 @@ class ArmHistory:
         effects: Rows of the effects that diagnoses named.
         alarms: What has changed.
         odd: Sessions that stand out.
+        hint: What may be changing, without evidence enough for an alarm.
     """
 
     arm: str
@@ -64,6 +65,7 @@ class ArmHistory:
     effects: tuple[dict[str, Any], ...] = ()
     alarms: tuple[Alarm, ...] = ()
     odd: tuple[OddSession, ...] = ()
+    hint: Alarm | None = None
 
     @property
     def done(self) -> list[dict[str, Any]]:
@@ -119,7 +121,9 @@ class Watch(Result):
         lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
         lines += [tell_odd(one) for arm in self.arms for one in arm.odd]
         lines += [tell_alarm(alarm) for alarm in self.alarms]
-        return "\n".join([*lines, *([] if self.alarms else ["no alarm"])])
+        lines += [] if self.alarms else ["no alarm"]
+        lines += [f"no alarm yet, but perhaps: {tell_alarm(arm.hint)}" for arm in self.arms if arm.hint is not None]
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.summary())}</pre>"
@@ -156,6 +160,7 @@ def _arm_record(arm: ArmHistory) -> dict[str, Any]:
         "sessions": [dict(row) for row in arm.sessions],
         "figures": {f"{joint}/{figure}": [vars(one) for one in own] for (joint, figure), own in arm.figures.items()},
         "effects": [dict(row) for row in arm.effects],
+        "hint": None if arm.hint is None else arm.hint.to_dict(),
     }
 
 
@@ -232,10 +237,10 @@ def make_history(
             points[row["joint"], row["figure"]].append(Point(*values))
     for own in points.values():
         own.sort(key=lambda point: place[point.session])
-    alarms = find_alarms(arm, points, order, level)
+    alarms, hint = find_changes(arm, points, order, level)
     odd = find_odd_sessions(arm, points, alarms)
     named = tuple(row for row in effects if row["session"] in place)
-    return ArmHistory(arm, ordered, dict(points), named, alarms, odd)
+    return ArmHistory(arm, ordered, dict(points), named, alarms, odd, hint)
 
 
 def _by_arm(rows: Iterable[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ident.recordings.recording import TelemetryIssue
-from ident.show.changes import describe_spread, describe_still, headline, places_of, without_still
+from ident.show.changes import OF_THE_ARM, describe_spread, describe_still, headline, places_of, without_still
 from ident.show.report.findings import parameter_row
 from ident.show.report.numbers import fixed, percent, plural
 from ident.show.report.page import Section, render_page, write_report
@@ -57,7 +57,7 @@ def _card(change: Mapping[str, Any]) -> dict[str, Any]:
     name = effect_name(change["effect"])
     return {
         "effect": name[0].upper() + name[1:],
-        "joints": places_of(change),
+        "joints": "" if change["effect"] in OF_THE_ARM else places_of(change),
         "action": change["action"][0].upper() + change["action"][1:],
         "twins": join_words([effect_name(one) for one in change["class"] if one != change["effect"]]),
         "gain": fixed(heldout["gain_rms_Nm"]),

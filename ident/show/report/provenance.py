@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ident.diagnosis.settings import USUAL
 from ident.model.hybrid import HybridModel
 from ident.show.report.numbers import plural
 from ident.show.report.page import Section
@@ -86,7 +87,30 @@ def provenance_facts(record: Mapping[str, Any]) -> dict[str, Any]:
     facts: dict[str, Any] = {name: past[name] for name in ("command", "version") if past.get(name)}
     for stamp in past.get("sessions", []):
         facts[f"session {stamp['path']}"] = f"{session_dates(stamp)}; SHA-256 {stamp['sha256']}"
-    return {**facts, **dict(past.get("settings", {}))}
+    settings = dict(past.get("settings", {}))
+    if isinstance(settings.get("diagnosis"), Mapping):
+        settings["diagnosis"] = _unusual(settings["diagnosis"], USUAL.to_dict())
+        numbers = "numbers that decide"
+        facts[numbers] = "as given, else as shipped" if settings["diagnosis"] else "as shipped"
+        facts[numbers] += "; the result file (--json) holds them all"
+    return {**facts, **settings}
+
+
+def _unusual(values: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of nested settings that are not as shipped: of a hundred numbers a reader wants the few that differ."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        shipped = usual.get(name)
+        if isinstance(value, Mapping) and isinstance(shipped, Mapping):
+            found |= {name: part} if (part := _unusual(value, shipped)) else {}
+        elif _plain(value) != _plain(shipped):
+            found[name] = value
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Rows of numbers alike, whether they came from JSON or not."""
+    return list(value) if isinstance(value, tuple | list) else value
 
 
 def describe_origin(record: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from ident.blind_check.pages import write_blind_pages
 from ident.blind_check.scoring import Outcome, score_case
 from ident.blind_check.statistics import calibration_curve, calibration_error, mean, share
 from ident.blind_check.summary import BlindReport
-from tests.accessible import find_violations
+from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.schemas import check_record
 
 
@@ -87,11 +87,13 @@ def test_the_record_is_the_contracts(report: BlindReport) -> None:
 
 
 def test_everybody_can_read_the_page(report: BlindReport, tmp_path: Path) -> None:
-    assert find_violations(write_blind_pages(report, {}, tmp_path), tmp_path) == []
+    page = write_blind_pages(report, {}, tmp_path)
+    assert find_violations(page, tmp_path) == []
+    assert width_on_a_phone(page, tmp_path) <= PHONE
 
 
 def test_the_page_tells_scores_and_links_wrong_cases(report: BlindReport, tmp_path: Path) -> None:
     page = write_blind_pages(report, {}, tmp_path).read_text(encoding="utf-8")
-    assert "50 % of the visible effects are found" in page
+    assert "50 % of 2 visible effects found" in page
     assert 'href="wrong/case_4.html"' in page
     assert page.count("ab" * 32) == 7

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.watching.alarms import Alarm, Point, find_alarms
+from ident.watching.alarms import HINT, Alarm, Point, find_alarms, find_changes
 from ident.watching.common_scale import common_scale
 from ident.watching.odd_sessions import find_odd_sessions
 
@@ -46,6 +46,18 @@ def test_a_change_is_named_dated_and_sized() -> None:
     assert 25 < NAMES.index(alarm.session) < 40
     assert 0.95 < alarm.probability < 1.0
     assert 0.6 < alarm.spread < 1.5
+
+
+def test_what_speaks_for_a_change_but_not_enough_is_a_hint() -> None:
+    """Nine sessions, the last five of them far off: no alarm, and what may be one soon."""
+    key = ("joint_2", "coulomb")
+    alarms, hint = find_changes("arm", history(np.random.default_rng(7), {(key, 4): 10.0}, 9), NAMES[:9])
+    assert alarms == ()
+    assert hint is not None
+    assert (hint.joint, hint.figure, hint.since) == (*key, NAMES[4])
+    assert hint.evidence >= HINT
+    quiet = [find_changes("arm", history(np.random.default_rng(seed), {}, 12), NAMES[:12])[1] for seed in range(20)]
+    assert quiet.count(None) >= 17
 
 
 def test_after_an_alarm_the_figure_starts_anew() -> None:
