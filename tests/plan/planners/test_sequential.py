@@ -16,7 +16,7 @@ from plan.problem.problem import PlanningProblem
 from plan.problem.result import certify
 from tests.plan.worlds import GOAL, MONITOR, START, ledger, problem
 
-QUICK = Sequential(starts=2, kept=(1,), levels=(1, 1))
+QUICK = Sequential(starts=2, more=0, kept=(1,), levels=(1, 1))
 
 
 def moved(task: PlanningProblem, seed: int = 1) -> tuple[LocalModel, np.ndarray]:
@@ -93,6 +93,25 @@ def test_more_via_points_never_end_worse() -> None:
         costs.append(best.cost)
     assert costs[1] <= costs[0] * (1.0 + 1e-9)
     assert costs[2] <= costs[1] * (1.0 + 1e-9)
+
+
+def test_more_starts_are_tried_where_they_cost_little() -> None:
+    """For the energy of three joints more starts follow the first ones, and what those found is kept."""
+    task = problem(MONITOR, duration=1.0)
+    books = [ledger(), ledger()]
+    few, more = (
+        planner.run([task], book, np.random.default_rng(0)).best
+        for planner, book in zip((QUICK, replace(QUICK, more=2)), books, strict=True)
+    )
+    assert more.cost <= few.cost
+    assert books[1].evaluations > books[0].evaluations
+    counts = []
+    for times in (0, 2):
+        book = ledger()
+        planner = replace(QUICK, starts=1, more=times)
+        planner.run([replace(task, objective="time", free="both")], book, np.random.default_rng(0))
+        counts.append(book.evaluations)
+    assert counts[0] == counts[1]
 
 
 def test_goes_round_what_is_in_the_way() -> None:
