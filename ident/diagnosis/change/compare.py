@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.friction_doubt import GAIN, another_day, may_be_a_gain
+from ident.diagnosis.change.friction_doubt import GAIN, another_day, is_gain_by_load, may_be_a_gain
 from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, enough, look_at
 from ident.diagnosis.change.placed_bodies import place_bodies
 from ident.diagnosis.change.places import open_places
@@ -193,9 +193,14 @@ def stand_ins(search: Search, found: SearchResults, differing: Sequence[Group]) 
     if not differing:
         return {}
     gram, names = search.evidence.gram(), [item.group for item in found.named]
-    others = [group for group in differing if group.key not in {name.key for name in names}]
-    beside = [search.judged_beside(gram, [*names, *others], slot) for slot in range(len(names))]
-    return {k: IN_ITS_PLACE for k, item in enumerate(beside) if not item.gates.passed}
+    refused = {}
+    for slot, name in enumerate(names):
+        model = project(gram, search.evidence, search.prior, [one for one in names if one is not name])
+        others = [group for group in differing if group.key not in {one.key for one in names}]
+        others = [group for group in others if not is_gain_by_load(model, name, group)]
+        if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
+            refused[slot] = IN_ITS_PLACE
+    return refused
 
 
 def least_nats(asked: int) -> float:

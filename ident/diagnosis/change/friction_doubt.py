@@ -18,10 +18,13 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Projection
 from ident.effects.base import SessionContext
 from ident.effects.typical_sizes import friction_level
 
-FRICTION, GAIN = "friction_change", "torque_gain_error"
+FRICTION, GAIN, BY_LOAD = "friction_change", "torque_gain_error", "load_dependent_friction"
+# Share of what friction by load explains that a gain explains alone, from which on it is one.
+NEARLY_ALL = 0.95
 # Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.
 DAY_TO_DAY = 0.02
 
@@ -80,6 +83,23 @@ def another_day(
     between = DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
     # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
     return AnotherDay(float(between / share), float(np.median(spread) / share), sessions)
+
+
+def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
+    """Whether friction by load is a gain in disguise: beside both directions of load it holds the load itself.
+
+    Where the gain alone explains nearly all that it explains, nothing of it is friction, and no day's friction stands
+    behind the gain.
+
+    Args:
+        model: All that is known beside both.
+        gain: What may be a gain.
+        other: What may be friction by load at the same joint.
+    """
+    if (gain.effect.id, other.effect.id, gain.joint) != (GAIN, BY_LOAD, other.joint):
+        return False
+    alone, whole = (model.gain(one)[0] for one in (gain, other))
+    return bool(alone >= NEARLY_ALL * whole)
 
 
 def may_be_a_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:

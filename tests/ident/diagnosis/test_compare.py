@@ -10,7 +10,7 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.change.common_laws import LOOSE
 from ident.diagnosis.change.compare import ALARM, compare, least_nats, stand_ins
-from ident.diagnosis.change.friction_doubt import may_be_a_gain
+from ident.diagnosis.change.friction_doubt import is_gain_by_load, may_be_a_gain
 from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.look import look_at
 from ident.diagnosis.change.placed_bodies import place_bodies
@@ -233,6 +233,18 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
     assert at_once
     assert (set(at_once) & set(stand_ins(search, found, [change])) == set()) is alone
     assert stand_ins(search, found, []) == {}
+
+
+@pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
+def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plant: Plant, is_one: bool) -> None:
+    """Friction by load holds the load itself: it explains a gain too, and does not stand behind one."""
+    look = look_at(before, runs_of(arm, plant, range(10, 14)), arm)
+    evidence = look.switched.evidence
+    model = project(evidence.gram(), evidence, look.prior)
+    gain, *_ = [one for one in evidence.layout.groups if one.key == ("torque_gain_error", 1, None)]
+    by_load = [one for one in evidence.layout.groups if one.key == ("load_dependent_friction", 1, None)]
+    assert [is_gain_by_load(model, gain, one) for one in by_load] == [is_one] * len(by_load)
+    assert not is_gain_by_load(model, by_load[0], gain)
 
 
 def test_the_likely_points_of_a_law_are_those_of_its_own_columns(arm: ArmModel, before: list[Motion]) -> None:
