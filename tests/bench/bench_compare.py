@@ -146,8 +146,12 @@ def _truth(kind: str, joint: str, before: Simulation, after: Simulation, reverse
     if kind == "friction_change":
         old, new = (one.answer.losses[joint]["coulomb_Nm"] for one in (before, after))
         return new - old
-    answer = (before if reverse else after).answer
-    size = float(answer.effects[0].parameters[FIGURES[kind]])
+    changed = before if reverse else after
+    parameters = changed.answer.effects[0].parameters
+    size = float(parameters[FIGURES[kind]])
+    if kind == "torque_offset":  # it drifts from what it was at the session's first tick: told is its mean
+        times = np.concatenate([run.time for run in changed.session.runs])
+        size += float(parameters["drift_Nm_s"]) * float(times.mean())
     return -size if reverse else size
 
 
