@@ -32,7 +32,7 @@ def name_by_rivals(evidence: Evidence, prior: Prior, joints: Sequence[str]) -> d
     samples = float(sum(evidence.weights.sum(axis=0)))
     found = {
         "bic_forward": forward_by_bic(gram, evidence, prior, samples),
-        "lasso": lasso(projection, evidence.layout.groups, samples),
+        "lasso": lasso(projection, [group for group in evidence.layout.groups if not group.borrows], samples),
         "correlation": largest_correlation(projection, evidence.layout.groups, samples),
     }
     return {method: [_name(group, joints) for group in groups] for method, groups in found.items()}

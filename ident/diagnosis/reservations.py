@@ -89,11 +89,12 @@ def find_uneven(
     Args:
         search: The search that gave the names.
         groups: All names.
-        asked: Which of them are asked about; events and what grows in a run have no one size.
+        asked: Which of them are asked about; events, what grows in a run and what acts beyond a bound have no one size.
         hidden: Which of them tuned inertias hide, all or most of it.
     """
     held = search.settings
-    constant = [k for k in asked if not (groups[k].effect.event or groups[k].effect.by_run)]
+    effects = [group.effect for group in groups]
+    constant = [k for k in asked if not (effects[k].event or effects[k].by_run or effects[k].beyond_bound)]
     found = {k: measure_agreement(search, groups, k, k in hidden) for k in constant}
     uneven = {k: one for k, one in found.items() if one.spread > held.most_uneven and one.p_value < held.uneven_chance}
     if not uneven:

@@ -48,6 +48,7 @@ class Backlash(Effect):
 
     id = "backlash"
     bursts = True
+    beyond_bound = True
     rows = "all"
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"

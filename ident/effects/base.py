@@ -162,6 +162,8 @@ class Effect(ABC):
         inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
         event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
         bursts: Whether it acts in short bursts, so that a mean over the session says little of its size.
+        beyond_bound: Whether it acts only beyond a bound of its own (below a speed, past a gap or a limit): how large
+            it seems in a run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
         remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
         by_run: Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
         summary: One line for reports: what happens and where to look.
@@ -193,6 +195,7 @@ class Effect(ABC):
     inertia_like: ClassVar[bool] = False
     event: ClassVar[bool] = False
     bursts: ClassVar[bool] = False
+    beyond_bound: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     by_run: ClassVar[bool] = False
     screens: int = 1
@@ -299,6 +302,10 @@ class Effect(ABC):
         """
         told = ", ".join(f"{name} {figure.value:.3g}" for name, figure in figures.items())
         return f"add {self.id.replace('_', ' ')} of {where} to the model ({told}): `ident patch` writes it"
+
+    def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
+        """Further points of the grid that have some of the columns of this one, and which of them."""
+        return ()
 
     def signed(self, variant: Variant) -> tuple[int, ...]:
         """Columns of a point of the inner grid whose coefficients can't be negative."""

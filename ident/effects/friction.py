@@ -69,6 +69,7 @@ class StribeckFriction(Effect):
     """
 
     id = "stribeck_friction"
+    beyond_bound = True
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "more friction at low speed than Coulomb and viscous friction have; look at slow stretches"
     shown_by = "ladder"

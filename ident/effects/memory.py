@@ -27,6 +27,8 @@ LEAST_TEMPERATURE_RANGE = 1.0  # [K]
 # Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
 TEMPERATURE_AVERAGE = 5.0
 DISPLACEMENTS = (0.0006, 0.002, 0.006, 0.018, 0.05)  # [rad]
+# How many stops of neighbouring ranges a build-up is made of.
+STOPS_SIDE_BY_SIDE = (1, 2, 3)
 # Displacement of a smooth build-up over the mean range of the stops that imitate it, each weighted by its area.
 SMOOTH_SHARE = 2.0 / 3.0
 # Position noise that a stop operator bears, as a share of its range.
@@ -157,6 +159,7 @@ class PreslidingHysteresis(Effect):
     """
 
     id = "presliding_hysteresis"
+    beyond_bound = True
     nonnegative: ClassVar[tuple[int, ...]] = tuple(range(len(DISPLACEMENTS)))
     summary = "friction builds up over some travel after each reversal; look right after reversals"
     shown_by = "reversals"
@@ -176,8 +179,17 @@ class PreslidingHysteresis(Effect):
         return None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        sizes = _usable(session, joint)
-        return (Variant(shape={f"range_{k}_rad": size for k, size in enumerate(sizes)}),)
+        return (_of_ranges(_usable(session, joint)),)
+
+    def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
+        """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs evidence."""
+        sizes = list(variant.shape.values())
+        stretches = [range(k, k + width) for width in STOPS_SIDE_BY_SIDE for k in range(len(sizes) - width + 1)]
+        return [(_of_ranges([sizes[k] for k in some]), some) for some in stretches if len(some) < len(sizes)]
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """All ranges: the figures of one law hang on all of its build-up."""
+        return (_of_ranges(_usable(session, joint)),)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []
@@ -249,6 +261,10 @@ class PreslidingHysteresis(Effect):
             parts = amplitude * (1.0 - share), amplitude * share
         found = {f"range_{i}_rad": size for i, size in enumerate(ranges)}
         return found | {f"part_{i}_Nm": part for i, part in enumerate(parts)}
+
+
+def _of_ranges(sizes: Sequence[float]) -> Variant:
+    return Variant(shape={f"range_{k}_rad": size for k, size in enumerate(sizes)})
 
 
 def _usable(session: SessionContext, joint: int) -> list[float]:

@@ -35,6 +35,7 @@ class Group:
         variant: The point of the inner grid.
         columns: Its columns in the big regression.
         prior: What is known of its coefficients beforehand, if that decides.
+        borrows: Whether its columns are some of another candidate's.
     """
 
     effect: Effect
@@ -42,6 +43,7 @@ class Group:
     variant: Variant
     columns: Int[Array, " k"]
     prior: SizePrior | None = None
+    borrows: bool = False
 
     @property
     def key(self) -> Key:
@@ -143,7 +145,7 @@ def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]
                 silent.append(NotTestable(effect, joint, reason))
             else:
                 grids.append((effect, joint, effect.variants(asked, joint)))
-    return layout_of(session, rank, grids, silent)
+    return layout_of(session, rank, grids, silent, searched=True)
 
 
 def layout_of(
@@ -151,8 +153,17 @@ def layout_of(
     rank: int,
     grids: Sequence[tuple[Effect, int, Sequence[Variant]]],
     silent: Sequence[NotTestable] = (),
+    searched: bool = False,
 ) -> Layout:
-    """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns."""
+    """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns.
+
+    Args:
+        session: The runs.
+        rank: Number of base parameters.
+        grids: Effects at joints, each with its points.
+        silent: What can't be tested.
+        searched: Whether names are looked for, so that parts of points are candidates, too (`Effect.parts`).
+    """
     sample = replace(session, runs=session.runs[:1], every=1)
     start = rank + LOSS_FIGURES * session.n
     groups: list[Group] = []
@@ -164,7 +175,10 @@ def layout_of(
             width = effect.columns(sample, joint, variant)[0].shape[-1]
             columns = np.arange(start, start + width)
             start += width
-            groups.append(Group(effect, joint, variant, columns, effect.size_prior(asked, joint, variant)))
+            prior = effect.size_prior(asked, joint, variant)
+            groups.append(Group(effect, joint, variant, columns, prior))
+            for part, some in effect.parts(variant) if searched else ():
+                groups.append(Group(effect, joint, part, columns[list(some)], prior, borrows=True))
             (own[joint] if effect.rows == "own" else shared).extend(columns)
     return Layout(
         rank=rank,

@@ -59,8 +59,9 @@ class Partition:
 def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
     """Every run's tables, a chunk of runs in memory at a time."""
     everything = range(len(session.runs))
-    seen = compute_tables(session, baseline, layout, layout.groups, everything)
-    again = compute_tables(session, baseline, layout, layout.groups, everything, noisier=True)
+    groups = [group for group in layout.groups if not group.borrows]
+    seen = compute_tables(session, baseline, layout, groups, everything)
+    again = compute_tables(session, baseline, layout, groups, everything, noisier=True)
     drawn = session.runs[0].motion.state_noise is not None
     for i, run, tables in seen:
         noise = tuple(more - table for more, table in zip(next(again)[2], tables, strict=True)) if drawn else None
