@@ -162,7 +162,7 @@ class Effect(ABC):
         inertia_like: Whether wrong inertias of several links could do the same: then tuning them hides the effect.
         event: Whether it happens once: other runs say nothing of its size, and it can't be held out.
         bursts: Whether it acts in short bursts, so that a mean over the session says little of its size.
-        beyond_bound: Whether it acts only beyond a bound of its own (below a speed, past a gap or a limit): how large
+        beyond_bound: Whether it acts only beyond a bound of its own (below a speed, past a gap or a travel): how large
             it seems in a run hangs on how far the run went beyond, where the law isn't the catalogue's to the letter.
         remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
         by_run: Whether it acts on whole runs: blocks of one run are no independent witnesses to it.

@@ -168,7 +168,6 @@ class TorqueSaturation(Effect):
     """
 
     id = "torque_saturation"
-    beyond_bound = True
     nonnegative: ClassVar[tuple[int, ...]] = (0,)
     summary = "torque has flat tops; look at the highest loads"
     shown_by = "loaded"
