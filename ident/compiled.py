@@ -23,8 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array
-
 # Layout of the kept files; another one makes all of them anew.
 LAYOUT = "1"
 Function = Callable[..., Any]
@@ -119,14 +117,7 @@ def _flatten(kind: str, value: Any) -> tuple[Any, ...]:
     right = isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim == int(kind[1:])
     if not right or not value.flags.c_contiguous or not value.flags.aligned:
         raise TypeError(f"a kernel's {kind} is a C-contiguous array of doubles with {kind[1:]} dimensions")
-    return (None, None, value.size, value.itemsize, _address(value), *value.shape, *value.strides)
-
-
-def _address(value: Array) -> int:
-    """Where an array's numbers are: by the buffer protocol, a third of NumPy's own way's time, where that can."""
-    if value.size and value.flags.writeable:
-        return ctypes.addressof(ctypes.c_char.from_buffer(value))
-    return value.ctypes.data
+    return (None, None, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
 
 
 def _types(kind: str) -> list[Any]:
@@ -138,23 +129,17 @@ def _types(kind: str) -> list[Any]:
 def _compile(
     python: Callable[..., None], arguments: Iterable[str], helpers: tuple[Function, ...], llvm: Any
 ) -> tuple[str, bytes]:
-    """Object code of a function, without numba's ways in from Python, and counting no references to arrays."""
+    """Object code of a function, without numba's ways in from Python."""
     from numba import njit, types
-    from numba.core.errors import TypingError
 
-    options: Any = {"error_model": "numpy", "_nrt": False}
     names = dict(python.__globals__)
     for helper in helpers:
-        names[helper.__name__] = njit(**options)(FunctionType(helper.__code__, dict(names)))
+        names[helper.__name__] = njit(error_model="numpy")(FunctionType(helper.__code__, dict(names)))
 
     kinds = {"f": types.float64, "i": types.intp}
     signature = tuple(kinds.get(kind) or types.Array(types.float64, int(kind[1:]), "C") for kind in arguments)
-    function = njit(**options)(FunctionType(python.__code__, names, python.__name__))
-    try:
-        function.compile(signature)
-    except TypingError as error:
-        why = "what isn't known to the compiler, or memory: a kernel may not allocate or raise"
-        raise RuntimeError(f"{python.__name__} asks for {why}") from error
+    function = njit(error_model="numpy")(FunctionType(python.__code__, names, python.__name__))
+    function.compile(signature)
     entry: Any = function.overloads[signature]
     name = entry.fndesc.llvm_func_name
     module = llvm.parse_assembly(function.inspect_llvm(signature))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
 from ident.effects.added_body import point_mass
@@ -152,7 +153,7 @@ def screen_windows(session: SessionContext, leftover: Sequence[Float[Array, "t n
         cell = squares[: count * step].reshape(count, step, run.n).mean(axis=1)
         strong = (cell.mean(axis=1) > SCREEN_RATIO) | (cell.max(axis=1) > SCREEN_ONE_RATIO)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], strong.astype(int), [0]])))
-        fine = _running_mean(power, max(1, round(EDGE * step / (SHORTEST_WINDOW / 2))))
+        fine = uniform_filter1d(power, max(1, round(EDGE * step / (SHORTEST_WINDOW / 2))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             cells = slice(first * step, last * step)
             # Cells cut a push anywhere: it lasts for as long as the power is at least a quarter of its mean.
@@ -279,9 +280,3 @@ def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
     force = force_columns(run.arm, run.motion.q[inside], round(variant.shape["link"]), variant.shape["outward"])
     columns[inside] = envelope[:, None, None] * force
     return columns
-
-
-def _running_mean(values: Float[Array, " t"], width: int) -> Float[Array, " t"]:
-    """Mean of so many samples around each; beyond the ends they are mirrored."""
-    mirrored = np.pad(values, (width // 2, width - 1 - width // 2), mode="symmetric")
-    return np.convolve(mirrored, np.full(width, 1.0 / width), mode="valid")

@@ -21,7 +21,7 @@ from ident.effects.added_body import (
     places_of_tuning,
     point_mass,
 )
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval, linear_interval
+from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
 from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
 from ident.effects.knowledge import Expression, Range, Typical, exactly_as
 from ident.effects.plausible import LARGEST_SMALL_ANGLE, arm_reach
@@ -84,7 +84,7 @@ class UnknownPayload(Effect):
         nominal = _load_place(session.runs[0].arm, variant)
         axes = _acting_axes(session.runs[0].arm)
         change = np.column_stack([point_mass(nominal), moment_change(nominal)[:, axes]])
-        return [_torque_of(run, session.n - 1, change) for run in session.runs]
+        return [run.regressor[:, :, -10:] @ change for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -177,7 +177,7 @@ class LinkInertialError(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         change = _acting_law(session.runs[0].arm, joint, variant)
-        return [_torque_of(run, joint, change) for run in session.runs]
+        return [run.regressor[:, :, 10 * joint : 10 * joint + 10] @ change for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -287,12 +287,6 @@ class GravityMisalignment(Effect):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(2, LARGEST_TILT)
-
-
-def _torque_of(run: RunContext, link: int, change: Float[Array, "10 k"]) -> Float[Array, "T n k"]:
-    """Torque of changes of a link's numbers, as one product of two matrices."""
-    rows = run.regressor.reshape(-1, run.regressor.shape[2])
-    return (rows[:, 10 * link : 10 * link + 10] @ change).reshape(-1, run.n, change.shape[1])
 
 
 def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:

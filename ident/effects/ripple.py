@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, not_at_all
 from ident.effects.typical_sizes import rated_torque, travel, wave, wave_figures
-from ident.telemetry.spikes import running_medians
 
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
@@ -216,8 +216,7 @@ def find_lines(
     shows = (cycles * step >= LEAST_CYCLES) & (turns * spread < LARGEST_PHASE_NOISE) & (turns >= FEWEST)
     if not shows.any():
         return RippleLines((), 1)
-    width = AROUND * PADDING
-    usual = running_medians(np.pad(power, width, mode="edge")[:, None], width)[:, 0] / (2.0 * np.log(2.0))
+    usual = median_filter(power, 2 * AROUND * PADDING + 1, mode="nearest") / (2.0 * np.log(2.0))
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // PADDING)
     found: list[float] = []

@@ -105,17 +105,11 @@ def distance(values: Float[Array, "T n"], width: int) -> Float[Array, "T n"]:
 
     The first and last ones have the window at the run's end: a mirrored neighbour would count twice.
     """
-    medians = running_medians(values, width)
-    rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
-    return np.asarray(values - medians[rows])
-
-
-def running_medians(values: Float[Array, "T n"], width: int) -> Float[Array, "t n"]:
-    """Median of each sample and so many on each side of it, where there are so many."""
-    columns = np.ascontiguousarray(values, dtype=float)
+    columns = np.array(values, dtype=float, order="C")
     medians = np.empty((len(columns) - 2 * width, columns.shape[1]))
     _running_medians(columns, np.empty(2 * width + 1), medians)
-    return medians
+    rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
+    return np.asarray(values - medians[rows])
 
 
 @compiled("f2 f1 f2")

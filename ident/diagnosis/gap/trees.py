@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.gap.boosting import grow_trees
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_TREES, TreeSettings
 
@@ -120,11 +119,26 @@ def _deal(piece: Array, folds: int) -> Array:
 
 def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings) -> tuple[float, bool]:
     """Mean square on held-out folds, and whether it falls in nearly all of them."""
+    # Slow to load, and where nothing stands out of the noise there is nothing for trees to learn.
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from threadpoolctl import threadpool_limits
+
     left = np.zeros(len(y))
     falls = []
     for k in range(settings.folds):
         held: Bool[Array, " t"] = fold == k
-        left[held] = y[held] - grow_trees(x[~held], y[~held], settings).predict(x[held])
+        trees = HistGradientBoostingRegressor(
+            max_iter=settings.rounds,
+            max_leaf_nodes=settings.leaves,
+            learning_rate=settings.rate,
+            min_samples_leaf=settings.leaf_samples,
+            l2_regularization=settings.penalty,
+            random_state=0,
+        )
+        # So few samples are no work for several threads: they would wait for each other, and for busy cores.
+        with threadpool_limits(limits=1, user_api="openmp"):
+            trees.fit(x[~held], y[~held])
+            left[held] = y[held] - trees.predict(x[held])
         falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
         if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
             return float(np.mean(y**2)), False  # sure it can't be any more

@@ -7,10 +7,8 @@ needs a copy of the sums.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from mmap import mmap
 
 import numpy as np
 from scipy.linalg.blas import dsyrk
@@ -52,32 +50,18 @@ def _sum(sums: Float[Array, "B p p"], blocks: Int[Array, " b"]) -> Float[Array, 
     return found
 
 
-def room_for_sums(count: int, size: int) -> Float[Array, "B p p"]:
-    """Sums of so many blocks, zero, in memory of usual pages.
-
-    NumPy asks for huge ones. To find and clear them takes the kernel longer than all products of a session.
-    """
-    return np.frombuffer(mmap(-1, count * size * size * np.dtype(float).itemsize)).reshape(count, size, size)
-
-
-def add_products(sums: Float[Array, "p p"], tables: Sequence[Float[Array, "t p"]]) -> None:
-    """Adds Σ x xᵀ over the first table's rows, less that over further ones', to symmetric sums.
-
-    Only the half below the diagonal and on it is right afterwards. Sums of many blocks are far more than a processor's
-    cache holds, and fetching a block's costs more than its products: all products are made before it is fetched.
+def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:
+    """Adds Σ x xᵀ over a table's rows, times a sign, to one half of symmetric sums: below the diagonal and on it.
 
     Args:
         sums: The sums, changed in place.
-        tables: The rows, as many in each.
+        table: The rows.
+        sign: Of the summands.
     """
-    if len(tables[0]):
-        made, sign = np.zeros(sums.shape), 1.0
-        for table in tables:
-            # BLAS counts columns first: our lower half is its upper one.
-            found = dsyrk(sign, np.ascontiguousarray(table).T, beta=1.0, c=made.T, lower=0, overwrite_c=1)
-            assert np.shares_memory(found, made)
-            sign = -1.0
-        sums += made
+    if len(table):
+        # BLAS counts columns first: our lower half is its upper one.
+        found = dsyrk(sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1)
+        assert np.shares_memory(found, sums)
 
 
 @compiled("f3")

@@ -33,7 +33,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror, room_for_sums
+from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
@@ -291,7 +291,7 @@ class _Sums:
         blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
         self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
         # Of these symmetric sums one half is filled, until all is in.
-        self.white = [room_for_sums(blocks, len(local)) for local in layout.local]
+        self.white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
         self.plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
@@ -306,30 +306,34 @@ class _Sums:
         shared = len(self.partition.starts) > self.settings.most_lone_runs
         self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
         for j in range(self.layout.n):
-            self._add_tables(rows, j, [rows.tables[j], *(() if rows.noise is None else (rows.noise[j],))])
+            self._add_tables(rows, j, rows.tables[j], 1.0)
+            if rows.noise is not None:
+                self._add_tables(rows, j, rows.noise[j], -1.0)
 
-    def _add_tables(self, rows: Rows, j: int, tables: Sequence[Float[Array, "t p"]]) -> None:
-        """Adds a joint's table, less that of the noise in it, if there is one."""
+    def _add_tables(self, rows: Rows, j: int, table: Float[Array, "t p"], sign: float) -> None:
         counts = rows.counts[:, j]
         coefficients = self.whitening.coefficients[j] / self.whitening.innovation[j]
-        filtered = [whiten(table, coefficients) for table in tables]
+        filtered = whiten(table, coefficients)
         # A whitened row mixes itself with its past: it counts where all of these count.
         order = len(coefficients) - 1
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
         columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
-        for block, inside in _stretches(rows.blocks):
-            parts = [table[inside][whole[inside]] for table in filtered]
-            add_products(self.white[j][block], parts)
-            self.samples[j] += len(parts[0])
-            tied = [x[:, columns].T @ x for x in parts]
-            self.friction[j].append(tied[0] - tied[1] if len(parts) > 1 else tied[0])
-            for x in parts[1:]:
+        pieces = list(_stretches(rows.blocks))
+        for k, (block, inside) in enumerate(pieces):
+            x = filtered[inside][whole[inside]]
+            add_products(self.white[j][block], x, sign)
+            tied = x[:, columns].T @ x
+            if sign > 0:
+                self.samples[j] += len(x)
+                self.friction[j].append(tied)
+            else:
+                self.friction[j][len(self.friction[j]) - len(pieces) + k] -= tied
                 self.noise_power[self.layout.local[j]] += np.einsum("tp,tp->p", x, x)
         for fold, inside in _stretches(self.partition.folds[rows.blocks]):
-            parts = [table[inside][counts[inside]] for table in tables]
-            add_products(self.plain[j][fold], parts)
-            self.weights[fold, j] += len(parts[0])
+            x = table[inside][counts[inside]]
+            add_products(self.plain[j][fold], x, sign)
+            self.weights[fold, j] += len(x) if sign > 0 else 0
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline, UrdfError
@@ -154,33 +155,17 @@ class Projection:
         return float(max(fall, 0.0)), beta
 
 
-def solve_signed(matrix: Float[Array, "k k"], target: Float[Array, " k"], signed: Bool[Array, " k"]) -> Array:
-    """Least squares from normal equations; unknowns marked `signed` are not negative.
-
-    Source: Lawson and Hanson 1974, chapter 23 (active sets), for normal equations as Bro and de Jong 1997.
-    """
+def solve_signed(matrix: Array, target: Array, signed: Array) -> Array:
+    """Least squares from normal equations; unknowns marked `signed` are not negative."""
     if not signed.any():
         return np.linalg.solve(matrix, target)
-    free, beta = ~signed, np.zeros(len(target))
-    size = np.sqrt(np.diag(matrix))
-    # Each round frees the bounded unknown that pulls most; rounding alone could go on for ever.
-    for _ in range(3 * len(target) + 1):
-        while True:
-            ahead = np.zeros(len(target))
-            ahead[free] = np.linalg.solve(matrix[np.ix_(free, free)], target[free])
-            below = free & signed & (ahead <= 0.0)
-            if not below.any():
-                break
-            # As far as the first of them allows, and on without it.
-            share = beta[below] / np.maximum(beta[below] - ahead[below], 1e-300)
-            beta += share.min() * (ahead - beta)
-            free[np.flatnonzero(below)[share == share.min()]] = False
-            beta[~free] = 0.0
-        beta = ahead
-        pull = np.where(free, 0.0, (target - matrix @ beta) / size)
-        if pull.max() <= 1e-12 * np.abs(target / size).max():
-            break
-        free[int(np.argmax(pull))] = True
+    root = np.linalg.cholesky(matrix).T
+    goal = np.linalg.solve(root.T, target)
+    # A free unknown is the difference of two that are not negative.
+    doubled = np.concatenate([root, -root[:, ~signed]], axis=1)
+    solution, _ = nnls(doubled, goal)
+    beta = solution[: len(target)].copy()
+    beta[~signed] -= solution[len(target) :]
     return beta
 
 

@@ -64,14 +64,8 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
     again = compute_tables(session, baseline, layout, groups, everything, noisier=True)
     drawn = session.runs[0].motion.state_noise is not None
     for i, run, tables in seen:
-        noise = tuple(_less(more, table) for more, table in zip(next(again)[2], tables, strict=True)) if drawn else None
+        noise = tuple(more - table for more, table in zip(next(again)[2], tables, strict=True)) if drawn else None
         yield Rows(i, layout.rank, tuple(tables), run.motion.settled, partition.blocks_of(i, len(tables[0])), noise)
-
-
-def _less(more: Float[Array, "t p"], table: Float[Array, "t p"]) -> Float[Array, "t p"]:
-    """The difference, where the first was."""
-    more -= table
-    return more
 
 
 def compute_tables(
@@ -202,32 +196,14 @@ class _Batch:
             return
         filtered = self.run.motion.filtered_together([columns for _, columns in self.waiting])
         start = 0
-        for several in _alike(self.waiting):
-            shape = several[0][1].shape[1:]
-            end = start + len(several) * int(np.prod(shape))
-            self._write(several[0][0], filtered[:, start:end].reshape(-1, len(several), *shape))
+        for group, columns in self.waiting:
+            end = start + columns[0].size
+            self._write(group, filtered[:, start:end].reshape(-1, *columns.shape[1:]))
             start = end
         self.waiting, self.width = [], 0
 
-    def _write(self, first: Group, columns: Float[Array, "t g ..."]) -> None:
-        """Writes the columns of neighbouring groups."""
-        for j in first.acts_on(self.layout.n):
-            at = self.layout.places[j][int(first.columns[0])]
-            own = (columns if first.effect.rows == "own" else columns[:, :, j]).reshape(len(columns), -1)
-            self.tables[j][:, at : at + own.shape[1]] = own
-
-
-def _alike(waiting: Sequence[tuple[Group, Float[Array, "T ..."]]]) -> list[list[tuple[Group, Array]]]:
-    """Groups that wait, those together that stand side by side in the same tables."""
-    found: list[list[tuple[Group, Array]]] = []
-    for item in waiting:
-        group, columns = item
-        if found:
-            before, last = found[-1][-1]
-            same = before.effect.rows == group.effect.rows and last.shape == columns.shape
-            beside = before.columns[-1] + 1 == group.columns[0] and before.joint == group.joint
-            if same and beside:
-                found[-1].append(item)
-                continue
-        found.append([item])
-    return found
+    def _write(self, group: Group, columns: Float[Array, "t ..."]) -> None:
+        for j in group.acts_on(self.layout.n):
+            at = self.layout.places[j][int(group.columns[0])]
+            own = columns if group.effect.rows == "own" else columns[:, j]
+            self.tables[j][:, at : at + len(group.columns)] = own

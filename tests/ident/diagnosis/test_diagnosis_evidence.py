@@ -109,16 +109,17 @@ def test_columns_that_are_zero_need_no_filter(healthy: Analysis) -> None:
         assert np.array_equal(table[:, : len(chosen)], whole[:, j])
 
 
-def test_sums_of_half_a_matrix_are_those_of_the_whole() -> None:
-    """Law: after the other half is filled, sums are X Xᵀ, less that of noise, as any product gives it."""
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
+    """Law: after the other half is filled, sums are X Xᵀ as any product gives it, whatever was there before."""
     rng = np.random.default_rng(2)
     sums, tables = np.zeros((3, 37, 37)), rng.standard_normal((3, 2, 50, 37))
     for one, pair in zip(sums, tables, strict=True):
-        add_products(one, [pair[0]])
-        add_products(one, [pair[0], pair[1]])
-        add_products(one, [pair[0, :0], pair[1, :0]])
+        add_products(one, pair[0], 1.0)
+        add_products(one, pair[1], sign)
+        add_products(one, pair[1, :0], sign)
     mirror(sums)
-    expected = np.stack([2.0 * a.T @ a - b.T @ b for a, b in tables])
+    expected = np.stack([a.T @ a + sign * b.T @ b for a, b in tables])
     assert np.allclose(sums, expected, rtol=0, atol=1e-12)
     assert np.array_equal(sums, np.swapaxes(sums, 1, 2))
 
