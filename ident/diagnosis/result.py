@@ -48,6 +48,7 @@ class Finding(Explained):
     def to_dict(self) -> dict[str, Any]:
         return {
             **self.told(),
+            "rivals": dict(self.estimate.odds),
             "heldout": {
                 "rms_before_Nm": self.rms_before,
                 "rms_after_Nm": self.rms_after,

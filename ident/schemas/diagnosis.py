@@ -68,6 +68,7 @@ FindingRecord = TypedDict(
         "joints": list[str],
         "probability": float,
         "class": list[str],
+        "rivals": NotRequired[dict[str, float]],
         "parameters": dict[str, IntervalRecord],
         "heldout": FindingHeldoutRecord,
         "evidence": NotRequired[dict[str, Any]],

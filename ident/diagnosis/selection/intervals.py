@@ -20,6 +20,8 @@ from ident.effects.base import Interval, SessionContext
 
 # Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9
+# Log odds are told up to this: more is no number of a computer's.
+MOST_NATS = 700.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,7 @@ class Estimate:
         rivals: Ids of the effects that the recordings can't tell from it, itself first.
         told: The effect at the point of the finer grid that the figures are those of.
         coefficients: Its coefficients there.
+        odds: Of the effect against each other one that was weighed, by its id; against all others none is told.
     """
 
     group: Group
@@ -41,6 +44,7 @@ class Estimate:
     rivals: tuple[str, ...]
     told: Group
     coefficients: Float[Array, " k"]
+    odds: Mapping[str, float]
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
@@ -93,9 +97,9 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
     for slot, (group, told) in enumerate(zip(groups, fine.groups, strict=True)):
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
-        probability, rivals = weigh_rivals(search, projection, group, others, spare)
+        probability, rivals, odds = weigh_rivals(search, projection, group, others, spare)
         parameters, coefficients = figures[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients))
+        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients, odds))
     return estimates
 
 
@@ -218,8 +222,8 @@ def _without_name(
 
 def weigh_rivals(
     search: Search, projection: Projection, group: Group, others: Sequence[Group], spare: float
-) -> tuple[float, tuple[str, ...]]:
-    """Probability of a name against all others for its slot, and the names that stand too near to tell."""
+) -> tuple[float, tuple[str, ...], dict[str, float]]:
+    """Probability of a name against all others for its slot, the names too near to tell, and its odds against each."""
     held, best = search.settings, search.best_by_key(projection, others)
     least = best[group.key][0] - held.rival_nats * spare
     near_it = [rival for score, rival in best.values() if score > least]
@@ -240,12 +244,7 @@ def weigh_rivals(
     logs = held.temper * np.array([*best_of_effect.values(), *nameless, 0.0])
     weights = np.exp(logs - logs.max())
     probability = held.most_sure * float(weights[ids.index(group.effect.id)] / weights.sum())
-    near = sorted(
-        (
-            name
-            for name, score in best_of_effect.items()
-            if name != group.effect.id and held.temper * (own - score) < np.log(held.class_odds)
-        ),
-        key=lambda name: -best_of_effect[name],
-    )
-    return probability, (group.effect.id, *near)
+    ahead_of = {name: held.temper * (own - score) for name, score in best_of_effect.items() if name != group.effect.id}
+    odds = {name: float(np.exp(min(nats, MOST_NATS))) for name, nats in ahead_of.items()}
+    near = sorted((name for name, one in odds.items() if one <= held.class_odds), key=odds.__getitem__)
+    return probability, (group.effect.id, *near), odds

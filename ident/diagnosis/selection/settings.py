@@ -127,7 +127,10 @@ class SelectionSettings(Settings):
         1.92, "nats", "fall of the log likelihood at the ends of a 95 % interval", "law: half of χ²₁ at 95 %"
     )
     class_odds: float = number(
-        10.0, "1", "names less improbable than this against the holder stand in its class", "chosen: nine in ten"
+        10.0,
+        "1",
+        "names against which the holder's odds are no more stand in its class",
+        "chosen: nine in ten; `ident blind --calibrate` may put a conformal value in its place",
     )
     rival_nats: float = number(
         60.0,
