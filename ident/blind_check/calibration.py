@@ -1,12 +1,13 @@
 """Numbers that decide, from the cases of a check: what healthy arms leave, and how often names are right.
 
-Three kinds of number hang on the worlds in which a diagnosis is used and not on any law:
+Four kinds of number hang on the worlds in which a diagnosis is used and not on any law:
 
 - how far what is left must stand out (`verdict.stands_out`, `much_left`, `far_left`): in units of these, the largest of
   an arm's joints is about log-normal over healthy arms. They are scaled by the value that one healthy arm in so many
   exceeds (`ALARMS`);
 - how far a name is believed where nothing is left open (`selection.most_sure`) and where something is
-  (`verdict.trust_if_open`): the share of right names there, Laplace's rule on top of what was believed before.
+  (`verdict.trust_if_open`): the share of right names there, Laplace's rule on top of what was believed before;
+- which names stand in the class of another (`selection.class_odds`): so that 95 % of classes hold the truth.
 
 Each is told with its 95 % interval, so that a second seed can be held against it.
 
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from ident.blind_check.class_sets import measure_class_sets
 from ident.blind_check.scoring import JUDGED, Outcome
 from ident.blind_check.statistics import Z, share
 from ident.blind_check.summary import BlindReport
@@ -73,7 +75,7 @@ def calibrate(outcomes: Sequence[Outcome], used: DiagnosisSettings = USUAL) -> t
         outcomes: Cases that were diagnosed with the numbers that are used.
         used: These.
     """
-    return (*_standing(outcomes, used), *_trust(outcomes, used))
+    return (*_standing(outcomes, used), *_trust(outcomes, used), *_classes(outcomes))
 
 
 def _standing(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Calibrated]:
@@ -104,6 +106,13 @@ def _trust(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Calibra
     return [one for one in (most, beside) if one is not None]
 
 
+def _classes(outcomes: Sequence[Outcome]) -> list[Calibrated]:
+    sets = measure_class_sets(outcomes)
+    if sets.odds is None:
+        return []
+    return [Calibrated("selection", "class_odds", sets.odds, sets.low, max(sets.high, sets.odds), sets.cases)]
+
+
 def _share(group: str, name: str, right: Sequence[bool], before: float) -> Calibrated | None:
     if len(right) < LEAST_NAMES:
         return None
@@ -122,7 +131,7 @@ def write_calibration(path: Path, report: BlindReport, used: DiagnosisSettings =
     """
     found = calibrate(report.outcomes, used)
     if not found:
-        what = f"{len(report.outcomes)} cases say too little for any number"
+        what = f"{len(report.outcomes)} cases say too little for any number; of classes {report.class_sets.words}"
         raise InputError(path, what, f"ask for --cases with {LEAST_HEALTHY} healthy arms or {LEAST_NAMES} names")
     groups: dict[str, dict[str, float]] = {}
     for one in found:
@@ -132,6 +141,7 @@ def write_calibration(path: Path, report: BlindReport, used: DiagnosisSettings =
         "cases": len(report.outcomes),
         "worlds": str(report.run.get("worlds") or ""),
         "diagnosis": str(report.run.get("diagnosis") or ""),
+        **({"class_odds": report.class_sets.words} if report.class_sets.odds is None else {}),
         "numbers": [one.to_dict() for one in found],
     }
     with atomic_write(path) as part:

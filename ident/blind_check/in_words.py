@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def summary(report: BlindReport) -> str:
-    """Every score with its 95 % interval, a line each; efficiency by size, and the worst stratum of worlds."""
+    """Every score with its 95 % interval, a line each; efficiency by size, ranks, classes, the worst worlds."""
     record = report.to_dict()
     lines = []
     for name, value in record["scores"].items():
@@ -23,6 +23,12 @@ def summary(report: BlindReport) -> str:
         low, high = record["intervals"].get(name, (None, None))
         interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
         lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+    if report.ranks.count:
+        uneven = [f"{name} ({one.words})" for name, one in report.ranks_by_figure.items() if one.is_odd]
+        p_value = "" if report.ranks.p_value is None else f", p = {report.ranks.p_value:.2g}"
+        lines.append("; ".join([f"  ranks of {report.ranks.count} figures{p_value}: {report.ranks.words}", *uneven]))
+    if report.class_sets.cases:
+        lines.append(f"  class sets: {report.class_sets.words}")
     if record["worst_stratum"] is not None:
         worst = record["worst_stratum"]
         lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")

@@ -17,6 +17,7 @@ from ident.blind_check.sections import (
     WrongSection,
 )
 from ident.blind_check.summary import BlindReport
+from ident.blind_check.sure_sections import ClassSetsSection, RanksSection
 from ident.blind_check.worlds_section import WorldsSection
 from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_pages import write_diagnosis_report
@@ -36,6 +37,8 @@ def blind_sections(report: BlindReport) -> list[Section]:
         BaselineSection(report),
         CalibrationSection(report),
         CoverageSection(report),
+        RanksSection(report),
+        ClassSetsSection(report),
         EditSection(report),
         WrongSection(report, WRONG_FOLDER),
         SealSection(report),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from ident.blind_check.cases import FULL_MIX, Slot
+from ident.blind_check.ranks import place_of_truth
 from ident.blind_check.world_axes import EXCUSED_BY_URDF, urdf_is_wrong, world_axes
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
@@ -34,8 +36,14 @@ class Coverage:
     effect: str
     parameter: str
     true: float
+    value: float
     low: float
     high: float
+
+    @property
+    def place(self) -> float | None:
+        """Of the truth in what was told, from 0 to 1; None where no width was told."""
+        return place_of_truth(self.true, self.value, self.low, self.high, self.parameter == "phase_rad")
 
     @property
     def inside(self) -> bool:
@@ -61,6 +69,7 @@ class Outcome:
         class_aware: Whether the true effect is in the first name's class.
         joint: Whether the first name is at the true joint.
         class_size: Of the first name's class; None without a name.
+        odds: Of the first name against each effect that was weighed beside it.
         refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
         set_f1: Of all names with their joints against the truth.
         shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
@@ -90,6 +99,7 @@ class Outcome:
     class_aware: bool = False
     joint: bool = False
     class_size: int | None = None
+    odds: Mapping[str, float] = field(default_factory=dict)
     refused: bool = False
     set_f1: float | None = None
     shrink_share: float | None = None
@@ -124,6 +134,16 @@ class Outcome:
         return any(self.right) and self.has_false_name
 
     @property
+    def class_score(self) -> float | None:
+        """Odds that the first name's class needs to hold the one true effect.
+
+        At least 1; infinite where the truth was not weighed; None without a name, or where not one effect is true.
+        """
+        if self.class_size is None or len(self.truth) != 1:
+            return None
+        return 1.0 if self.strict else max(self.odds.get(self.truth[0][0], inf), 1.0)
+
+    @property
     def told_gap(self) -> bool:
         """Whether the verdict is anything but that all is well."""
         return self.verdict != "no_gap"
@@ -144,7 +164,8 @@ class Outcome:
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
         record["world"] = dict(self.world)
-        record["coverage"] = [{**vars(one), "inside": one.inside} for one in self.coverage]
+        record["odds"] = dict(self.odds)
+        record["coverage"] = [{**vars(one), "inside": one.inside, "place": one.place} for one in self.coverage]
         return record
 
 
@@ -191,6 +212,7 @@ def score_case(
         class_aware=bool(first and only and only.effect in first["class"]),
         joint=bool(first and only and _is_at(only, first, answer)),
         class_size=len(first["class"]) if first else None,
+        odds={name: float(one) for name, one in first.get("rivals", {}).items()} if first else {},
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
         set_f1=_f1(len(counted), matches, len(truth)) if truth else None,
         shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
@@ -330,9 +352,9 @@ def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float
     """Figures that both tell by the same name."""
     told = finding["parameters"]
     return [
-        Coverage(true.effect, name, value, float(told[name]["low"]), float(told[name]["high"]))
+        Coverage(true.effect, name, value, *(float(told[name][key]) for key in ("value", "low", "high")))
         for name, value in comparable(true, starts).items()
-        if name in told and None not in (told[name]["low"], told[name]["high"])
+        if name in told and None not in (told[name][key] for key in ("value", "low", "high"))
     ]
 
 

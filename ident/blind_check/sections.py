@@ -24,6 +24,7 @@ SHARES = {
     "false_alarm": "false alarms: healthy sessions with a name",
     "false_alarm_decoy": "false alarms: decoys with a name",
     "told_gap": "healthy sessions told to have a gap",
+    "class_holds": "the class holds the hidden effect, single effects with a name",
     "companion": "visible effects with a false name beside the true one",
     "refusal": "refused, at the right joint, where the catalogue lacks the cause",
     "wrongly_named": "a wrong name called the whole story there",
@@ -32,6 +33,7 @@ SHARES = {
 }
 MEANS = {
     "mean_class_size": "effects in a class",
+    "class_size": "effects in a class, single effects with a name",
     "set_f1": "F1 of the set of names, pairs and triples",
     "calibration_error": "calibration error of the probabilities",
     "auroc": "area under the curve of refusals: lacking causes against held ones",

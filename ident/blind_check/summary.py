@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 from ident.blind_check.by_world import Stratum, find_worst, stratify
+from ident.blind_check.class_sets import ClassSets, measure_class_sets
+from ident.blind_check.ranks import LEAST_FIGURES, RankHistogram, count_ranks
 from ident.blind_check.scoring import JUDGED, Outcome
 from ident.blind_check.statistics import (
     Bin,
@@ -20,6 +22,8 @@ from ident.blind_check.statistics import (
     share,
 )
 from ident.results import Result
+
+T = TypeVar("T")
 
 SCHEMA = "ident.blind/1"
 SETS = ("pair", "triple")
@@ -57,10 +61,13 @@ class BlindReport(Result):
         refusable, sets = self.of(*REFUSABLE), self.of(*SETS)
         said = [pair for one in self.of(*JUDGED) for pair in one.said]
         covered = [cover.inside for one in self.outcomes for cover in one.coverage]
+        named = self.of("single", where=lambda one: one.class_size is not None)
         seconds = [one.seconds for one in self.outcomes if one.seconds is not None]
         return {
             **name_scores(visible),
             "class_aware_small": share([one.class_aware for one in small]),
+            "class_holds": share([one.class_aware for one in named]),
+            "class_size": mean([float(one.class_size) for one in named if one.class_size is not None]),
             "companion": share([one.has_companion for one in visible]),
             "false_alarm": share([one.has_false_name for one in self.of("healthy")]),
             "false_alarm_decoy": share([one.has_false_name for one in self.of("decoy")]),
@@ -172,6 +179,31 @@ class BlindReport(Result):
         return {name: share(found[name]) for name in sorted(found)}
 
     @cached_property
+    def ranks(self) -> RankHistogram:
+        """Places of all true figures in what was told of them."""
+        return count_ranks(*_unzip([pair for pairs in self._places.values() for pair in pairs]))
+
+    @cached_property
+    def ranks_by_figure(self) -> dict[str, RankHistogram]:
+        """The same of each figure of which there are enough, as effect.parameter."""
+        enough = {name: pairs for name, pairs in sorted(self._places.items()) if len(pairs) >= LEAST_FIGURES}
+        return {name: count_ranks(*_unzip(pairs)) for name, pairs in enough.items()}
+
+    @cached_property
+    def _places(self) -> dict[str, list[tuple[float, str]]]:
+        found: dict[str, list[tuple[float, str]]] = {}
+        for one in self.outcomes:
+            for cover in one.coverage:
+                if cover.place is not None:
+                    found.setdefault(f"{cover.effect}.{cover.parameter}", []).append((cover.place, one.name))
+        return found
+
+    @cached_property
+    def class_sets(self) -> ClassSets:
+        """The odds that classes need to hold the truth 19 times in 20."""
+        return measure_class_sets(self.outcomes)
+
+    @cached_property
     def baselines(self) -> dict[str, dict[str, Score]]:
         """Scores of the plain methods on the same evidence."""
         methods = sorted({method for one in self.outcomes for method in one.rivals})
@@ -212,6 +244,11 @@ class BlindReport(Result):
             "confusion": self.confusion,
             "calibration": [{**vars(one), "right": vars(one.right)} for one in self.calibration],
             "coverage": _full(self.coverage),
+            "ranks": {
+                "all": self.ranks.to_dict(),
+                "figures": {name: one.to_dict() for name, one in self.ranks_by_figure.items()},
+            },
+            "class_sets": self.class_sets.to_dict(),
             "worlds": {axis: [one.to_dict() for one in strata] for axis, strata in self.worlds.items()},
             "worst_stratum": _worst(self.worst),
             "efficiency": _full(self.efficiency),
@@ -242,8 +279,8 @@ def _edit_share(cases: Sequence[Outcome]) -> Score:
     return share([one.edit["edited"] <= EDIT_WITHIN for one in cases if one.edit])
 
 
-def _unzip(pairs: Sequence[tuple[float, bool]]) -> tuple[list[float], list[bool]]:
-    return [p for p, _ in pairs], [right for _, right in pairs]
+def _unzip(pairs: Sequence[tuple[float, T]]) -> tuple[list[float], list[T]]:
+    return [p for p, _ in pairs], [other for _, other in pairs]
 
 
 def _first(one: Outcome, named: Sequence[tuple[str, str]]) -> tuple[str, str]:

@@ -124,6 +124,8 @@ class BlindRecord(TypedDict):
     calibration: list[dict[str, Any]]
     coverage: dict[str, dict[str, float | int | None]]
     baselines: dict[str, dict[str, float | None]]
+    ranks: dict[str, dict[str, Any]]
+    class_sets: dict[str, Any]
     worlds: dict[str, list[dict[str, Any]]]
     worst_stratum: dict[str, Any] | None
     efficiency: dict[str, dict[str, float | int | None]]

@@ -27,6 +27,7 @@ def finding(
         "joints": list(joints),
         "probability": p,
         "class": [effect, *rivals],
+        "rivals": dict.fromkeys(rivals, 2.0),
         "parameters": {
             name: {"value": sum(ends) / 2, "low": ends[0], "high": ends[1]} for name, ends in parameters.items()
         },

@@ -60,6 +60,10 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
 
 def _check_finding(finding: dict[str, Any], joints: list[str]) -> None:
     assert finding["class"][0] == finding["effect"]
+    odds = finding["rivals"]
+    assert all(number(one) and one > 0.0 for one in odds.values())
+    assert finding["effect"] not in odds
+    assert finding["class"][1:] == sorted((name for name, one in odds.items() if one <= 10.0), key=odds.__getitem__)
     assert finding["joints"]
     assert set(finding["joints"]) <= set(joints)
     assert 0.0 <= finding["probability"] <= 1.0

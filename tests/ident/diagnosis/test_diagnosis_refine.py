@@ -155,3 +155,30 @@ def mirrored(sums: Array) -> Array:
     """Sums of the same columns with the torque of the opposite sign."""
     sign = signs_of(sums)
     return sums * sign[:, None] * sign
+
+
+def test_a_class_is_cut_by_the_odds_that_the_settings_ask_for(short_arm: ArmModel) -> None:
+    """Law: in a class are the holder and all that it is ahead of by no more than these odds, the nearest first."""
+    analysis = analyse(short_arm, stribeck_on_1)
+    prior = Prior.of(analysis.evidence, analysis.baseline.prior)
+    search = Search(analysis.evidence, prior, HeldOut(analysis.evidence, prior))
+    projection = project(analysis.evidence.gram(), analysis.evidence, prior)
+    truth = search.best_by_key(projection)[("stribeck_friction", 0, None)][1]
+    weigh = {
+        odds: weigh_rivals(
+            replace(search, settings=replace(search.settings, class_odds=odds, rival_nats=1e6)),
+            projection,
+            truth,
+            [],
+            1.0,
+        )
+        for odds in (1.0, 1e300)
+    }
+    (probability, none, odds), (same, everything, again) = weigh[1.0], weigh[1e300]
+    assert (probability, odds) == (same, again)
+    assert odds
+    assert none == ("stribeck_friction",)
+    assert everything == ("stribeck_friction", *sorted(odds, key=odds.__getitem__))
+    nearest = min(odds.values())
+    cut = replace(search, settings=replace(search.settings, class_odds=nearest, rival_nats=1e6))
+    assert weigh_rivals(cut, projection, truth, [], 1.0)[1] == everything[:2]
