@@ -39,6 +39,8 @@ ALARMS = 200
 # Cases that what was believed before counts as.
 PRIOR_CASES = 4.0
 LEAST_HEALTHY, LEAST_NAMES = 20, 10
+# The first line: a check that goes on writes its file anew.
+WRITTEN_BY = "# written by armgap"
 STANDING = ("stands_out", "much_left", "far_left")
 
 
@@ -145,5 +147,5 @@ def write_calibration(path: Path, report: BlindReport, used: DiagnosisSettings =
         "numbers": [one.to_dict() for one in found],
     }
     with atomic_write(path) as part:
-        part.write_text(tomli_w.dumps({ORIGIN: origin, **groups}), encoding="utf-8")
+        part.write_text(f"{WRITTEN_BY}\n{tomli_w.dumps({ORIGIN: origin, **groups})}", encoding="utf-8")
     return found

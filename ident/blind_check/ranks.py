@@ -26,7 +26,7 @@ from ident.blind_check.statistics import Z, binomial_ends
 
 BINS = 10
 # Fewer figures of a kind have no histogram of their own, and fewer cases no test.
-LEAST_FIGURES, LEAST_CASES = 20, 8
+LEAST_FIGURES, LEAST_CASES = 12, 8
 # p-value below which ranks are told to be uneven: some twenty kinds are looked at.
 ODD = 0.01
 # One figure of each case, so many times.

@@ -52,6 +52,7 @@ def draw_ranks(name: str, ranks: RankHistogram) -> Any:
     axes.axhspan(*ranks.band, color=BAND, alpha=0.3, linewidth=0)
     axes.axhline(ranks.count / BINS, color=BAND, linewidth=0.8, linestyle="--")
     axes.bar((np.arange(BINS) + 0.5) / BINS, ranks.bins, width=0.9 / BINS, color=BAR, alpha=0.85)
+    axes.locator_params(axis="y", integer=True)
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.1 * max(*ranks.bins, ranks.band[1], 1))
     return to_svg(figure, f"Histogram of the places of the truth. {name}: {', '.join(map(str, ranks.bins))}")
