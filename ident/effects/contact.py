@@ -199,7 +199,7 @@ def _changes(time: Float[Array, " t"], values: Float[Array, "t n"], start: float
 def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], push: Push) -> tuple[Push, float]:
     """The link and point whose Jacobian explains a window best, and the share that a constant force explains of it.
 
-    What is left around the window as well as in it is no part of the push.
+    What is left around the window as well as in it is no part of the push, nor is what is usually left of any window.
     """
     usual = _usual(leftover)
     at = [run.motion.name for run in session.runs].index(push.run)
@@ -216,13 +216,16 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     target = (left[near] / usual).ravel()
     target = target - level @ np.linalg.lstsq(level, target, rcond=1e-9)[0]
     q = run.motion.q[run.motion.coarse][near]
+    square = float(np.sum(target**2))
+    beyond = square - max(float(counts.sum()) - run.n, 0.0)  # in usual deviations: each sample's own square is one
     best, share = push, 0.0
     for link, outward in _points(session.n):
         force = force_columns(run.arm, q, link, outward) / usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
         columns -= level @ np.linalg.lstsq(level, columns, rcond=1e-9)[0]
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
-        explained = 1.0 - float(np.sum((target - columns @ solved) ** 2) / max(np.sum(target**2), 1e-300))
+        fall = square - float(np.sum((target - columns @ solved) ** 2))
+        explained = fall / max(beyond, fall, 1e-300)
         if explained > share and np.linalg.norm(solved) < LARGEST_FORCE:
             best, share = replace(push, link=link, outward=outward), explained
     return best, share

@@ -87,6 +87,25 @@ def test_a_push_stands_out_of_the_friction_of_its_run(session: SessionContext) -
     assert explained > 0.8
 
 
+@pytest.mark.parametrize(("shaken", "least", "most"), [(False, 0.75, 1.0), (True, 0.0, 0.6)])
+def test_noise_around_a_faint_push_says_nothing_against_it(
+    session: SessionContext, shaken: bool, least: float, most: float
+) -> None:
+    """Law: of three times the noise of the joint that feels it most a constant force explains what is more than noise,
+    though noise is most of what is left; of the same force shaken to and fro it doesn't.
+    """
+    run = session.runs[1]
+    time = run.motion.time[run.motion.coarse]
+    left = [np.random.default_rng(7).normal(0, 0.3, item.motion.tau_filtered.shape) for item in session.runs]
+    start = float(time[0]) + 5.0
+    inside = (time > start) & (time < start + 0.7)
+    felt = force_columns(run.arm, run.motion.q[run.motion.coarse][inside], 4, 1.0) @ FORCE
+    sway = np.random.default_rng(8).choice([-1.0, 1.0], len(felt)) if shaken else np.ones(len(felt))
+    left[1][inside] += 0.9 * felt / np.sqrt(np.mean(felt**2, axis=0)).max() * sway[:, None]
+    _, explained = locate(session, left, Push("run_1", start, start + 0.7))
+    assert least <= explained <= most
+
+
 def test_columns_are_zero_outside_the_window(session: SessionContext) -> None:
     """No other run, and no other time, feels the push."""
     contact = ExternalContact((Push("run_1", 25.0, 26.0),))
