@@ -18,7 +18,7 @@ from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval, SessionContext
-from ident.effects.plausible import impossible, undefined
+from ident.effects.plausible import impossible
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def find_implausible(candidates: Mapping[int, tuple[Named, Estimate]], session: 
         asked = effect.asked(session)
         if reason := impossible(effect, asked, estimate.told.joint, estimate.parameters):
             outside[k] = reason
-        elif reason := undefined(effect, estimate.parameters):
+        elif reason := estimate.undefined:
             open_ones[k] = reason
     if outside or not open_ones:
         return outside

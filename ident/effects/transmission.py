@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -205,10 +206,16 @@ class SpringTorque(Effect):
         centre = variant.shape["centre_rad"]
         if variant.shape["law"] == BENT:
             reach = max(np.ptp(travel(session, joint)), LEAST_SPRING_RANGE)
-            return {
-                "stiffness_Nm_rad": delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance),
-                "rest_rad": delta_interval(lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance),
-            }
+            stiffness = delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance)
+            if stiffness.value > 0.0:  # it pulls towards its rest, however unsure its slope there is
+                stiffness = replace(stiffness, low=max(stiffness.low, 0.0))
+            rest = delta_interval(lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance)
+            beyond = rest.value - centre
+            if abs(beyond) >= reach:  # nearer than that it has none: as far as the joint could be turned
+                low, high = joint_range(session, joint, travel(session, joint))
+                farthest = low - np.pi if beyond < 0.0 else high + np.pi
+                rest = replace(rest, low=min(rest.low, farthest), high=max(rest.high, farthest))
+            return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}
         if variant.shape["law"] == STRAIGHT:
             stiffness = coefficient_interval(0, coefficients, covariance)
             slope = max(abs(stiffness.value), 1e-9) * (1.0 if stiffness.value >= 0 else -1.0)

@@ -37,7 +37,6 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval
-from ident.effects.plausible import undefined
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
@@ -169,7 +168,7 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
             elif standing.p_value > ALARM:
                 refused[k] = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN
                 differing.append(item.group)
-            elif k in refused and undefined(estimates[k].told.effect, estimates[k].parameters) is None:
+            elif k in refused and estimates[k].undefined is None:
                 unlawful = True
         refused = stand_ins(search, found, differing) | refused
         if not refused:

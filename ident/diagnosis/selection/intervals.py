@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from ident.arrays import Array, Bool, Float
 from ident.diagnosis.regression.design import Group, Key
@@ -17,6 +18,7 @@ from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext
+from ident.effects.plausible import undefined
 
 # Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9
@@ -36,6 +38,7 @@ class Estimate:
         told: The effect at the point of the finer grid that the figures are those of.
         coefficients: Its coefficients there.
         odds: Of the effect against each other one that was weighed, by its id; against all others none is told.
+        certain: Whether the columns that make the effect what it is are together not zero, at 95 %.
     """
 
     group: Group
@@ -45,6 +48,15 @@ class Estimate:
     told: Group
     coefficients: Float[Array, " k"]
     odds: Mapping[str, float]
+    certain: bool = False
+
+    @property
+    def undefined(self) -> str | None:
+        """Why nobody can say that there is such an effect, or None.
+
+        A figure may be unsure where the effect is not: the stiffness at its rest of a spring that rests out of reach.
+        """
+        return None if self.certain else undefined(self.told.effect, self.parameters)
 
 
 def robust_covariance(evidence: Evidence, projection: Projection) -> Float[Array, "z z"]:
@@ -98,15 +110,15 @@ def estimate_effects(search: Search, fine: Refined, session: SessionContext, nam
         others = [other for i, other in enumerate(groups) if i != slot]
         projection = project(gram, search.evidence, search.prior, others)
         probability, rivals, odds = weigh_rivals(search, projection, group, others, spare)
-        parameters, coefficients = figures[slot]
-        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients, odds))
+        parameters, coefficients, certain = figures[slot]
+        estimates.append(Estimate(group, parameters, probability, rivals, told, coefficients, odds, certain))
     return estimates
 
 
 def _figures(
     fine: Refined, session: SessionContext, absorbed: Sequence[bool]
-) -> list[tuple[dict[str, Interval], Float[Array, " k"]]]:
-    """Physical figures of every effect with their intervals, and its coefficients.
+) -> list[tuple[dict[str, Interval], Float[Array, " k"], bool]]:
+    """Physical figures of every effect with their intervals, its coefficients, and whether these are certain.
 
     What tuning absorbs is told against the URDF held fast, as it was judged. What the URDF's own tolerance then does to
     the figures counts as uncertainty: with δ ~ N(0, P⁻¹) the true change of the base parameters and f² P the prior that
@@ -122,8 +134,18 @@ def _figures(
         asked, doubt = group.effect.asked(session), group.effect.doubt
         told = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
         parameters = grid.widened(told, asked, np.sqrt(np.diag(cells))) | grid.inner_figures()
-        found.append(({name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}, beta))
+        parameters = {name: widened(one, doubt.of(name, one.value)) for name, one in parameters.items()}
+        found.append((parameters, beta, is_certain(beta, cells, group.effect.essential(group.variant))))
     return found
+
+
+def is_certain(beta: Float[Array, " k"], cells: Float[Array, "k k"], essential: Sequence[int]) -> bool:
+    """Wald's test: whether some coefficients together are not zero, at 95 %; False where there are none."""
+    if not essential:
+        return False
+    at = np.array(essential)
+    distance = float(beta[at] @ np.linalg.pinv(cells[np.ix_(at, at)], hermitian=True) @ beta[at])
+    return distance > float(chdtri(len(at), 0.05))
 
 
 def solve_effects(

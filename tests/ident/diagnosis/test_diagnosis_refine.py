@@ -14,7 +14,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.finer_sums import FinerSums
-from ident.diagnosis.selection.intervals import solve_effects, weigh_rivals, widened
+from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
 from ident.diagnosis.selection.refine import refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
@@ -96,6 +96,18 @@ def test_a_name_is_unlikely_where_a_law_that_no_arm_has_explains_far_more(short_
     )
     elsewhere = replace(search, absurd=frozenset({weaker.key}), barred=frozenset({weaker.key}))
     assert weigh_rivals(elsewhere, projection, truth, [], 1.0)[0] > 0.9
+
+
+def test_certain_is_what_chance_makes_in_one_of_twenty() -> None:
+    """Law: Wald's test keeps its error, sees what any direction of the columns shows, and asks for columns."""
+    rng = np.random.default_rng(3)
+    root = np.array([[1.0, 0.0, 0.0], [0.9, 0.4, 0.0], [-0.3, 0.2, 2.0]])
+    cells = root @ root.T
+    draws = rng.normal(size=(2000, 3)) @ root.T
+    assert np.mean([is_certain(one, cells, (0, 2)) for one in draws]) == pytest.approx(0.05, abs=0.015)
+    # Neither is far from zero alone; their difference is.
+    assert is_certain(np.array([1.0, -1.0, 0.0]), cells, (0, 1))
+    assert not is_certain(np.array([9.0, 9.0, 9.0]), cells, ())
 
 
 def test_intervals_hold_what_laws_may_differ() -> None:

@@ -10,6 +10,9 @@ from smooth_motion import Recover, edit_runs
 
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
+from ident.effects.plausible import joint_range
+from ident.effects.transmission import BENT
+from ident.effects.typical_sizes import travel
 
 
 def test_coupling_is_found_with_the_other_joint(session: SessionContext, recover: Recover) -> None:
@@ -137,3 +140,21 @@ def test_a_spring_with_two_rests_a_turn_has_the_same_stiffness(session: SessionC
     found = recover(find_effect("spring_torque"), session, 0, torque)
     assert found["stiffness_Nm_rad"].low < 5.0 < found["stiffness_Nm_rad"].high
     assert found["rest_rad"].low < 0.3 < found["rest_rad"].high
+
+
+def test_a_bent_spring_that_rests_out_of_reach_pulls_though_its_stiffness_there_is_unsure(
+    session: SessionContext,
+) -> None:
+    """Law: of a cubic without a zero within a range's width the rest is told up to as far as the joint could be turned,
+    the stiffness there not below zero by more than rounding; one that has a zero is told as before.
+    """
+    effect = find_effect("spring_torque")
+    bent = next(one for one in effect.variants(session, 1) if one.shape["law"] == BENT)
+    cells = np.diag([0.03, 0.03, 0.07, 0.3]) ** 2
+    outside = effect.parameters(session, 1, bent, np.array([1.5, -40.0, 0.0, 0.1]), cells)
+    assert outside["stiffness_Nm_rad"].low == 0.0
+    low, high = joint_range(session, 1, travel(session, 1))
+    assert outside["rest_rad"].high == pytest.approx(high + np.pi)
+    assert outside["rest_rad"].low > low - np.pi
+    inside = effect.parameters(session, 1, bent, np.array([1.5, -0.3, 0.0, 0.0]), cells)
+    assert inside["rest_rad"].high - inside["rest_rad"].low < 0.2
