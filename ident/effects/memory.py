@@ -182,10 +182,14 @@ class PreslidingHysteresis(Effect):
         return (_of_ranges(_usable(session, joint)),)
 
     def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
-        """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs evidence."""
+        """Neighbouring ranges: a build-up needs a few of them, and each that it may have costs evidence.
+
+        The shortest one alone is none: it can't be told from dry friction that turns round at once.
+        """
         sizes = list(variant.shape.values())
         stretches = [range(k, k + width) for width in STOPS_SIDE_BY_SIDE for k in range(len(sizes) - width + 1)]
-        return [(_of_ranges([sizes[k] for k in some]), some) for some in stretches if len(some) < len(sizes)]
+        told = [some for some in stretches if some[-1] > 0 and len(some) < len(sizes)]
+        return [(_of_ranges([sizes[k] for k in some]), some) for some in told]
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the figures of one law hang on all of its build-up."""

@@ -12,7 +12,7 @@ inertia may be tuned: the tuned model explains it, by changes that are too large
 judged by the evidence, in which the URDF's tolerances count, and its size against the URDF held fast.
 
 Whatever it is, an effect must close some share of the gap that there was before anything was named: less may be what is
-left of a cause whose law is not quite the catalogue's. Beside a cause of eight times its size no other is named at the
+left of a cause whose law is not quite the catalogue's. Beside a cause of seven times its size no other is named at the
 same joint.
 """
 

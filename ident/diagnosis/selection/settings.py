@@ -46,10 +46,10 @@ class SelectionSettings(Settings):
         "calibrated: remains of causes whose law is not quite the catalogue's",
     )
     least_own_share: float = number(
-        0.015,
+        0.0225,
         "1",
         "the same at the effect's own joint",
-        "calibrated: remains of causes whose law is not quite the catalogue's",
+        "law: what a cause leaves whose law is off by 15 % of its torque, as laws are taken to be (`LAW_SHARE`), squared",
     )
     most_effects: int = number(5, "1", "most names that a search gives", "chosen: work; no cause of six was tried")
     most_uneven: float = number(
