@@ -49,7 +49,7 @@ class SelectionSettings(Settings):
         0.0225,
         "1",
         "the same at the effect's own joint",
-        "law: what a cause leaves whose law is off by 15 % of its torque, as laws are taken to be (`LAW_SHARE`), squared",
+        "law: mean square that a cause leaves whose law is off by 15 % of its torque (`LAW_SHARE`)",
     )
     most_effects: int = number(5, "1", "most names that a search gives", "chosen: work; no cause of six was tried")
     most_uneven: float = number(
