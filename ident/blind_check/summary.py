@@ -194,8 +194,8 @@ class BlindReport(Result):
         found: dict[str, list[tuple[float, str]]] = {}
         for one in self.outcomes:
             for cover in one.coverage:
-                if cover.place is not None:
-                    found.setdefault(f"{cover.effect}.{cover.parameter}", []).append((cover.place, one.name))
+                if (place := cover.place) is not None:
+                    found.setdefault(f"{cover.effect}.{cover.parameter}", []).append((place, one.name))
         return found
 
     @cached_property

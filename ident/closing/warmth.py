@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
+from ident.effects.memory import warm_up
 from ident.patches.simulator_models import LawModel, SimulatorModel
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
@@ -129,13 +129,6 @@ def _courses(joint: WarmJoint, model: LawModel, runs: Sequence[TimedRun]) -> tup
         rest = 0.0 if clock is None else max(float(run.time[0]) - clock, 0.0)
         heat *= np.exp(-rest / joint.constant)
         speed = np.abs(run.dq[:, joint.joint])
-        found.append(_warm_up(speed * (coulomb + viscous * speed), run.interval, joint.constant, heat))
+        found.append(warm_up(speed * (coulomb + viscous * speed), run.interval, joint.constant, heat))
         heat, clock = float(found[-1][-1]), float(run.time[-1])
     return found, replace(joint, heat=heat, clock=clock)
-
-
-def _warm_up(power: Float[Array, " T"], interval: float, constant: float, start: float) -> Float[Array, " T"]:
-    """θ' = P − θ / τ from a start, the power even between samples."""
-    keep = np.exp(-interval / constant)
-    course, _ = lfilter([0.0, constant * (1.0 - keep)], [1.0, -keep], power, zi=[start])
-    return np.asarray(course)

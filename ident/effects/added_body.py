@@ -12,7 +12,7 @@ Wright 2006, chapter 10 (Gauss–Newton).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -100,8 +100,8 @@ def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[A
     return np.asarray(place * min(1.0, far / max(float(np.linalg.norm(place)), 1e-12)))
 
 
-def places_of_tuning(session: SessionContext) -> Places:
-    """On each link the place of the one body there that explains best what tuning changed of all inertias."""
+def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
+    """On each of some links the place of the one body there that explains best what tuning changed of all inertias."""
     if session.tuned is None or not session.tuned.any():
         return {}
     arm = session.runs[0].arm
@@ -109,7 +109,7 @@ def places_of_tuning(session: SessionContext) -> Places:
     regressor = arm.regressor(*sampled_states(session)) / rated[:, None]
     changed = (regressor @ session.tuned).ravel()
     found = {}
-    for link in range(session.n):
+    for link in links:
         own = regressor[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)
         variant, place = Variant(), None
         for _ in range(PLACE_STEPS):

@@ -193,7 +193,7 @@ class PreslidingHysteresis(Effect):
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """All ranges: the figures of one law hang on all of its build-up."""
-        return (_of_ranges(_usable(session, joint)),)
+        return self.variants(session, joint)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []
@@ -300,6 +300,20 @@ def _count_reversals(q: Array, least: float, count: Array) -> None:
             extreme = value
 
 
+def warm_up(power: Float[Array, " T"], interval: float, constant: float, start: float) -> Float[Array, " T"]:
+    """Warmth θ over a run [J]: θ' = P − θ / τ from a start, the power even between samples.
+
+    Args:
+        power: What friction turns into heat [W].
+        interval: Between samples [s].
+        constant: τ, how long it keeps its heat [s].
+        start: θ at the first sample [J].
+    """
+    values, keep = np.empty(len(power)), float(np.exp(-interval / constant))
+    _warm_up(np.ascontiguousarray(power), keep, constant * (1.0 - keep), start, values)
+    return values
+
+
 @compiled("f1 f f f f1")
 def _warm_up(power: Array, keep: float, gain: float, start: float, out: Array) -> None:
     """Warmth, sample by sample: what is kept of the last one's, and what its power adds."""
@@ -356,12 +370,8 @@ def _warmth(
         name = f"start_{start!r}"
         level = (known or {}).get(name, level * np.exp(-max(start - last, 0.0) / constant))
         starts[name] = level
-        keep = np.exp(-run.interval / constant)
-        power = _friction_power(session, run, joint)
-        values = np.empty(len(power))
-        _warm_up(power, keep, constant * (1.0 - keep), level, values)
-        found.append(values)
-        level, last = float(values[-1]), float(run.motion.time[-1])
+        found.append(warm_up(_friction_power(session, run, joint), run.interval, constant, level))
+        level, last = float(found[-1][-1]), float(run.motion.time[-1])
     return found, starts
 
 

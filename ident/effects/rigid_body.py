@@ -69,7 +69,7 @@ class UnknownPayload(Effect):
         self.places = places
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> UnknownPayload:
-        return UnknownPayload(places_of_tuning(session))
+        return UnknownPayload(places_of_tuning(session, [session.n - 1]))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
@@ -167,7 +167,7 @@ class LinkInertialError(Effect):
         self.places = places
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> LinkInertialError:
-        return LinkInertialError(places_of_tuning(session))
+        return LinkInertialError(places_of_tuning(session, range(session.n)))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)

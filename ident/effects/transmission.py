@@ -205,14 +205,15 @@ class SpringTorque(Effect):
     ) -> dict[str, Interval]:
         centre = variant.shape["centre_rad"]
         if variant.shape["law"] == BENT:
-            reach = max(np.ptp(travel(session, joint)), LEAST_SPRING_RANGE)
+            seen = travel(session, joint)
+            reach = max(np.ptp(seen), LEAST_SPRING_RANGE)
             stiffness = delta_interval(lambda c: _at_rest(c, reach)[1], coefficients, covariance)
             if stiffness.value > 0.0:  # it pulls towards its rest, however unsure its slope there is
                 stiffness = replace(stiffness, low=max(stiffness.low, 0.0))
             rest = delta_interval(lambda c: centre + _at_rest(c, reach)[0], coefficients, covariance)
             beyond = rest.value - centre
             if abs(beyond) >= reach:  # nearer than that it has none: as far as the joint could be turned
-                low, high = joint_range(session, joint, travel(session, joint))
+                low, high = joint_range(session, joint, seen)
                 farthest = low - np.pi if beyond < 0.0 else high + np.pi
                 rest = replace(rest, low=min(rest.low, farthest), high=max(rest.high, farthest))
             return {"stiffness_Nm_rad": stiffness, "rest_rad": rest}

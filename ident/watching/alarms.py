@@ -117,13 +117,6 @@ class _Stream:
         self.taken *= max(1.0, self.evidence)
 
 
-def find_alarms(
-    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LEVEL
-) -> tuple[Alarm, ...]:
-    """All alarms in an arm's history: `find_changes` without the hint."""
-    return find_changes(arm, history, order, level)[0]
-
-
 def find_changes(
     arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LEVEL
 ) -> tuple[tuple[Alarm, ...], Alarm | None]:

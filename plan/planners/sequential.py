@@ -166,8 +166,7 @@ class Sequential(Planner):
             vias=straight(first.start, first.goal, FIRST_VIAS),
             durations=np.full(count, first.durations.sum() / count),
         )
-        ways = iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
-        yield from ways
+        yield from iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
 
     def _finer(
         self, courses: Sequence[Course], ledger: Ledger, done: Refined, most: int, kept: tuple[int, ...]

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.arrays import Array
-from ident.watching.alarms import Alarm, Point, find_alarms
+from ident.watching.alarms import Alarm, Point, find_changes
 from ident.watching.figures import UNITS
 
 WEEKS = 52
@@ -70,7 +70,7 @@ def draw_arm(
 
 def false_alarms(rng: np.random.Generator, days: Days, years: int) -> tuple[int, int]:
     """Alarms, and arms with any, in so many arm-years without a change."""
-    found = [len(find_alarms("arm", draw_arm(rng, days), NAMES)) for _ in range(years)]
+    found = [len(find_changes("arm", draw_arm(rng, days), NAMES)[0]) for _ in range(years)]
     return sum(found), sum(count > 0 for count in found)
 
 
@@ -80,7 +80,7 @@ def delays(rng: np.random.Generator, course: Callable[[Array], Array], arms: int
     for _ in range(arms):
         start, key = int(rng.integers(12, 41)), KEYS[rng.integers(len(KEYS))]
         shape = course(np.arange(WEEKS) - start)
-        alarms = find_alarms("arm", draw_arm(rng, DAYS["normal"], key, shape), NAMES)
+        alarms = find_changes("arm", draw_arm(rng, DAYS["normal"], key, shape), NAMES)[0]
         right = [alarm for alarm in alarms if _place(alarm) >= start and (alarm.joint, alarm.figure) == key]
         wrong += len(alarms) - len(right)
         missed += not right

@@ -192,11 +192,12 @@ def stand_ins(search: Search, found: SearchResults, differing: Sequence[Group]) 
     if not differing:
         return {}
     gram, names = search.evidence.gram(), [item.group for item in found.named]
+    told = {one.key for one in names}
+    unnamed = [group for group in differing if group.key not in told]
     refused = {}
     for slot, name in enumerate(names):
         model = project(gram, search.evidence, search.prior, [one for one in names if one is not name])
-        others = [group for group in differing if group.key not in {one.key for one in names}]
-        others = [group for group in others if not is_gain_by_load(model, name, group)]
+        others = [group for group in unnamed if not is_gain_by_load(model, name, group)]
         if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
             refused[slot] = IN_ITS_PLACE
     return refused

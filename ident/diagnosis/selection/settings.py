@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ident.effects.knowledge import LAW_SHARE
 from ident.settings import Settings, number
 
 
@@ -46,7 +47,7 @@ class SelectionSettings(Settings):
         "calibrated: remains of causes whose law is not quite the catalogue's",
     )
     least_own_share: float = number(
-        0.0225,
+        LAW_SHARE**2,
         "1",
         "the same at the effect's own joint",
         "law: mean square that a cause leaves whose law is off by 15 % of its torque (`LAW_SHARE`)",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.watching.alarms import HINT, Alarm, Point, find_alarms, find_changes
+from ident.watching.alarms import HINT, Alarm, Point, find_changes
 from ident.watching.common_scale import common_scale
 from ident.watching.odd_sessions import find_odd_sessions
 
@@ -29,7 +29,7 @@ def history(
 
 
 def alarms_of(changes: dict[tuple[tuple[str, str], int], float], seed: int) -> tuple[Alarm, ...]:
-    return find_alarms("arm", history(np.random.default_rng(seed), changes), NAMES)
+    return find_changes("arm", history(np.random.default_rng(seed), changes), NAMES)[0]
 
 
 def test_an_arm_that_does_not_change_is_left_alone() -> None:
@@ -74,18 +74,18 @@ def test_a_session_that_tells_a_figure_badly_is_passed_over() -> None:
     points = history(np.random.default_rng(6), {})
     key = KEYS[0]
     points[key][30:45] = [Point(p.session, p.date, 20.0, 10.0, 30.0, 5.0) for p in points[key][30:45]]
-    assert find_alarms("arm", points, NAMES) == ()
+    assert find_changes("arm", points, NAMES)[0] == ()
 
 
 def test_what_is_told_does_not_depend_on_what_comes_later() -> None:
     """Looking after every session gives the alarms of one look at the end."""
     points = history(np.random.default_rng(7), {(KEYS[1], 20): 5.0})
-    whole = find_alarms("arm", points, NAMES)
+    whole = find_changes("arm", points, NAMES)[0]
     for end in (25, 30, 45):
         cut = {key: own[:end] for key, own in points.items()}
-        assert find_alarms("arm", cut, NAMES[:end]) == tuple(a for a in whole if NAMES.index(a.session) < end)
+        assert find_changes("arm", cut, NAMES[:end])[0] == tuple(a for a in whole if NAMES.index(a.session) < end)
     late = {**points, ("joint_2", "gain"): points[KEYS[0]][50:]}
-    assert find_alarms("arm", late, NAMES) == whole
+    assert find_changes("arm", late, NAMES)[0] == whole
 
 
 def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
@@ -94,7 +94,7 @@ def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
     key, place = ("joint_1", "coulomb"), 20
     odd = points[key][place]
     points[key][place] = Point(odd.session, odd.date, 25.0, 24.8, 25.2, 0.1)
-    alarms = find_alarms("arm", points, NAMES)
+    alarms = find_changes("arm", points, NAMES)[0]
     (found,) = find_odd_sessions("arm", points, alarms)
     assert (found.joint, found.figure, found.session) == (*key, NAMES[place])
     assert 9.0 < found.usual < 11.0
