@@ -30,17 +30,21 @@ class Reservation:
         joints: Where.
         reason: In words.
         parameters: The figures that the effect would have had.
+        shows: What it explains, where its figures or their unevenness speak against the name and not against there
+            being something; None where it may as well be nothing.
     """
 
     effect: str
     joints: tuple[str, ...]
     reason: str
     parameters: dict[str, Interval]
+    shows: Named | None = None
 
     @classmethod
     def of(cls, item: Named, estimate: Estimate, joints: Sequence[str], reason: str) -> Reservation:
         """About a name that was not believed."""
-        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters)
+        shows = None if estimate.undefined else item
+        return cls(item.group.effect.id, joints_of(item, joints), reason, estimate.parameters, shows)
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from ident.diagnosis.reservations import Reservation, find_implausible, find_une
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
 from ident.diagnosis.selection.prior_check import measure_tolerance
-from ident.diagnosis.selection.refine import Refined, refine
+from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.urdf_share import added_evidence, best_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
@@ -71,7 +72,15 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
             break
         spread, prior = now, Prior.believing(free, baseline, error)
-    return sure
+    return replace(sure, found=_or_doubted(sure.found, sure.doubted))
+
+
+def _or_doubted(found: SearchResults, doubted: Sequence[Reservation]) -> SearchResults:
+    """Results without names in which the best of what was doubted counts as refused: something is there."""
+    shown = [one.shows for one in doubted if one.shows is not None]
+    if found.named or found.hint is not None or not shown:
+        return found
+    return replace(found, refused=max(shown, key=lambda item: item.gates.evidence))
 
 
 def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
@@ -163,6 +172,10 @@ def _sure(
     while found.named:  # without names there is nothing to refine: no second pass
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
+        needless = find_needless(fine)
+        if needless is not None:
+            found = search.only(found, [k for k in range(len(groups)) if k != needless])
+            continue
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
         refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)

@@ -39,6 +39,9 @@ FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
     (0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
 )
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
+# Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).
+KNEES = tuple((knee, exponent) for knee in (0.05, 0.2) for exponent in (0.2, 0.5))
+FINE_KNEE_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 POSITION_ORDERS = (1.0, 2.0)
 # Static over sliding friction, less one.
@@ -149,7 +152,12 @@ HALF_SPEED = 0.5
 class NonlinearViscousFriction(Effect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
+    A power below one rises straight up at rest. Lubricants thin only beyond a knee in speed and are Newton's below it:
+    such points of the grid are c s |v| (v² + v_k²)^((α − 1) / 2), the same power law far above the knee.
+
     Non-negative: with a tuned line beside it, a curve that bends the other way is the other exponent's.
+
+    Source: Carreau 1972.
     """
 
     id = "nonlinear_viscous_friction"
@@ -172,13 +180,27 @@ class NonlinearViscousFriction(Effect):
         return reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
+        powers = tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
+        fastest, rest = top_speed(session, joint), _rest_speed(session, joint)
+        return powers + tuple(
+            Variant({"exponent": exponent}, shape={"knee_rad_s": knee})
+            for knee, exponent in KNEES
+            if rest < knee < fastest
+        )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        return tuple(Variant({"exponent": variant.inner["exponent"] + step}) for step in FINE_EXPONENT_STEPS)
+        middle, knee = variant.inner["exponent"], variant.shape.get("knee_rad_s")
+        exponents = [middle + step for step in FINE_EXPONENT_STEPS]
+        if knee is None:
+            return tuple(Variant({"exponent": exponent}) for exponent in exponents)
+        knees = [factor * knee for factor in FINE_KNEE_FACTORS]
+        return tuple(
+            Variant({"exponent": exponent}, shape={"knee_rad_s": one}) for one in knees for exponent in exponents
+        )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [curved_viscous(_states(run, joint), variant.inner) for run in session.runs]
+        shape = {**variant.shape, **variant.inner}
+        return [curved_viscous(_states(run, joint), shape) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array

@@ -3,7 +3,8 @@
 Each law is linear in its coefficients; what it is bent by (a speed, an exponent, an order) is its shape. The effects of
 the same names are made of these columns, so that what was named and what is fitted is one law.
 
-Source: Bittencourt and Gunnarsson 2010 (Stribeck); Hamon, Gautier and Garrec 2010 (load).
+Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls with its shear
+beyond a knee); Hamon, Gautier and Garrec 2010 (load).
 """
 
 from __future__ import annotations
@@ -47,8 +48,10 @@ def stribeck(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
 
 
 def curved_viscous(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
-    """s |v|^α."""
-    return (at.slip * np.abs(at.dq) ** shape["exponent"])[:, None]
+    """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
+    speed, exponent, knee = np.abs(at.dq), shape["exponent"], shape.get("knee_rad_s", 0.0)
+    bent = speed * np.hypot(speed, knee) ** (exponent - 1.0) if knee else speed**exponent
+    return (at.slip * bent)[:, None]
 
 
 def by_load(at: JointStates, shape: Shape) -> Float[Array, "T k"]:
@@ -79,6 +82,7 @@ class LawKind:
     Attributes:
         columns: Torque for coefficients of one.
         shape: Figures that it is bent by; all above zero.
+        optional: Further ones that it may have.
         nonnegative: Coefficients that can't be negative.
         words: What it is called beside a joint's name.
         units: Of its coefficients, one after the other; the last one stands for those that follow.
@@ -89,6 +93,7 @@ class LawKind:
     nonnegative: tuple[int, ...] = ()
     words: str = ""
     units: tuple[str, ...] = ("N m",)
+    optional: tuple[str, ...] = ()
 
 
 KINDS: Mapping[str, LawKind] = {
@@ -96,7 +101,12 @@ KINDS: Mapping[str, LawKind] = {
         stribeck, ("stribeck_velocity_rad_s", "exponent"), (0,), "friction that falls as motion sets in"
     ),
     "nonlinear_viscous_friction": LawKind(
-        curved_viscous, ("exponent",), (0,), "friction that bends over speed", ("N m (s/rad)^exponent",)
+        curved_viscous,
+        ("exponent",),
+        (0,),
+        "friction that bends over speed",
+        ("N m (s/rad)^exponent",),
+        optional=("knee_rad_s",),
     ),
     "load_dependent_friction": LawKind(
         by_load, ("terms", "load_Nm"), (0, 1), "friction that grows with the load", ("1", "1", "1", "s/rad")
@@ -128,7 +138,8 @@ class NamedLaw:
         kind = KINDS.get(self.effect)
         if kind is None:
             raise ValueError(f"{self.effect!r} is no law of a joint that a model carries")
-        kept = {name: float(self.shape[name]) for name in kind.shape}
+        names = (*kind.shape, *(name for name in kind.optional if name in self.shape))
+        kept = {name: float(self.shape[name]) for name in names}
         for name, value in kept.items():
             if not 0.0 < value < np.inf or (name == "exponent" and value > LARGEST_EXPONENT):
                 raise ValueError(f"{name} of {self.effect} is {value:g}")

@@ -25,8 +25,9 @@ from ident.numerics import solve_non_negative
 RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
 # A range of fewer standard deviations of the position than this follows noise.
 NOISE_FACTOR = 8.0
-# Friction's possible curves beside the straight line: powers of the speed, and what falls off at this speed [rad/s].
-CONCAVE, SLOW = (0.3, 0.6), 0.05
+# Friction's possible curves beside the straight line: powers of the speed, the least of them straight below a knee
+# [rad/s], and what falls off at this speed [rad/s].
+CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), 0.05
 # What differs by so many nats is as likely; length of the stretches by which misfits are held against each other [s].
 AS_LIKELY, STRETCH = 2.0, 2.0
 
@@ -129,6 +130,7 @@ def _moves(motion: Motion) -> Float[Array, "T n k"]:
     """Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning."""
     heading, pace = np.sign(motion.dq), np.abs(motion.dq)
     concave = [heading * pace**power for power in CONCAVE]
+    concave += [motion.dq * np.hypot(pace, knee) ** (CONCAVE[0] - 1.0) for knee in KNEES]
     return np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
 
 

@@ -96,7 +96,8 @@ def _apply(draft: _Draft, arm: ArmModel, j: int, effect: str, figures: dict[str,
         rest, stiffness = spring_at_rest(figures)
         draft.joint |= {"springref": repr(rest), "stiffness": " ".join(map(repr, stiffness))}
     elif effect == "nonlinear_viscous_friction":
-        dry, damping = fit_polynomial(figures["coefficient"], figures["exponent"], _top_speed(arm, j))
+        knee = figures.get("knee_rad_s", 0.0)
+        dry, damping = fit_polynomial(figures["coefficient"], figures["exponent"], _top_speed(arm, j), knee)
         draft.frictionloss += dry
         draft.damping += damping
     elif effect == "joint_elasticity":
@@ -109,14 +110,17 @@ def _top_speed(arm: ArmModel, j: int) -> float:
     return limit if 0.0 < limit < 100.0 else FIT_TOP_SPEED
 
 
-def fit_polynomial(coefficient: float, exponent: float, top: float) -> tuple[float, Float[Array, " 3"]]:
-    """Dry friction and polynomial damping nearest to c |v|^α over speeds up to a top one.
+def fit_polynomial(
+    coefficient: float, exponent: float, top: float, knee: float = 0.0
+) -> tuple[float, Float[Array, " 3"]]:
+    """Dry friction and polynomial damping nearest to c |v|^α, straight below a knee, over speeds up to a top one.
 
     f + d₀ v + d₁ v² + d₂ v³ with f, d₀ ≥ 0; exact for α = 2.
     """
     v = np.linspace(0.0, top, FIT_SPEEDS)[1:]
     columns = np.stack([np.ones_like(v), v, v**2, v**3], axis=1)
-    fit = lsq_linear(columns, coefficient * v**exponent, bounds=([0.0, 0.0, -np.inf, -np.inf], np.inf), tol=1e-14)
+    target = coefficient * v * np.hypot(v, knee) ** (exponent - 1.0)
+    fit = lsq_linear(columns, target, bounds=([0.0, 0.0, -np.inf, -np.inf], np.inf), tol=1e-14)
     return float(fit.x[0]), fit.x[1:]
 
 

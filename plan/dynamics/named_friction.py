@@ -41,9 +41,10 @@ def _stribeck(at: JointStates, shape: Shape) -> LawSlopes:
 
 
 def _curved(at: JointStates, shape: Shape) -> LawSlopes:
-    speed, exponent = np.maximum(np.abs(at.dq), LEAST_SPEED), shape["exponent"]
-    rise = at.slip * exponent * speed ** (exponent - 1.0) * np.sign(at.dq)
-    return _slopes(at, by_speed=[rise], by_slip=[np.abs(at.dq) ** exponent])
+    speed, exponent, knee = np.maximum(np.abs(at.dq), LEAST_SPEED), shape["exponent"], shape.get("knee_rad_s", 0.0)
+    size = np.hypot(speed, knee)
+    rise = at.slip * size ** (exponent - 3.0) * (exponent * speed**2 + knee**2) * np.sign(at.dq)
+    return _slopes(at, by_speed=[rise], by_slip=[np.abs(at.dq) * size ** (exponent - 1.0)])
 
 
 def _load(at: JointStates, shape: Shape) -> LawSlopes:
@@ -119,7 +120,8 @@ def law_symbols(law: NamedLaw, q: Any, dq: Any, load: Any, slip: Any, width: Any
     if law.effect == "stribeck_friction":
         columns = [slip * ca.exp(-((speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
     elif law.effect == "nonlinear_viscous_friction":
-        columns = [slip * speed ** shape["exponent"]]
+        size = ca.sqrt(speed * speed + shape.get("knee_rad_s", 0.0) ** 2)
+        columns = [slip * speed * size ** (shape["exponent"] - 1.0)]
     elif law.effect == "load_dependent_friction":
         both, gain = slip * size, slip * slip * load
         columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]

@@ -49,6 +49,29 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
     return Refined(fine, _best(fine, [group.key for group in groups]))
 
 
+def find_needless(fine: Refined) -> int | None:
+    """The number of a name for which the others' laws leave nothing once they are told between points of their grids.
+
+    A point near a law's true figures leaves a little of it, of the law's own shape: that must get no name of its own.
+
+    Args:
+        fine: The names on their finer grids.
+
+    Returns:
+        Of the names for which nothing speaks any more, the one of least evidence; None where there is none.
+    """
+    search, keys = fine.search, [group.key for group in fine.groups]
+    if len(keys) < 2:
+        return None
+    gram = search.evidence.gram()
+    left = [
+        search.score_beside(gram, group, _best(search, [key for key in keys if key != group.key]))
+        for group in fine.groups
+    ]
+    weakest = int(np.argmin(left))
+    return weakest if left[weakest] <= 0.0 else None
+
+
 def _finer(session: SessionContext, group: Group) -> tuple[Variant, ...]:
     """A finer grid around a named effect's point of the coarse one."""
     return tuple(group.effect.refined(group.effect.asked(session), group.joint, group.variant))

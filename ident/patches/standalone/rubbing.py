@@ -14,7 +14,10 @@ def stribeck(m: MovingArm, j: int, p: dict[str, float]) -> Array:
 
 
 def nonlinear_viscous(m: MovingArm, j: int, p: dict[str, float]) -> Array:
-    return m.at(j, p["coefficient"] * m.direction[:, j] * np.abs(m.dq[:, j]) ** p["exponent"])
+    """A power of speed; straight below its knee, where it has one."""
+    speed, knee = np.abs(m.dq[:, j]), p.get("knee_rad_s", 0.0)
+    bent = speed * np.hypot(speed, knee) ** (p["exponent"] - 1.0) if knee else speed ** p["exponent"]
+    return m.at(j, p["coefficient"] * m.direction[:, j] * bent)
 
 
 def load_dependent(m: MovingArm, j: int, p: dict[str, float]) -> Array:
