@@ -40,9 +40,12 @@ FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
 )
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
 # Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).
-KNEES = tuple((knee, exponent) for knee in (0.05, 0.2) for exponent in (0.2, 0.5))
-FINE_KNEE_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
+KNEES = ((0.05, 0.2), (0.05, 0.5), (0.2, 0.2), (0.2, 0.5), (0.6, 0.2))
+# Of finer grids: knees about a law's own, knees of one that has none, steps of the exponent, which knees make up for.
+FINE_KNEE_FACTORS, FINE_KNEES = (0.4, 0.63, 1.0, 1.6, 2.5), (0.02, 0.05, 0.1)
+FINE_BENT_STEPS = (-0.3, -0.15, -0.07, 0.0, 0.07, 0.15, 0.3)
 FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
+LEAST_EXPONENT = 0.05
 POSITION_ORDERS = (1.0, 2.0)
 # Static over sliding friction, less one.
 LARGEST_BREAKAWAY = 3.0
@@ -190,13 +193,16 @@ class NonlinearViscousFriction(Effect):
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         middle, knee = variant.inner["exponent"], variant.shape.get("knee_rad_s")
-        exponents = [middle + step for step in FINE_EXPONENT_STEPS]
-        if knee is None:
-            return tuple(Variant({"exponent": exponent}) for exponent in exponents)
-        knees = [factor * knee for factor in FINE_KNEE_FACTORS]
-        return tuple(
-            Variant({"exponent": exponent}, shape={"knee_rad_s": one}) for one in knees for exponent in exponents
-        )
+        knees = [factor * knee for factor in FINE_KNEE_FACTORS] if knee else [*FINE_KNEES] if middle < 1.0 else []
+        bent = [
+            Variant({"exponent": middle + step}, shape={"knee_rad_s": one})
+            for one in knees
+            for step in FINE_BENT_STEPS
+            if LEAST_EXPONENT <= middle + step < 1.0
+        ]
+        powers = [] if knee else [Variant({"exponent": middle + step}) for step in FINE_EXPONENT_STEPS]
+        # The middle of the grid is the point itself.
+        return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         shape = {**variant.shape, **variant.inner}

@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.block_sums import WhitenedSums
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.finer_sums import FinerSums
 from ident.diagnosis.selection.intervals import is_certain, solve_effects, weigh_rivals, widened
-from ident.diagnosis.selection.refine import refine
+from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.effects.friction import STRIBECK_VELOCITIES
 from ident.effects.knowledge import LAW_ANGLE, LAW_SHARE
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, load_friction_on_2, stribeck_on_1
+from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, stribeck_on_1
 
 
 def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> None:
@@ -42,6 +43,39 @@ def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> Non
     assert fine.groups[0].variant.inner["stribeck_velocity_rad_s"] == pytest.approx(0.06, rel=0.2)
     assert fine.groups[0].key == groups[0].key
     assert groups[0].variant.inner["stribeck_velocity_rad_s"] in STRIBECK_VELOCITIES
+
+
+def curved_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """τ₁ = 6 asinh(dq₁ / 0.2) N m: friction that bends over speed, by another law than the catalogue's."""
+    return at_joint(0, 6.0 * np.arcsinh(dq[:, 0] / 0.2))
+
+
+def test_what_a_law_leaves_between_the_points_of_its_grid_needs_no_name(short_arm: ArmModel) -> None:
+    """Law: a second name that explains what a coarse point left is needless beside the finer grid; two causes are
+    both needed.
+    """
+    curved = analyse(short_arm, curved_on_1)
+    assert [item.group.key[:2] for item in curved.search.named] == [("nonlinear_viscous_friction", 0)]
+    search = Search(
+        curved.evidence, (prior := Prior.of(curved.evidence, curved.baseline.prior)), HeldOut(curved.evidence, prior)
+    )
+    best = search.best_by_key(project(curved.evidence.gram(), curved.evidence, prior, named_groups(curved)))
+    score, second = best["stribeck_friction", 0, None]
+    assert score > 10.0
+    fine = refine(search, curved.session, curved.baseline, [*named_groups(curved), second])
+    assert find_needless(fine) == 1
+
+    both = analyse(short_arm, lambda *states: curved_on_1(*states) + load_friction_on_2(*states))
+    search = Search(
+        both.evidence, (prior := Prior.of(both.evidence, both.baseline.prior)), HeldOut(both.evidence, prior)
+    )
+    groups = named_groups(both)
+    assert {group.key[:2] for group in groups} >= {("nonlinear_viscous_friction", 0), ("load_dependent_friction", 1)}
+    assert find_needless(refine(search, both.session, both.baseline, groups)) is None
+
+
+def named_groups(analysis: Analysis) -> list[Group]:
+    return [item.group for item in analysis.search.named]
 
 
 def test_a_point_that_one_run_alone_knows_gives_way_to_one_that_others_know_too(short_arm: ArmModel) -> None:

@@ -63,6 +63,20 @@ def test_what_turns_the_friction_round_is_found(arm: ArmModel, kind: str) -> Non
         assert np.sqrt(np.mean(off[motion.settled] ** 2)) < 0.1
 
 
+def test_a_lubricant_that_thins_is_no_slow_turning(arm: ArmModel) -> None:
+    """Law: drag that grows as asinh(dq / 0.1) and dry friction that turns round at once give a turning that is sharp."""
+
+    def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        drag = COULOMB * np.arcsinh(dq / 0.1)
+        return arm.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + drag + 0.5 * COULOMB * np.tanh(dq / 1e-3)
+
+    motions = made_motions(arm, law, range(3), 8.0, 200.0, noise=0.1)
+    found = fit_sliding(motions, [arm.inverse_dynamics(m.q, m.dq, m.ddq) for m in motions])
+    for motion in motions:
+        off = found.direction(motion)[motion.coarse] - np.sign(motion.dq[motion.coarse])
+        assert np.sqrt(np.mean(off[motion.settled] ** 2, axis=0)).max() < 0.15
+
+
 @pytest.mark.parametrize("alike", [1, 16])
 def test_samples_that_err_alike_count_once(alike: int) -> None:
     """Law: a smoother turning that leaves 0.6 % less of 3000 samples is nine nats better where each errs for itself;

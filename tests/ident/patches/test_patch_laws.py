@@ -23,6 +23,7 @@ from tests.ident.made_up import random_states, sliding_arm
 CASES = [
     ("stribeck_friction", 1, [3.0], 3, 1e-9),
     ("nonlinear_viscous_friction", 1, [2.0], 1, 1e-9),
+    ("nonlinear_viscous_friction", 1, [2.0], -1, 1e-9),
     ("load_dependent_friction", 1, [0.07, 0.02], 0, 1e-9),
     ("load_dependent_friction", 1, [0.05, 0.03, 0.02, 0.1], 1, 1e-9),
     ("presliding_hysteresis", 1, [1.5, 0.5, 0.0, 2.0, 0.7], 0, 1e-9),

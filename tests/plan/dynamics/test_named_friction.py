@@ -27,6 +27,9 @@ LAWS = {
         "stribeck_friction", 0, {"stribeck_velocity_rad_s": 0.3, "exponent": 1.3}, figures=_figures(4.0)
     ),
     "curved": NamedLaw("nonlinear_viscous_friction", 1, {"exponent": 0.6}, figures=_figures(3.0)),
+    "curved, with a knee": NamedLaw(
+        "nonlinear_viscous_friction", 1, {"exponent": 0.3, "knee_rad_s": 0.2}, figures=_figures(3.0)
+    ),
     "load": NamedLaw("load_dependent_friction", 1, {"terms": 2, "load_Nm": 1.0}, figures=_figures(0.08, 0.03)),
     "load, four terms": NamedLaw(
         "load_dependent_friction", 2, {"terms": 4, "load_Nm": 9.0}, figures=_figures(0.08, 0.03, 0.02, 0.05)
