@@ -64,7 +64,7 @@ def test_what_turns_the_friction_round_is_found(arm: ArmModel, kind: str) -> Non
 
 
 def test_a_lubricant_that_thins_is_no_slow_turning(arm: ArmModel) -> None:
-    """Law: drag that grows as asinh(dq / 0.1) and dry friction that turns round at once give a turning that is sharp."""
+    """Law: beside drag that grows as asinh(dq / 0.1) dry friction that turns round at once is found to do so."""
 
     def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         drag = COULOMB * np.arcsinh(dq / 0.1)
