@@ -37,14 +37,17 @@ LARGEST_LEVER = 0.3  # [m]
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
 LARGEST_TILT = 0.1  # [rad]
 NOWHERE: Places = MappingProxyType({})
+# A load that is laid out as more of the last link.
+LIKE_LINK = "like_link"
 
 
 class UnknownPayload(Effect):
     """A load at the last link that the model doesn't know: mass m at a centre c, in the last link's frame.
 
     The four columns belong to m and m (c − c₀), with the inertia that a point mass has near c₀: a reach along the last
-    joint's axis, or the place that was found for it. Columns that act on no torque, whatever the motion, are left out:
-    the height of what hangs on a SCARA.
+    joint's axis, or the place that was found for it. The search also lays it out as more of the last link: how a body
+    spreads about its centre is known of neither, and must not decide between the two names. Columns that act on no
+    torque, whatever the motion, are left out: the height of what hangs on a SCARA.
 
     Args:
         places: Where a body was found on the last link, if one was.
@@ -75,15 +78,24 @@ class UnknownPayload(Effect):
         return near_one_pose(session)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        return (*self._points(session), Variant(shape={LIKE_LINK: 1.0}))
+
+    def _points(self, session: SessionContext) -> tuple[Variant, ...]:
+        """Places of a point mass."""
         found = placed(self.places, session.runs[0].arm, session.n - 1)
         # As many points as without: the place was found, not chosen among more.
         usual = PAYLOAD_REACHES[: len(PAYLOAD_REACHES) - len(found)]
         return (*(Variant(shape={"reach_m": reach}) for reach in usual), *found)
 
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """Figures are told of a point mass, as models take them."""
+        return self._points(session) if LIKE_LINK in variant.shape else (variant,)
+
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        nominal = _load_place(session.runs[0].arm, variant)
-        axes = _acting_axes(session.runs[0].arm)
-        change = np.column_stack([point_mass(nominal), moment_change(nominal)[:, axes]])
+        arm = session.runs[0].arm
+        nominal, axes = _load_place(arm, variant), _acting_axes(arm)
+        unit = link_law(arm, arm.n - 1, Variant())[:, 0] if LIKE_LINK in variant.shape else point_mass(nominal)
+        change = np.column_stack([unit, moment_change(nominal)[:, axes]])
         return [run.regressor[:, :, -10:] @ change for run in session.runs]
 
     def parameters(
@@ -309,6 +321,8 @@ def _acting_axes(arm: ArmModel) -> list[int]:
 
 def _load_place(arm: ArmModel, variant: Variant) -> Float[Array, " 3"]:
     """About which place a load is laid out, in the last link's frame [m]."""
+    if LIKE_LINK in variant.shape:
+        return link_law(arm, arm.n - 1, Variant())[1:4, 0]
     reach = variant.shape.get("reach_m")
     return place_of(variant) if reach is None else _flange_direction(arm) * reach
 
