@@ -71,6 +71,21 @@ class TreeSettings(Settings):
     rate: float = number(0.15, "1", "share of each tree's answer that is taken", "chosen: usual for so few trees")
     leaf_samples: int = number(25, "1", "samples of a leaf", "chosen: a mean that noise moves by a fifth")
     penalty: float = number(1.0, "1", "of the squares of the leaves' answers", "chosen: usual")
+    neighbours: int = number(
+        8, "1", "nearest samples whose mean is taken", "chosen: a mean that noise moves by a third"
+    )
+    lags: tuple[int, ...] = number(
+        (-4, -2, -1, 0, 1, 2, 4),
+        "1",
+        "samples by which torque, acceleration and direction are late, for lines over the recent past",
+        "chosen: some hundredths of a second; a filter that is no causal one reaches both ways",
+    )
+    ridges: tuple[float, ...] = number(
+        (1.0, 10.0, 100.0, 1000.0, 10000.0),
+        "1",
+        "strengths by which the slopes of such lines are held at zero",
+        "chosen: one of them is near enough",
+    )
 
 
 @dataclass(frozen=True)

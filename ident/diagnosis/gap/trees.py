@@ -3,7 +3,7 @@
 Boosted trees are trained on the residual of one joint, on nested inputs, and judged on folds they never saw. What they
 can't explain there is noise to anybody; what they explain and the named effects do not is a cause without a name. Which
 set of inputs is the first that helps says of what kind it is: a function of the joint's state, of its past, of the
-session's time, or of other joints.
+session's time, or of other joints. What trees are blind to, two finer learners look for: see `learners`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
+from ident.diagnosis.gap.learners import Learner, lines, neighbours, trees
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_TREES, TreeSettings
 
@@ -78,16 +79,17 @@ def measure_ceiling(
     nested: bool = True,
     left: Literal["before", "after"] = "after",
 ) -> Ceiling:
-    """Trees on what is left at a joint, judged on other runs (other stretches where runs are few).
+    """What is learnt of what is left at a joint, judged on other runs (other stretches where runs are few).
 
     Args:
         series: Residuals of all runs.
         joint: The joint.
         settings: The trees, and what counts as more than luck.
-        nested: Whether to ask for the first set of inputs that helps.
+        nested: Whether to ask for the first set of inputs that helps, and the finer learners beside the trees.
         left: Before or after the named effects.
     """
-    x = np.concatenate([features(item, joint)[item.counts[:, joint]] for item in series])
+    moving = [item.counts[:, joint] for item in series]
+    x = np.concatenate([features(item, joint)[inside] for item, inside in zip(series, moving, strict=True)])
     y = np.concatenate([getattr(item, left)[item.counts[:, joint], joint] for item in series])
     piece = np.concatenate([np.full(int(item.counts[:, joint].sum()), item.index) for item in series])
     if len(np.unique(piece)) < settings.folds:
@@ -99,15 +101,26 @@ def measure_ceiling(
         return Ceiling(rms, rms, None, False)
     fold = _deal(piece, settings.folds)
     widths = {"state": 5, "memory": 8, "time": 9, "coupling": x.shape[1]}
-    full, sure = _held_out(x, y, fold, settings)
+    full, sure = _held_out(x, y, fold, settings, trees(settings))
     before = float(np.mean(y**2))
     kind = None
     if sure and nested:
         for name, width in widths.items():
-            part, _ = _held_out(x[:, :width], y, fold, settings)
+            part, _ = _held_out(x[:, :width], y, fold, settings, trees(settings))
             kind = name
             if before - part >= settings.enough * (before - full):
                 break
+    if nested:
+        past = np.concatenate(
+            [recent_past(item, joint, settings)[inside] for item, inside in zip(series, moving, strict=True)]
+        )
+        for name, inputs, learner in (
+            ("state", x[:, :1], neighbours(settings)),
+            ("memory", past[::step], lines(settings)),
+        ):
+            finer, helps = _held_out(inputs, y, fold, settings, learner)
+            if helps and (finer < full or not sure):
+                full, sure, kind = finer, True, name
     return Ceiling(float(np.sqrt(min(full, before))), float(np.sqrt(before)), kind, sure)
 
 
@@ -117,28 +130,21 @@ def _deal(piece: Array, folds: int) -> Array:
     return place % folds
 
 
-def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings) -> tuple[float, bool]:
-    """Mean square on held-out folds, and whether it falls in nearly all of them."""
-    # Slow to load, and where nothing stands out of the noise there is nothing for trees to learn.
-    from sklearn.ensemble import HistGradientBoostingRegressor
-    from threadpoolctl import threadpool_limits
+def recent_past(item: RunResidual, joint: int, settings: TreeSettings) -> Float[Array, "t f"]:
+    """Modelled torque, direction and acceleration of a joint, some samples early and late."""
+    keep = item.run.motion.coarse
+    signals = [part[keep][:, joint] for part in (item.run.total, item.run.direction, item.run.motion.ddq)]
+    at = np.arange(len(signals[0]))
+    return np.stack([one[np.clip(at - lag, 0, at[-1])] for one in signals for lag in settings.lags], axis=1)
 
+
+def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings, learner: Learner) -> tuple[float, bool]:
+    """Mean square on held-out folds, and whether it falls in nearly all of them."""
     left = np.zeros(len(y))
     falls = []
     for k in range(settings.folds):
         held: Bool[Array, " t"] = fold == k
-        trees = HistGradientBoostingRegressor(
-            max_iter=settings.rounds,
-            max_leaf_nodes=settings.leaves,
-            learning_rate=settings.rate,
-            min_samples_leaf=settings.leaf_samples,
-            l2_regularization=settings.penalty,
-            random_state=0,
-        )
-        # So few samples are no work for several threads: they would wait for each other, and for busy cores.
-        with threadpool_limits(limits=1, user_api="openmp"):
-            trees.fit(x[~held], y[~held])
-            left[held] = y[held] - trees.predict(x[held])
+        left[held] = y[held] - learner(x[~held], y[~held], x[held])
         falls.append(1.0 - np.mean(left[held] ** 2) / np.mean(y[held] ** 2))
         if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
             return float(np.mean(y**2)), False  # sure it can't be any more

@@ -22,10 +22,10 @@ class SelectionSettings(Settings):
         "chosen: of healthy arms none in a hundred",
     )
     foretold_fall: float = number(
-        0.5,
+        0.25,
         "1",
         "share of a joint's held-out error whose fall makes that test needless",
-        "chosen: chance foretells no three quarters of a mean square",
+        "chosen: chance foretells no two fifths of a mean square on runs that were never seen",
     )
     flips: int = number(999, "1", "draws of signs: the least p-value is one over one more", "law: resolution of 0.001")
     voices: int = number(
