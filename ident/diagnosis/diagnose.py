@@ -99,9 +99,7 @@ def diagnose(
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(
-        measure_ceiling(steady, j, settings.gap.trees)
-        if stands_out(evidence, found.ladder[-1], j, settings.verdict)
-        else Ceiling.untried(steady, j)
+        measure_ceiling(steady, j, settings.gap.trees, loud=stands_out(evidence, found.ladder[-1], j, settings.verdict))
         for j in range(arm.n)
     )
     open_gap = find_unexplained(found, ceilings, evidence, settings.verdict)

@@ -8,8 +8,9 @@ session's time, or of other joints. What trees are blind to, two finer learners 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -37,13 +38,6 @@ class Ceiling:
     before: float
     kind: str | None
     sure: bool
-
-    @classmethod
-    def untried(cls, series: Sequence[RunResidual], joint: int) -> Ceiling:
-        """What is left itself, where it is no more than noise."""
-        left = np.concatenate([item.after[item.counts[:, joint], joint] for item in series])
-        rms = float(np.sqrt(np.mean(left**2))) if len(left) else 0.0
-        return cls(rms, rms, None, False)
 
 
 def features(item: RunResidual, joint: int) -> Float[Array, "t f"]:
@@ -78,49 +72,55 @@ def measure_ceiling(
     settings: TreeSettings = USUAL_TREES,
     nested: bool = True,
     left: Literal["before", "after"] = "after",
+    loud: bool = True,
 ) -> Ceiling:
     """What is learnt of what is left at a joint, judged on other runs (other stretches where runs are few).
 
     Args:
         series: Residuals of all runs.
         joint: The joint.
-        settings: The trees, and what counts as more than luck.
+        settings: The learners, and what counts as more than luck.
         nested: Whether to ask for the first set of inputs that helps, and the finer learners beside the trees.
         left: Before or after the named effects.
+        loud: Whether more than noise is left, as far as that is known. Else only neighbours of the angle are asked:
+            what repeats at an angle in other runs is no noise, while lines would follow what the encoders' noise does
+            to acceleration and residual alike.
     """
     moving = [item.counts[:, joint] for item in series]
-    x = np.concatenate([features(item, joint)[inside] for item, inside in zip(series, moving, strict=True)])
-    y = np.concatenate([getattr(item, left)[item.counts[:, joint], joint] for item in series])
-    piece = np.concatenate([np.full(int(item.counts[:, joint].sum()), item.index) for item in series])
+    y = np.concatenate([getattr(item, left)[inside, joint] for item, inside in zip(series, moving, strict=True)])
+    piece = np.concatenate(
+        [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
+    )
     if len(np.unique(piece)) < settings.folds:
         piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
     step = max(1, len(y) // settings.most_samples)
-    x, y, piece = x[::step], y[::step], piece[::step]
+    y, piece = y[::step], piece[::step]
+    before = float(np.mean(y**2)) if len(y) else 0.0
     if len(y) < settings.least_samples:
-        rms = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
-        return Ceiling(rms, rms, None, False)
+        return Ceiling(float(np.sqrt(before)), float(np.sqrt(before)), None, False)
     fold = _deal(piece, settings.folds)
-    widths = {"state": 5, "memory": 8, "time": 9, "coupling": x.shape[1]}
-    full, sure = _held_out(x, y, fold, settings, trees(settings))
-    before = float(np.mean(y**2))
-    kind = None
-    if sure and nested:
-        for name, width in widths.items():
+
+    def inputs(of: Callable[[RunResidual], Float[Array, "t f"]]) -> Float[Array, "t f"]:
+        return np.concatenate([of(item)[inside] for item, inside in zip(series, moving, strict=True)])[::step]
+
+    full, sure, kind = before, False, None
+    if loud:
+        x = inputs(lambda item: features(item, joint))
+        full, sure = _held_out(x, y, fold, settings, trees(settings))
+        for name, width in {"state": 5, "memory": 8, "time": 9, "coupling": x.shape[1]}.items():
+            if not (sure and nested):
+                break
             part, _ = _held_out(x[:, :width], y, fold, settings, trees(settings))
             kind = name
             if before - part >= settings.enough * (before - full):
                 break
     if nested:
-        past = np.concatenate(
-            [recent_past(item, joint, settings)[inside] for item, inside in zip(series, moving, strict=True)]
-        )
-        for name, inputs, learner in (
-            ("state", x[:, :1], neighbours(settings)),
-            ("memory", past[::step], lines(settings)),
-        ):
-            finer, helps = _held_out(inputs, y, fold, settings, learner)
-            if helps and (finer < full or not sure):
-                full, sure, kind = finer, True, name
+        finer = [("state", angle, neighbours), *([("memory", recent_past, lines)] if loud else [])]
+        for name, of, learner in finer:
+            table = inputs(partial(of, joint=joint, settings=settings))
+            part, helps = _held_out(table, y, fold, settings, learner(settings))
+            if helps and (part < full or not sure):
+                full, sure, kind = part, True, name
     return Ceiling(float(np.sqrt(min(full, before))), float(np.sqrt(before)), kind, sure)
 
 
@@ -128,6 +128,11 @@ def _deal(piece: Array, folds: int) -> Array:
     """Pieces of time dealt out to folds in turn."""
     _, place = np.unique(piece, return_inverse=True)
     return place % folds
+
+
+def angle(item: RunResidual, joint: int, settings: TreeSettings) -> Float[Array, "t 1"]:
+    """A joint's angle."""
+    return item.run.motion.q[item.run.motion.coarse][:, [joint]]
 
 
 def recent_past(item: RunResidual, joint: int, settings: TreeSettings) -> Float[Array, "t f"]:
