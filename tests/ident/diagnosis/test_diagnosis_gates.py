@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from ident.diagnosis.selection.gates import Gates
+from ident.diagnosis.reservations import Reservation
+from ident.diagnosis.selection.gates import Gates, Named, SearchResults
+from ident.diagnosis.settle import _or_doubted
 
 CLEAR = Gates(
     p_value=0.001,
@@ -27,7 +31,8 @@ EVENT = replace(CLEAR, event=True, p_value=1e-9, rms_fall=0.001, log_score=(0.0,
     [
         (CLEAR, True),
         (replace(CLEAR, p_value=0.06), False),
-        (replace(CLEAR, p_value=0.06, rms_fall=0.6), True),
+        (replace(CLEAR, p_value=0.06, rms_fall=0.26), True),
+        (replace(CLEAR, p_value=0.06, rms_fall=0.24), False),
         (replace(CLEAR, p_value=0.06, rms_fall=0.6, log_score=(50.0, 60.0)), False),
         (replace(CLEAR, log_score=(50.0, 60.0)), False),
         (replace(CLEAR, rms_fall=0.019), False),
@@ -65,3 +70,23 @@ def test_what_is_beyond_chance_is_told_without_a_name(gates: Gates, told: bool) 
     """Significant, with evidence, better on unseen runs, and not negligible: then it is told, if not named."""
     assert not gates.passed
     assert gates.beyond_chance is told
+
+
+def test_a_name_that_was_struck_for_its_unevenness_is_something_there() -> None:
+    """Law: without names, the best of what was struck for its figures counts as refused, and so as a hint; what may as
+    well be zero does not, and beside names or another hint nothing changes.
+    """
+    some: Any = SimpleNamespace()
+    weak, strong = (Named(some, replace(CLEAR, evidence=nats), some, some) for nats in (50.0, 90.0))
+
+    def struck(item: Named | None) -> Reservation:
+        return Reservation("stribeck_friction", ("joint_1",), "its size differs between runs", {}, item)
+
+    nothing = SearchResults((), (some,), None)
+    doubted = (struck(weak), struck(strong), struck(None))
+    assert _or_doubted(nothing, doubted).hint is strong
+    assert _or_doubted(nothing, (struck(None),)) is nothing
+    named = SearchResults((cast(Named, weak),), (some, some), None)
+    assert _or_doubted(named, doubted) is named
+    hinted = SearchResults((), (some,), replace(weak, gates=replace(CLEAR, rms_fall=0.016)))
+    assert _or_doubted(hinted, doubted) is hinted
