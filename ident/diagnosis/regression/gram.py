@@ -31,7 +31,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
@@ -306,34 +306,37 @@ class _Sums:
         shared = len(self.partition.starts) > self.settings.most_lone_runs
         self.pieces += [(rows.run if shared else int(s), int(b)) for s, b in zip(stretches, blocks, strict=True)]
         for j in range(self.layout.n):
-            self._add_tables(rows, j, rows.tables[j], 1.0)
-            if rows.noise is not None:
-                self._add_tables(rows, j, rows.noise[j], -1.0)
+            self._add_tables(rows, j)
 
-    def _add_tables(self, rows: Rows, j: int, table: Float[Array, "t p"], sign: float) -> None:
-        counts = rows.counts[:, j]
+    def _add_tables(self, rows: Rows, j: int) -> None:
+        """Adds a joint's rows. What was seen and its noise come block by block, while a block's sums are at hand."""
+        counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
         coefficients = self.whitening.coefficients[j] / self.whitening.innovation[j]
-        filtered = whiten(table, coefficients)
         # A whitened row mixes itself with its past: it counts where all of these count.
         order = len(coefficients) - 1
         whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
         whole[:order] = False
         columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
-        pieces = list(_stretches(rows.blocks))
-        for k, (block, inside) in enumerate(pieces):
-            x = filtered[inside][whole[inside]]
-            add_products(self.white[j][block], x, sign)
-            tied = x[:, columns].T @ x
-            if sign > 0:
-                self.samples[j] += len(x)
-                self.friction[j].append(tied)
-            else:
-                self.friction[j][len(self.friction[j]) - len(pieces) + k] -= tied
-                self.noise_power[self.layout.local[j]] += np.einsum("tp,tp->p", x, x)
-        for fold, inside in _stretches(self.partition.folds[rows.blocks]):
-            x = table[inside][counts[inside]]
-            add_products(self.plain[j][fold], x, sign)
-            self.weights[fold, j] += len(x) if sign > 0 else 0
+        tables = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
+        filtered = [whiten(table, coefficients) for table in tables]
+        power = np.zeros(len(self.layout.local[j]))
+        for block, inside in _stretches(rows.blocks):
+            seen, *noise = (_where(table[inside], whole[inside]) for table in filtered)
+            add_products(self.white[j][block], seen, 1.0)
+            self.samples[j] += len(seen)
+            tied = seen[:, columns].T @ seen
+            for drawn in noise:
+                add_products(self.white[j][block], drawn, -1.0)
+                tied -= drawn[:, columns].T @ drawn
+                power += np.einsum("tp,tp->p", drawn, drawn)
+            self.friction[j].append(tied)
+        self.noise_power[self.layout.local[j]] += power
+        for fold, inside in _stretches(folds):
+            seen, *noise = (_where(table[inside], counts[inside]) for table in tables)
+            add_products(self.plain[j][fold], seen, 1.0)
+            self.weights[fold, j] += len(seen)
+            for drawn in noise:
+                add_products(self.plain[j][fold], drawn, -1.0)
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.
@@ -362,6 +365,11 @@ class _Sums:
             spread=np.zeros(self.layout.n),
             settings=self.settings,
         )
+
+
+def _where(table: Float[Array, "t p"], counts: Bool[Array, " t"]) -> Float[Array, "k p"]:
+    """The rows that count; mostly all of them do, and none is copied."""
+    return table if counts.all() else table[counts]
 
 
 def _stretches(labels: Int[Array, " t"]) -> Iterator[tuple[int, slice]]:

@@ -18,8 +18,9 @@ from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
 from ident.robot.regressor import PER_LINK
 
-# Samples (after decimation) that are in memory at once, unless a run has more.
-CHUNK_SAMPLES = 10_000
+# Samples (after decimation) that are in memory at once, unless a run has more: their tables (some MiB a joint) fit into
+# memory that the chunk before has just let go.
+CHUNK_SAMPLES = 2_000
 # Samples (after decimation) of a session whose baseline's columns are kept from pass to pass: some 100 MiB at the most.
 KEPT_SAMPLES = 30_000
 # Columns that are filtered together: enough to keep the processor's lanes busy, few enough to stay in its cache.
@@ -64,8 +65,13 @@ def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, pa
     again = compute_tables(session, baseline, layout, groups, everything, noisier=True)
     drawn = session.runs[0].motion.state_noise is not None
     for i, run, tables in seen:
-        noise = tuple(more - table for more, table in zip(next(again)[2], tables, strict=True)) if drawn else None
+        noise = _difference(next(again)[2], tables) if drawn else None
         yield Rows(i, layout.rank, tuple(tables), run.motion.settled, partition.blocks_of(i, len(tables[0])), noise)
+
+
+def _difference(more: list[Float[Array, "t p"]], tables: list[Float[Array, "t p"]]) -> tuple[Float[Array, "t p"], ...]:
+    """What one more draw adds, written over what it gave: tables are large."""
+    return tuple(np.subtract(one, table, out=one) for one, table in zip(more, tables, strict=True))
 
 
 def compute_tables(
