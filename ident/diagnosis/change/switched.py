@@ -17,7 +17,7 @@ from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
 from ident.diagnosis.regression.block_sums import WhitenedSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Key, Layout
 from ident.diagnosis.regression.gram import Evidence
-from ident.diagnosis.regression.rows import Partition
+from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 

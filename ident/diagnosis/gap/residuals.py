@@ -11,8 +11,9 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, Layout
-from ident.diagnosis.regression.gram import Evidence, build_partition
+from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import compute_tables
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.out_of_core import choose_runs

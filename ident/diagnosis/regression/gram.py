@@ -9,7 +9,8 @@ whitening filter and count in units of the noise, for inference; and `plain`, in
 Columns are made of smoothed positions, and what is left of the encoders' noise in them is in their sums as well: it
 makes coefficients too small and other columns of the same noise look useful. A second draw of that noise goes through
 the same smoother, columns and filters; the sums of what it adds are taken off, G_b = Σ x xᵀ − Σ e eᵀ, which leaves
-unbiased estimates of the sums of noise-free columns.
+unbiased estimates of the sums of noise-free columns. Where many runs share a block, some of them, chosen at random,
+tell the noise of all: it is a small part of a column, and its own sums vary little over so many samples.
 
 Friction differs from run to run, whatever the model. In the whitened sums of a run, its Coulomb and viscous level are
 free within a standard deviation of their own, joint by joint: with F the run's two friction columns and Λ their
@@ -37,7 +38,8 @@ from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mi
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
 from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
-from ident.diagnosis.regression.rows import Partition, Rows, compute_rows
+from ident.diagnosis.regression.partition import Partition, build_partition
+from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 
@@ -150,88 +152,6 @@ class Evidence:
         return freeze(total)
 
 
-def build_partition(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> Partition:
-    """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
-
-    Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a joint moves in one run
-    more than in all others together, runs are as good as few: without that run the joint's model is a guess.
-    """
-    motions = (run.motion for run in session.runs)
-    figures = [
-        (
-            each.filtered_length,
-            each.interval * each.lowpass.factor,
-            each.continues,
-            each.interval * np.abs(each.dq).sum(axis=0),
-        )
-        for each in motions
-    ]
-    lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
-    recorded = np.cumsum(~continues) - 1
-    few, folds = _few(travel, recorded, settings.fewest_runs), settings.folds
-    if len(lengths) > settings.most_lone_runs:
-        block, run_of_block = _share_blocks(recorded, settings)
-        alone = np.arange(len(run_of_block))
-        return Partition((np.zeros(1, dtype=int),) * len(lengths), block, _deal_folds(run_of_block, folds, few), alone)
-    target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
-    counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
-    starts = tuple(
-        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
-    )
-    # Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
-    parts = np.maximum(1, np.round(lengths * steps / settings.stretch_s)).astype(int)
-    stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
-    stretches += np.repeat(np.cumsum(parts) - parts, counts)
-    fold = _deal_folds(np.repeat(recorded, counts), folds, few)
-    return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
-
-
-def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"], fewest: int) -> bool:
-    """Whether runs are too few to be left out whole, for some joint.
-
-    Args:
-        travel: How far each joint goes in each run, or piece of one [rad or m].
-        recorded: Number of the recorded run that each run is, or is a piece of.
-        fewest: Runs that are enough where all show every joint.
-    """
-    of_run = np.zeros((int(recorded[-1]) + 1, travel.shape[1]))
-    np.add.at(of_run, recorded, travel)
-    alone = of_run.max(axis=0) > of_run.sum(axis=0) - of_run.max(axis=0)
-    return bool(len(of_run) < fewest or alone.any())
-
-
-def _share_blocks(
-    recorded: Int[Array, " R"], settings: RegressionSettings
-) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
-    """One block for several runs; no block holds pieces of two recorded runs unless it holds whole ones.
-
-    Args:
-        recorded: Number of the recorded run that each run is, or is a piece of.
-        settings: How many blocks, and how many runs have their own.
-
-    Returns:
-        Block of each run; the recorded run of each block, blocks of several recorded runs counted as one.
-    """
-    pieces, most = np.bincount(recorded), settings.most_blocks
-    if len(pieces) > settings.most_lone_runs:
-        return recorded * most // len(pieces), np.arange(most)
-    counts = np.maximum(1, np.round(pieces * most / len(recorded)).astype(int))
-    within = np.arange(len(recorded)) - (np.cumsum(pieces) - pieces)[recorded]
-    block = (np.cumsum(counts) - counts)[recorded] + within * counts[recorded] // pieces[recorded]
-    return block, np.repeat(np.arange(len(pieces)), counts)
-
-
-def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool) -> Int[Array, " B"]:
-    """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
-    runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
-    if few:
-        # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would be judged by a model
-        # that never saw such motion.
-        return np.arange(total) % min(folds, total)
-    # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
-    return np.asarray(run_of_block % min(folds, runs))
-
-
 def gather(
     session: SessionContext,
     baseline: Baseline,
@@ -326,9 +246,9 @@ class _Sums:
             self.samples[j] += len(seen)
             tied = seen[:, columns].T @ seen
             for drawn in noise:
-                add_products(self.white[j][block], drawn, -1.0)
-                tied -= drawn[:, columns].T @ drawn
-                power += np.einsum("tp,tp->p", drawn, drawn)
+                add_products(self.white[j][block], drawn, -rows.weight)
+                tied -= rows.weight * (drawn[:, columns].T @ drawn)
+                power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
             self.friction[j].append(tied)
         self.noise_power[self.layout.local[j]] += power
         for fold, inside in _stretches(folds):
@@ -336,7 +256,7 @@ class _Sums:
             add_products(self.plain[j][fold], seen, 1.0)
             self.weights[fold, j] += len(seen)
             for drawn in noise:
-                add_products(self.plain[j][fold], drawn, -1.0)
+                add_products(self.plain[j][fold], drawn, -rows.weight)
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.

@@ -14,6 +14,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
 from ident.robot.regressor import PER_LINK
@@ -32,7 +33,7 @@ class Rows:
     """Columns and torque of one run, filtered and decimated: one table a joint, and where it counts.
 
     The first `rank` columns are the base parameters', then come the joint's loss figures. `noise` is what one more
-    draw of the encoder noise adds to each table, or None where none was drawn.
+    draw of the encoder noise adds to each table, or None where none was drawn; its squares count `weight` times.
     """
 
     run: int
@@ -41,35 +42,26 @@ class Rows:
     counts: Bool[Array, "t n"]
     blocks: Int[Array, " t"]
     noise: tuple[Float[Array, "t p"], ...] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Partition:
-    """How time is cut: blocks for tests, folds for held-out scores."""
-
-    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
-    first_block: Int[Array, " R"]
-    folds: Int[Array, " B"]
-    stretches: Int[Array, " B"]  # stretch of some seconds, over which friction keeps its level, that a block lies in
-
-    def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
-        """Block of every filtered sample of a run."""
-        return self.first_block[run] + np.searchsorted(self.starts[run], np.arange(count), side="right") - 1
+    weight: float = 1.0
 
 
 def compute_rows(session: SessionContext, baseline: Baseline, layout: Layout, partition: Partition) -> Iterator[Rows]:
     """Every run's tables, a chunk of runs in memory at a time."""
     everything = range(len(session.runs))
     groups = [group for group in layout.groups if not group.borrows]
+    weights = np.ones(len(everything)) if partition.draws is None else partition.draws
+    if session.runs[0].motion.state_noise is None:
+        weights = np.zeros(len(everything))
     seen = compute_tables(session, baseline, layout, groups, everything)
-    again = compute_tables(session, baseline, layout, groups, everything, noisier=True)
-    drawn = session.runs[0].motion.state_noise is not None
+    drawn = [int(i) for i in np.flatnonzero(weights)]
+    again = compute_tables(session, baseline, layout, groups, drawn, noisier=True)
     for i, run, tables in seen:
-        noise = _difference(next(again)[2], tables) if drawn else None
-        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, partition.blocks_of(i, len(tables[0])), noise)
+        noise = _difference(next(again)[2], tables) if weights[i] else None
+        blocks = partition.blocks_of(i, len(tables[0]))
+        yield Rows(i, layout.rank, tuple(tables), run.motion.settled, blocks, noise, float(weights[i]))
 
 
-def _difference(more: list[Float[Array, "t p"]], tables: list[Float[Array, "t p"]]) -> tuple[Float[Array, "t p"], ...]:
+def _difference(more: Sequence[Float[Array, "t p"]], tables: Sequence[Float[Array, "t p"]]) -> tuple[Array, ...]:
     """What one more draw adds, written over what it gave: tables are large."""
     return tuple(np.subtract(one, table, out=one) for one, table in zip(more, tables, strict=True))
 

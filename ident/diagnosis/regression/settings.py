@@ -61,6 +61,12 @@ class RegressionSettings(Settings):
     most_lone_runs: int = number(
         256, "1", "runs that have blocks of their own; of more, several share one", "chosen: memory"
     )
+    block_draws: int = number(
+        4_000,
+        "1",
+        "samples, after decimation, of a block that runs share for which encoder noise is drawn once more",
+        "law: squares of so many samples vary by 2 %; over all blocks by far less than the noise's ridge allows",
+    )
     stretch_s: float = number(
         12.0, "s", "time over which friction keeps its level", "chosen: about the length of a run"
     )

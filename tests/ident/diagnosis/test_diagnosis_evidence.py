@@ -14,9 +14,10 @@ from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.block_sums import add_products, mirror
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Layout
-from ident.diagnosis.regression.gram import Evidence, build_partition, gather
+from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
 from ident.diagnosis.regression.noise import estimate_noise
+from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, baseline_columns, baseline_tables, compute_rows
 from ident.motion.motion import Lowpass, Motion
 

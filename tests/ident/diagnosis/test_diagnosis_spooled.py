@@ -12,7 +12,8 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.baseline import fit_baseline
 from ident.diagnosis.regression.design import build_layout
-from ident.diagnosis.regression.gram import build_partition, gather
+from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.partition import build_partition, choose_draws
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
@@ -152,3 +153,45 @@ def test_very_many_runs_share_blocks(held: Analysis) -> None:
         2
     ] * 4
     assert partition.folds.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("most", [1, 300, 10**6])
+def test_draws_of_some_runs_stand_for_all_of_a_block(most: int) -> None:
+    """Law: chosen runs weigh as many samples as their block has; each run of a block counts once on the average, so
+    that sums over the chosen ones are unbiased; a block with no more samples than are asked for has all its runs drawn.
+    """
+    block, rng = np.repeat(np.arange(3), (2, 5, 9)), np.random.default_rng(0)
+    lengths = np.full(len(block), 100)
+    drawn = np.stack([choose_draws(block, lengths, most, rng) for _ in range(4000)])
+    for one in range(3):
+        inside = block == one
+        np.testing.assert_allclose(drawn[:, inside] @ lengths[inside], lengths[inside].sum())
+        count = min(inside.sum(), -(-most // 100))
+        assert np.all(np.count_nonzero(drawn[:, inside], axis=1) == count)
+        error = np.sqrt((inside.sum() / count - 1.0) / len(drawn))
+        assert np.all(np.abs(drawn[:, inside].mean(axis=0) - 1.0) <= 5.0 * error + 1e-12)
+
+
+def test_noise_of_many_runs_is_told_by_some_of_them(held: Analysis) -> None:
+    """Law: with draws for one of a block's runs what is taken off as noise is, in the middle column, that of all draws
+    within a quarter; what was seen stays the same.
+    """
+    few = replace(USUAL_REGRESSION, most_lone_runs=5, most_blocks=3, block_draws=1)
+    layout, rng = held.evidence.layout, np.random.default_rng(0)
+    motions = [
+        replace(run.motion, state_noise=rng.normal(size=(len(run.motion.time), held.session.n, 3)) * (1e-5, 1e-4, 1e-2))
+        for run in held.session.runs
+    ]
+    session = build_session(held.baseline, motions, common_clock=False)
+    some, whole = (
+        gather(session, replace(held.baseline, settings=settings), layout, held.evidence.whitening)
+        for settings in (few, replace(few, block_draws=10**9))
+    )
+    noisy = whole.noise_power > 0.0
+    ratio = some.noise_power[noisy] / whole.noise_power[noisy]
+    assert abs(np.median(ratio) - 1.0) < 0.25
+    assert not np.allclose(ratio, 1.0)
+    for j, own in enumerate(layout.own):
+        places = [layout.places[j][int(column)] for column in own]
+        seen = [np.diag(one.free.total[j])[places] + one.noise_power[own] for one in (some, whole)]
+        np.testing.assert_allclose(*seen, rtol=1e-9)

@@ -1,0 +1,145 @@
+"""How a session's time is cut: blocks for tests, folds for held-out scores, stretches of one level of friction.
+
+Where many runs share a block, encoder noise is drawn once more for some of them only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
+from ident.effects.base import SessionContext
+from ident.motion.out_of_core import CHOICE_SEED
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """How time is cut: blocks for tests, folds for held-out scores.
+
+    Where many runs share a block, encoder noise is drawn once more for some of them (`draws`): how many times the
+    squares of a run's noise count, 0 where none is drawn; once for every run if None.
+    """
+
+    starts: tuple[Int[Array, " k"], ...]  # for each run, first sample (decimated) of each of its blocks
+    first_block: Int[Array, " R"]
+    folds: Int[Array, " B"]
+    stretches: Int[Array, " B"]  # stretch of some seconds, over which friction keeps its level, that a block lies in
+    draws: Float[Array, " R"] | None = None
+
+    def blocks_of(self, run: int, count: int) -> Int[Array, " t"]:
+        """Block of every filtered sample of a run."""
+        return self.first_block[run] + np.searchsorted(self.starts[run], np.arange(count), side="right") - 1
+
+
+def build_partition(session: SessionContext, settings: RegressionSettings = USUAL_REGRESSION) -> Partition:
+    """Cuts runs into blocks of equal length; whole recorded runs make a fold, parts of a run where runs are few.
+
+    Very many runs share blocks, neighbours with neighbours, so that the sums stay few. Where a joint moves in one run
+    more than in all others together, runs are as good as few: without that run the joint's model is a guess.
+    """
+    motions = (run.motion for run in session.runs)
+    figures = [
+        (
+            each.filtered_length,
+            each.interval * each.lowpass.factor,
+            each.continues,
+            each.interval * np.abs(each.dq).sum(axis=0),
+        )
+        for each in motions
+    ]
+    lengths, steps, continues, travel = (np.array(values) for values in zip(*figures, strict=True))
+    recorded = np.cumsum(~continues) - 1
+    few, folds = _few(travel, recorded, settings.fewest_runs), settings.folds
+    if len(lengths) > settings.most_lone_runs:
+        block, run_of_block = _share_blocks(recorded, settings)
+        alone = np.arange(len(run_of_block))
+        starts = (np.zeros(1, dtype=int),) * len(lengths)
+        fold = _deal_folds(run_of_block, folds, few)
+        draws = choose_draws(block, lengths, settings.block_draws, np.random.default_rng(CHOICE_SEED))
+        return Partition(starts, block, fold, alone, draws)
+    target = max(settings.shortest_block_s, float((lengths * steps).sum()) / settings.most_blocks)
+    counts = np.maximum(1, np.round(lengths * steps / target).astype(int))
+    starts = tuple(
+        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
+    )
+    # Friction drifts within a long run as it does from run to run: each stretch of it has a level of its own.
+    parts = np.maximum(1, np.round(lengths * steps / settings.stretch_s)).astype(int)
+    stretches = np.concatenate([np.arange(count) * part // count for count, part in zip(counts, parts, strict=True)])
+    stretches += np.repeat(np.cumsum(parts) - parts, counts)
+    fold = _deal_folds(np.repeat(recorded, counts), folds, few)
+    return Partition(starts, np.cumsum(counts) - counts, fold, stretches)
+
+
+def choose_draws(
+    block: Int[Array, " R"], lengths: Int[Array, " R"], most: int, rng: np.random.Generator
+) -> Float[Array, " R"]:
+    """Of which runs of each block encoder noise is drawn once more, and how often its squares count.
+
+    Any run of a block is as likely chosen as any other, until the chosen ones have enough samples; they stand for all
+    samples of their block.
+
+    Args:
+        block: Block of each run.
+        lengths: Samples of each run.
+        most: Samples of a block from which on no further run is chosen.
+        rng: Of the choice.
+
+    Returns:
+        Weight of each run's draw, 0 where none is needed.
+    """
+    weights = np.zeros(len(block))
+    for members in (np.flatnonzero(block == one) for one in np.unique(block)):
+        shuffled = rng.permutation(members)
+        before = np.cumsum(lengths[shuffled]) - lengths[shuffled]
+        chosen = shuffled[before < most]
+        weights[chosen] = lengths[members].sum() / lengths[chosen].sum()
+    return weights
+
+
+def _few(travel: Float[Array, "R n"], recorded: Int[Array, " R"], fewest: int) -> bool:
+    """Whether runs are too few to be left out whole, for some joint.
+
+    Args:
+        travel: How far each joint goes in each run, or piece of one [rad or m].
+        recorded: Number of the recorded run that each run is, or is a piece of.
+        fewest: Runs that are enough where all show every joint.
+    """
+    of_run = np.zeros((int(recorded[-1]) + 1, travel.shape[1]))
+    np.add.at(of_run, recorded, travel)
+    alone = of_run.max(axis=0) > of_run.sum(axis=0) - of_run.max(axis=0)
+    return bool(len(of_run) < fewest or alone.any())
+
+
+def _share_blocks(
+    recorded: Int[Array, " R"], settings: RegressionSettings
+) -> tuple[Int[Array, " R"], Int[Array, " B"]]:
+    """One block for several runs; no block holds pieces of two recorded runs unless it holds whole ones.
+
+    Args:
+        recorded: Number of the recorded run that each run is, or is a piece of.
+        settings: How many blocks, and how many runs have their own.
+
+    Returns:
+        Block of each run; the recorded run of each block, blocks of several recorded runs counted as one.
+    """
+    pieces, most = np.bincount(recorded), settings.most_blocks
+    if len(pieces) > settings.most_lone_runs:
+        return recorded * most // len(pieces), np.arange(most)
+    counts = np.maximum(1, np.round(pieces * most / len(recorded)).astype(int))
+    within = np.arange(len(recorded)) - (np.cumsum(pieces) - pieces)[recorded]
+    block = (np.cumsum(counts) - counts)[recorded] + within * counts[recorded] // pieces[recorded]
+    return block, np.repeat(np.arange(len(pieces)), counts)
+
+
+def _deal_folds(run_of_block: Int[Array, " B"], folds: int, few: bool) -> Int[Array, " B"]:
+    """Fold of each block: that of its recorded run, or, where runs are few, each in turn."""
+    runs, total = int(run_of_block[-1]) + 1, len(run_of_block)
+    if few:
+        # Few runs rarely show every joint alike: each fold has pieces from everywhere, or it would be judged by a model
+        # that never saw such motion.
+        return np.arange(total) % min(folds, total)
+    # Runs in order, dealt out so that folds are of about equal length and neighbours in kind are apart.
+    return np.asarray(run_of_block % min(folds, runs))
