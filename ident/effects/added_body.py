@@ -13,10 +13,11 @@ Wright 2006, chapter 10 (Gauss–Newton).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, freeze
 from ident.effects.base import SessionContext, Variant
 from ident.effects.plausible import arm_reach
 from ident.effects.typical_sizes import rated_torque, sampled_states
@@ -132,8 +133,9 @@ def _weighs(arm: ArmModel, link: int) -> bool:
     return bool(np.linalg.norm(left) > LEAST_COLUMN * max(float(np.linalg.norm(own)), 1e-12))
 
 
+@lru_cache(maxsize=64)
 def _structure(arm: ArmModel, link: int) -> Float[Array, "M 10"]:
     """What a link's numbers do to all torques in some states."""
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, STRUCTURE_STATES, arm.n))
-    return arm.regressor(q, dq, ddq)[:, :, 10 * link : 10 * link + 10].reshape(-1, 10)
+    return freeze(arm.regressor(q, dq, ddq, range(10 * link, 10 * link + 10)).reshape(-1, 10))

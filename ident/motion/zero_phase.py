@@ -37,18 +37,16 @@ def filter_together(
 ) -> Float[Array, "T k"]:
     """The same of several arrays: all of their columns side by side."""
     length = len(parts[0])
-    ends = np.cumsum([0, *(int(np.prod(np.shape(part)[1:])) for part in parts)])
-    columns = np.empty((length + 2 * padding, ends[-1]))
-    middle = slice(padding, padding + length)
-    inner = columns[middle]
-    for part, first, end in zip(parts, ends[:-1], ends[1:], strict=True):
-        inner[:, first:end] = np.reshape(part, (length, -1))
-    columns[:padding] = 2.0 * inner[0] - inner[padding:0:-1]
-    columns[middle.stop :] = 2.0 * inner[-1] - inner[-2 : -padding - 2 : -1]
+    # One signal after the other, then all of a sample side by side: each of the two copies reads or writes in order.
+    rows = [np.reshape(part, (length, -1)).T for part in parts]
+    signals = np.empty((sum(map(len, rows)), length))
+    np.concatenate(rows, out=signals)
+    columns = np.empty((length + 2 * padding, len(signals)))
+    _extend(signals, padding, columns)
     pairs, steady = _in_pairs(np.asarray(sections, dtype=float).tobytes())
     state = np.empty((len(pairs), 2, columns.shape[1]))
     _filter(columns, pairs, steady, state)
-    return inner
+    return columns[padding : padding + length]
 
 
 @lru_cache(maxsize=64)
@@ -60,6 +58,22 @@ def _in_pairs(content: bytes) -> tuple[Float[Array, "s 6"], Float[Array, "s 2"]]
         sections = np.vstack([sections, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
         steady = np.vstack([steady, [0.0, 0.0]])
     return sections, steady
+
+
+@compiled("f2 i f2")
+def _extend(signals: Array, padding: int, columns: Array) -> None:
+    """Signals as columns, extended at both ends by what turns them about their first and last value, tile by tile."""
+    count, length = signals.shape
+    for first in range(0, count, 8):
+        end = min(first + 8, count)
+        for start in range(0, length, 8):
+            for t in range(start, min(start + 8, length)):
+                for c in range(first, end):
+                    columns[padding + t, c] = signals[c, t]
+        for t in range(padding):
+            for c in range(first, end):
+                columns[t, c] = 2.0 * signals[c, 0] - signals[c, padding - t]
+                columns[padding + length + t, c] = 2.0 * signals[c, length - 1] - signals[c, length - 2 - t]
 
 
 @compiled("f2 f2 f2 f3")
