@@ -80,15 +80,12 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
         rigid: Modelled rigid torque of each run [N m], not filtered.
     """
     n = motions[0].n
-    known = [
-        _Known(_between_rests(motion), motion.filtered(_moves(motion)), motion.tau_filtered - motion.filtered(torque))
-        for motion, torque in zip(motions, rigid, strict=True)
-    ]
+    known = [_known(motion, torque) for motion, torque in zip(motions, rigid, strict=True)]
     grid = _grid(motions)
     samples = [
-        part.sum(axis=0)
+        one.moving[part].sum(axis=0)
         for motion, one in zip(motions, known, strict=True)
-        for part in _stretches(one.moving.astype(float), motion)
+        for part in _pieces(len(one.moving), motion)
     ]
     best = _sharpest(np.array([_misfit(motions, known, trial) for trial in grid]), np.array(samples))
     return Sliding(
@@ -119,11 +116,22 @@ def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What all trials share of a run: where it moves, filtered columns of motion, torque to be explained."""
+    """What all trials share of a run: where it moves, filtered columns of motion, and, last, torque to be explained.
+
+    Rows where it does not move are zero; `sums` are those of their squares and products, stretch by stretch.
+    """
 
     moving: Bool[Array, "t n"]
-    columns: Float[Array, "t n k"]
-    target: Float[Array, "t n"]
+    rows: Float[Array, "n t k"]
+    sums: Float[Array, "s n k k"]
+
+
+def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
+    moving, target = _between_rests(motion), motion.tau_filtered - motion.filtered(torque)
+    rows = np.concatenate([motion.filtered(_moves(motion)), target[:, :, None]], axis=2)
+    rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
+    sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
+    return _Known(moving, rows, np.array(sums))
 
 
 def _moves(motion: Motion) -> Float[Array, "T n k"]:
@@ -162,22 +170,26 @@ def _grid(motions: Sequence[Motion]) -> list[Sliding]:
     return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
 
 
-def _stretches(values: Float[Array, "t ..."], motion: Motion) -> Iterator[Float[Array, "s ..."]]:
-    """Values of a run, stretch by stretch."""
+def _pieces(samples: int, motion: Motion) -> list[slice]:
+    """Where each stretch of a run lies among its filtered samples."""
     length = max(1, round(STRETCH / (motion.interval * motion.lowpass.factor)))
-    return (values[start : start + length] for start in range(0, len(values), length))
+    return [slice(start, start + length) for start in range(0, samples, length)]
 
 
 def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches n"]:
     """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
-    count = known[0].columns.shape[2] + 2
+    count = known[0].rows.shape[2] + 1
     pieces = []
     for motion, one in zip(motions, known, strict=True):
-        slip = motion.filtered(trial.direction(motion))
-        rows = np.concatenate([one.columns, slip[:, :, None], one.target[:, :, None]], axis=2)
-        rows = np.where(one.moving[:, :, None], rows, 0.0)
-        pieces += [np.einsum("tja,tjb->jab", part, part) for part in _stretches(rows, motion)]
-    grams = np.array(pieces)
+        slip = np.where(one.moving, motion.filtered(trial.direction(motion)), 0.0).T
+        grams = np.empty((*one.sums.shape[:2], count, count))
+        grams[..., 1:, 1:] = one.sums
+        for k, part in enumerate(_pieces(len(one.moving), motion)):
+            own = slip[:, part]
+            grams[k, :, 0, 0] = np.einsum("jt,jt->j", own, own)
+            grams[k, :, 0, 1:] = grams[k, :, 1:, 0] = (own[:, None] @ one.rows[:, part])[:, 0]
+        pieces.append(grams)
+    grams = np.concatenate(pieces)
     found = np.zeros(grams.shape[:2])
     for j, sums in enumerate(grams.sum(axis=0)):
         scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
