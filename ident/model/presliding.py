@@ -10,7 +10,7 @@ Source: Al-Bender 2005 (generalised Maxwell slip).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np

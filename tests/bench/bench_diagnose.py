@@ -2,8 +2,8 @@
 
 1. 24,000 samples × 6 joints with the whole catalogue: processor time, and where it goes.
 2. Sessions of 1 kHz that grow: the runs of a session are repeated on one clock, each smoothed, with a draw of encoder
-   noise of its own, decimated and held as a session's are, in memory or on disk, then diagnosed. Each length runs in a process of its own, which tells its
-   largest memory. Reading files is not part of it.
+   noise of its own, decimated and held as a session's are, in memory or on disk, then diagnosed. Each length runs in a
+   process of its own, which tells its largest memory. Reading files is not part of it.
 """
 
 from __future__ import annotations
