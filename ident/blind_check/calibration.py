@@ -5,8 +5,9 @@ Four kinds of number hang on the worlds in which a diagnosis is used and not on 
 - how far what is left must stand out (`verdict.stands_out`, `much_left`, `far_left`): in units of these, the largest of
   an arm's joints is about log-normal over healthy arms. They are scaled by the value that one healthy arm in so many
   exceeds (`ALARMS`);
-- how far a name is believed where nothing is left open (`selection.most_sure`) and where something is
-  (`verdict.trust_if_open`): the share of right names there, Laplace's rule on top of what was believed before;
+- how far a name is believed where nothing is left open (`selection.most_sure`), where a part of the gap is
+  (`verdict.trust_if_open`) and where most of it is (`verdict.trust_if_wide_open`): the share of right names there,
+  Laplace's rule on top of what was believed before;
 - which names stand in the class of another (`selection.class_odds`): so that 95 % of classes hold the truth.
 
 Each is told with its 95 % interval, so that a second seed can be held against it.
@@ -98,14 +99,19 @@ def _standing(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Cali
 
 
 def _trust(outcomes: Sequence[Outcome], used: DiagnosisSettings) -> list[Calibrated]:
-    surest, trust = used.selection.most_sure, used.verdict.trust_if_open
-    told = [(one.verdict == "named", p, right) for one in outcomes if one.kind in JUDGED for p, right in one.said]
-    # Names that have a rival are less sure by themselves.
-    whole = [right for named, p, right in told if named and p >= surest - 0.01]
-    part = [right for named, p, right in told if not named and p >= trust * surest - 0.01]
-    most = _share("selection", "most_sure", whole, surest)
-    beside = _share("verdict", "trust_if_open", part, trust)
-    return [one for one in (most, beside) if one is not None]
+    surest, held = used.selection.most_sure, used.verdict
+    told = [(one.verdict, p, right) for one in outcomes if one.kind in JUDGED for p, right in one.said]
+    kinds = (
+        ("selection", "most_sure", "named", surest, 1.0),
+        ("verdict", "trust_if_open", "partial", held.trust_if_open, surest),
+        ("verdict", "trust_if_wide_open", "none_of_catalogue", held.trust_if_wide_open, surest),
+    )
+    found = []
+    for group, name, verdict, before, scale in kinds:
+        # Names that have a rival are less sure by themselves.
+        sure = [right for given, p, right in told if given == verdict and p >= before * scale - 0.01]
+        found.append(_share(group, name, sure, before))
+    return [one for one in found if one is not None]
 
 
 def _classes(outcomes: Sequence[Outcome]) -> list[Calibrated]:

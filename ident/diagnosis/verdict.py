@@ -102,7 +102,7 @@ def decide(
 
 def believed(estimates: Sequence[Estimate], verdict: str, settings: VerdictSettings = USUAL_VERDICT) -> list[Estimate]:
     """Names as far as they are believed: less where they leave the gap open, whose cause may then be another."""
-    trust = 1.0 if verdict == "named" else settings.trust_if_open
+    trust = {"named": 1.0, "partial": settings.trust_if_open}.get(verdict, settings.trust_if_wide_open)
     return [replace(one, probability=trust * one.probability) for one in estimates]
 
 

@@ -46,13 +46,18 @@ def test_two_seeds_agree_within_what_they_tell() -> None:
 
 
 def test_names_are_believed_as_often_as_they_were_right() -> None:
-    """Law: shares right, where nothing is left open and where something is; what was believed counts a bit."""
+    """Law: shares right, where nothing is left open, where some of the gap is and where most is; what was believed
+    counts a bit.
+    """
     surest = USUAL.selection.most_sure
     cases = singles(38, 2, "named", surest) + singles(10, 10, "partial", USUAL.verdict.trust_if_open * surest)
+    wide = USUAL.verdict.trust_if_wide_open
+    cases += singles(2, 18, "none_of_catalogue", wide * surest)
     found = {one.name: one for one in calibrate(cases)}
     assert found["most_sure"].value == pytest.approx((38 + 4 * surest) / 44)
     assert found["trust_if_open"].value == pytest.approx((10 + 4 * USUAL.verdict.trust_if_open) / 24)
     assert found["trust_if_open"].low < 0.5 < found["trust_if_open"].high
+    assert found["trust_if_wide_open"].value == pytest.approx((2 + 4 * wide) / 24)
     assert calibrate(cases[:5]) == ()
 
 
