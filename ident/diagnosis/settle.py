@@ -162,7 +162,7 @@ def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: 
 def _sure(
     search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()
 ) -> Settled:
-    """The effects that the search named, without those that a rival beats by far or whose figures no arm has.
+    """The effects that the search named, without those that are needless, that a rival beats, or that no arm has.
 
     What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
     So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
@@ -173,8 +173,9 @@ def _sure(
         groups = [item.group for item in found.named]
         fine = refine(search, session, baseline, groups)
         needless = find_needless(fine)
-        if needless is not None:
-            found = search.only(found, [k for k in range(len(groups)) if k != needless])
+        if needless is not None and len(search.barred) < held.most_doubted:
+            search = replace(search, barred=search.barred | {groups[needless].key})
+            found = search.run()
             continue
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
