@@ -1,8 +1,10 @@
-"""What learns from one joint's residual: trees on all inputs, neighbours of an angle, a line over the recent past.
+"""What learns from one joint's residual: trees on all inputs, neighbours of an angle.
 
 Trees see what changes slowly over their inputs. What goes up and down a hundred times a turn (teeth, a motor's poles)
-they do not: that repeats wherever the joint passes again, so that neighbours of an angle foretell it. Nor do they take
-derivatives: what follows the load late, or rings after it, is a straight line over the torque of the last instants.
+they do not: that repeats wherever the joint passes again, so that neighbours of an angle foretell it.
+
+Lines over the torque and the direction of the last instants see play, too, and a late load; but on arms with fine
+encoders also how bristles turn round, which is nothing to be told: they are not asked.
 """
 
 from __future__ import annotations
@@ -54,17 +56,5 @@ def neighbours(settings: TreeSettings) -> Learner:
         true = np.concatenate([y[~half], y[half]])
         trust = np.clip(foretold @ true / max(float(foretold @ foretold), 1e-300), 0.0, 1.0)
         return np.asarray(trust * nearest(np.ones(len(y), dtype=bool), other))
-
-    return learn
-
-
-def lines(settings: TreeSettings) -> Learner:
-    """Ridge regression; how far its slopes are held at zero is what leaves least when single samples are left out."""
-    from sklearn.linear_model import RidgeCV
-
-    def learn(x: Array, y: Array, other: Array) -> Array:
-        middle, size = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-12)
-        fitted = RidgeCV(alphas=settings.ridges).fit((x - middle) / size, y)
-        return np.asarray(fitted.predict((other - middle) / size))
 
     return learn

@@ -74,18 +74,6 @@ class TreeSettings(Settings):
     neighbours: int = number(
         8, "1", "nearest samples whose mean is taken", "chosen: a mean that noise moves by a third"
     )
-    lags: tuple[int, ...] = number(
-        (-4, -2, -1, 0, 1, 2, 4),
-        "1",
-        "samples by which torque, acceleration and direction are late, for lines over the recent past",
-        "chosen: some hundredths of a second; a filter that is no causal one reaches both ways",
-    )
-    ridges: tuple[float, ...] = number(
-        (1.0, 10.0, 100.0, 1000.0, 10000.0),
-        "1",
-        "strengths by which the slopes of such lines are held at zero",
-        "chosen: one of them is near enough",
-    )
 
 
 @dataclass(frozen=True)

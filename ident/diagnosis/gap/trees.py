@@ -3,20 +3,20 @@
 Boosted trees are trained on the residual of one joint, on nested inputs, and judged on folds they never saw. What they
 can't explain there is noise to anybody; what they explain and the named effects do not is a cause without a name. Which
 set of inputs is the first that helps says of what kind it is: a function of the joint's state, of its past, of the
-session's time, or of other joints. What trees are blind to, two finer learners look for: see `learners`.
+session's time, or of other joints. What repeats too often over an angle for
+trees, neighbours of the angle foretell: see `learners`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.gap.learners import Learner, lines, neighbours, trees
+from ident.diagnosis.gap.learners import Learner, neighbours, trees
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_TREES, TreeSettings
 
@@ -80,11 +80,10 @@ def measure_ceiling(
         series: Residuals of all runs.
         joint: The joint.
         settings: The learners, and what counts as more than luck.
-        nested: Whether to ask for the first set of inputs that helps, and the finer learners beside the trees.
+        nested: Whether to ask for the first set of inputs that helps, and neighbours of the angle beside the trees.
         left: Before or after the named effects.
         loud: Whether more than noise is left, as far as that is known. Else only neighbours of the angle are asked:
-            what repeats at an angle in other runs is no noise, while lines would follow what the encoders' noise does
-            to acceleration and residual alike.
+            what repeats at an angle in other runs is no noise.
     """
     moving = [item.counts[:, joint] for item in series]
     y = np.concatenate([getattr(item, left)[inside, joint] for item, inside in zip(series, moving, strict=True)])
@@ -115,12 +114,10 @@ def measure_ceiling(
             if before - part >= settings.enough * (before - full):
                 break
     if nested:
-        finer = [("state", angle, neighbours), *([("memory", recent_past, lines)] if loud else [])]
-        for name, of, learner in finer:
-            table = inputs(partial(of, joint=joint, settings=settings))
-            part, helps = _held_out(table, y, fold, settings, learner(settings))
-            if helps and (part < full or not sure):
-                full, sure, kind = part, True, name
+        near = inputs(lambda item: item.run.motion.q[item.run.motion.coarse][:, [joint]])
+        part, helps = _held_out(near, y, fold, settings, neighbours(settings))
+        if helps and (part < full or not sure):
+            full, sure, kind = part, True, "state"
     return Ceiling(float(np.sqrt(min(full, before))), float(np.sqrt(before)), kind, sure)
 
 
@@ -128,19 +125,6 @@ def _deal(piece: Array, folds: int) -> Array:
     """Pieces of time dealt out to folds in turn."""
     _, place = np.unique(piece, return_inverse=True)
     return place % folds
-
-
-def angle(item: RunResidual, joint: int, settings: TreeSettings) -> Float[Array, "t 1"]:
-    """A joint's angle."""
-    return item.run.motion.q[item.run.motion.coarse][:, [joint]]
-
-
-def recent_past(item: RunResidual, joint: int, settings: TreeSettings) -> Float[Array, "t f"]:
-    """Modelled torque, direction and acceleration of a joint, some samples early and late."""
-    keep = item.run.motion.coarse
-    signals = [part[keep][:, joint] for part in (item.run.total, item.run.direction, item.run.motion.ddq)]
-    at = np.arange(len(signals[0]))
-    return np.stack([one[np.clip(at - lag, 0, at[-1])] for one in signals for lag in settings.lags], axis=1)
 
 
 def _held_out(x: Array, y: Array, fold: Array, settings: TreeSettings, learner: Learner) -> tuple[float, bool]:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.gap.learners import Learner, lines, neighbours, trees
+from ident.diagnosis.gap.learners import Learner, neighbours, trees
 from ident.diagnosis.gap.settings import USUAL_TREES
 from ident.diagnosis.gap.trees import _held_out
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint
 
 SAMPLES = 2400
-ALL = {"trees": trees, "neighbours": neighbours, "lines": lines}
+ALL = {"trees": trees, "neighbours": neighbours}
 
 
 def _explained(learner: Learner, x: Array, y: Array) -> tuple[float, bool]:
@@ -41,18 +41,6 @@ def test_neighbours_see_teeth_that_trees_do_not() -> None:
     assert sure
     assert share > 0.2
     assert _explained(trees(USUAL_TREES), angle, y)[0] < 0.5 * share
-
-
-def test_lines_see_what_follows_late() -> None:
-    """Bound: three tenths of a signal's rate, among noise as large, are foretold by lines over its last instants."""
-    rng = np.random.default_rng(13)
-    signal = np.convolve(rng.normal(size=SAMPLES + 20), np.hanning(21), mode="valid")
-    rate = np.gradient(signal)
-    y = rate / rate.std() + rng.normal(size=SAMPLES)
-    past = np.stack([np.roll(signal, lag) for lag in USUAL_TREES.lags], axis=1)
-    share, sure = _explained(lines(USUAL_TREES), past, y)
-    assert sure
-    assert share == pytest.approx(0.5, abs=0.06)
 
 
 def test_a_gap_that_trees_are_blind_to_is_told(short_arm: ArmModel) -> None:
