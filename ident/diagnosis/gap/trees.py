@@ -3,8 +3,8 @@
 Boosted trees are trained on the residual of one joint, on nested inputs, and judged on folds they never saw. What they
 can't explain there is noise to anybody; what they explain and the named effects do not is a cause without a name. Which
 set of inputs is the first that helps says of what kind it is: a function of the joint's state, of its past, of the
-session's time, or of other joints. What repeats too often over an angle for trees, neighbours of the angle foretell: see
-`learners`.
+session's time, or of other joints. What repeats too often over an angle for trees to see, its neighbours foretell:
+see `learners`.
 """
 
 from __future__ import annotations
