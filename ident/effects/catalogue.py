@@ -52,10 +52,10 @@ from types import ModuleType
 from ident.effects.backlash import Backlash
 from ident.effects.base import Effect
 from ident.effects.contact import ExternalContact
+from ident.effects.curved_friction import NonlinearViscousFriction
 from ident.effects.friction import (
     AsymmetricFriction,
     LoadDependentFriction,
-    NonlinearViscousFriction,
     PositionDependentFriction,
     StribeckFriction,
 )

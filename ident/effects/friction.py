@@ -1,4 +1,4 @@
-"""Friction that depends on speed, load, place and direction: what a Coulomb and viscous model leaves out."""
+"""Friction that depends on low speed, load, place and direction: what a Coulomb and viscous model leaves out."""
 
 from __future__ import annotations
 
@@ -8,29 +8,22 @@ from typing import ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, linear_interval
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, exactly_as, nearly_as
-from ident.effects.plausible import LARGEST_TORQUE_SHARE
+from ident.effects.base import Effect, Interval, SessionContext, Variant, linear_interval
+from ident.effects.knowledge import LAW_ANGLE, Doubt, Range, Typical
 from ident.effects.typical_sizes import (
     coefficient_interval,
     coulomb_level,
     friction_level,
+    friction_states,
     grid_interval,
     hardly_moves,
+    least_rest_speed,
     rated_torque,
     top_speed,
     travel,
     wave_figures,
 )
-from ident.model.named_laws import (
-    JointStates,
-    asymmetric,
-    by_load,
-    by_position,
-    curved_viscous,
-    states_of,
-    stribeck,
-)
+from ident.model.named_laws import asymmetric, by_load, by_position, stribeck
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
 STRIBECK_EXPONENTS = (1.0, 2.0)
@@ -38,14 +31,6 @@ FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
     (0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0),
     (0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
 )
-VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
-# Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).
-KNEES = ((0.05, 0.2), (0.05, 0.5), (0.2, 0.2), (0.2, 0.5), (0.6, 0.2))
-# Of finer grids: knees about a law's own, knees of one that has none, steps of the exponent, which knees make up for.
-FINE_KNEE_FACTORS, FINE_KNEES = (0.4, 0.63, 1.0, 1.6, 2.5), (0.02, 0.05, 0.1)
-FINE_BENT_STEPS = (-0.3, -0.15, -0.07, 0.0, 0.07, 0.15, 0.3)
-FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
-LEAST_EXPONENT = 0.05
 POSITION_ORDERS = (1.0, 2.0)
 # Static over sliding friction, less one.
 LARGEST_BREAKAWAY = 3.0
@@ -57,15 +42,6 @@ LEAST_LOAD_RANGE = 0.004
 # Speeds below this leave nothing of a curve over speed [rad/s].
 LEAST_TOP_SPEED = 0.05
 LEAST_POSITION_RANGE = 0.5  # [rad]
-
-
-def _states(run: RunContext, joint: int) -> JointStates:
-    return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
-
-
-def _rest_speed(session: SessionContext, joint: int) -> float:
-    """Least speed at which a joint is told from one at rest, in any run [rad/s]."""
-    return min(float(run.motion.rest_speed[joint]) for run in session.runs)
 
 
 class StribeckFriction(Effect):
@@ -93,7 +69,7 @@ class StribeckFriction(Effect):
         return reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        rest = _rest_speed(session, joint)
+        rest = least_rest_speed(session, joint)
         return tuple(
             Variant({"stribeck_velocity_rad_s": speed, "exponent": exponent})
             for speed in STRIBECK_VELOCITIES
@@ -102,7 +78,7 @@ class StribeckFriction(Effect):
         )
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        middle, rest = variant.inner["stribeck_velocity_rad_s"], _rest_speed(session, joint)
+        middle, rest = variant.inner["stribeck_velocity_rad_s"], least_rest_speed(session, joint)
         return tuple(
             Variant({"stribeck_velocity_rad_s": factor * middle, "exponent": exponent})
             for factor in FINE_STRIBECK_FACTORS
@@ -111,7 +87,7 @@ class StribeckFriction(Effect):
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [stribeck(_states(run, joint), variant.inner) for run in session.runs]
+        return [stribeck(friction_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -140,111 +116,6 @@ class StribeckFriction(Effect):
     ) -> dict[str, float]:
         """The point of the grid that the coefficient was found at."""
         return {"amplitude_Nm": coefficients[0], **shape} if coefficients else {}
-
-
-def _bend(exponent: float) -> float:
-    """How far u^e lies from the straight line u at most, for u from 0 to 1; e is not 1."""
-    at = exponent ** (1.0 / (1.0 - exponent))
-    return float(abs(at**exponent - at))
-
-
-# Half of the speed of one, at which a curved law is told by how far it lies off the straight line [rad/s].
-HALF_SPEED = 0.5
-
-
-class NonlinearViscousFriction(Effect):
-    """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
-
-    A power below one rises straight up at rest. Lubricants thin only beyond a knee in speed and are Newton's below it:
-    such points of the grid are c s |v| (v² + v_k²)^((α − 1) / 2), the same power law far above the knee.
-
-    Non-negative: with a tuned line beside it, a curve that bends the other way is the other exponent's.
-
-    Source: Carreau 1972.
-    """
-
-    id = "nonlinear_viscous_friction"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "friction over speed is no line but a curve; look at fast against middling speeds"
-    shown_by = "ladder"
-    parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
-    defining = ("coefficient",)
-    typical = Typical("coefficient", 0.2, {"exponent": 0.5})
-    open_law = True
-    incomparable = frozenset({"coefficient", "exponent"})  # the simulated arm's viscous law is no power law
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "mjcf": nearly_as("polynomial damping and frictionloss, fitted up to the joint's velocity limit")
-    }
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
-        if reason is None and top_speed(session, joint) < LEAST_TOP_SPEED:
-            return f"{session.joint_names[joint]} moves no faster than {top_speed(session, joint):.3f} rad/s"
-        return reason
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        powers = tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)
-        fastest, rest = top_speed(session, joint), _rest_speed(session, joint)
-        return powers + tuple(
-            Variant({"exponent": exponent}, shape={"knee_rad_s": knee})
-            for knee, exponent in KNEES
-            if rest < knee < fastest
-        )
-
-    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        middle, knee = variant.inner["exponent"], variant.shape.get("knee_rad_s")
-        knees = [factor * knee for factor in FINE_KNEE_FACTORS] if knee else [*FINE_KNEES] if middle < 1.0 else []
-        bent = [
-            Variant({"exponent": middle + step}, shape={"knee_rad_s": one})
-            for one in knees
-            for step in FINE_BENT_STEPS
-            if LEAST_EXPONENT <= middle + step < 1.0
-        ]
-        powers = [] if knee else [Variant({"exponent": middle + step}) for step in FINE_EXPONENT_STEPS]
-        # The middle of the grid is the point itself.
-        return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
-
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        shape = {**variant.shape, **variant.inner}
-        return [curved_viscous(_states(run, joint), shape) for run in session.runs]
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {
-            "coefficient": coefficient_interval(0, coefficients, covariance),
-            "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
-        }
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
-        exponent = figures["exponent"].value
-        # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
-        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * _bend(exponent))
-        return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        bend = HALF_SPEED ** figures["exponent"].value - HALF_SPEED
-        torque = figures["coefficient"].words("N m", abs(bend))
-        way = "more" if bend > 0.0 else "less"
-        law = f"at {HALF_SPEED:g} rad/s {torque} {way} than on the straight line from rest to 1 rad/s"
-        return f"let the friction of {where} bend over speed: {law}; grease that has aged bends it too"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        coulomb, viscous = friction_level(session, joint)
-        speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
-        return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])
-
-    def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
-    ) -> dict[str, float]:
-        """The point of the grid that the coefficient was found at."""
-        return {"coefficient": coefficients[0], **shape} if coefficients else {}
-
-    def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
-        if form == "mjcf" and figures["exponent"] == 2.0:
-            return exactly_as("second coefficient of damping")
-        return super().expressed(form, figures)
 
 
 class LoadDependentFriction(Effect):
@@ -286,7 +157,7 @@ class LoadDependentFriction(Effect):
         return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [by_load(_states(run, joint), variant.shape) for run in session.runs]
+        return [by_load(friction_states(run, joint), variant.shape) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -344,7 +215,7 @@ class PositionDependentFriction(Effect):
         return self.variants(session, joint)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [by_position(_states(run, joint), variant.inner) for run in session.runs]
+        return [by_position(friction_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -394,7 +265,7 @@ class AsymmetricFriction(Effect):
         return None
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [asymmetric(_states(run, joint), variant.inner) for run in session.runs]
+        return [asymmetric(friction_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Interval, SessionContext
+from ident.effects.base import Interval, RunContext, SessionContext
+from ident.model.named_laws import JointStates, states_of
 
 # Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
 TYPICAL_COULOMB_SHARE = 0.05
@@ -31,6 +32,16 @@ def rated_torque(session: SessionContext, joint: int) -> float:
     if np.isfinite(rated) and rated > 0.0:
         return rated
     return max(1.5 * max(float(np.abs(run.total[:, joint]).max(initial=0.0)) for run in session.runs), 1e-3)
+
+
+def friction_states(run: RunContext, joint: int) -> JointStates:
+    """A joint's states as laws of its friction see them."""
+    return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
+
+
+def least_rest_speed(session: SessionContext, joint: int) -> float:
+    """Least speed at which a joint is told from one at rest, in any run [rad/s]."""
+    return min(float(run.motion.rest_speed[joint]) for run in session.runs)
 
 
 def friction_level(session: SessionContext, joint: int) -> tuple[float, float]:
