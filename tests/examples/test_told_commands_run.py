@@ -63,6 +63,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_foreign_table(desk / "my_session", desk / "foreign")
     (desk / "logs").symlink_to(data_path("logs"))
     shutil.copy(ROOT / "tests/plan/data/table3.toml", desk / "scene.toml")
+    # As a check of hundreds of cases writes it.
+    (desk / "settings.toml").write_text("[verdict]\nstands_out = 1.4\n")
     (desk / "my_robot.py").write_text(MY_ROBOT)
     (desk / "my_robot.py").chmod(0o755)
     return desk
