@@ -93,7 +93,7 @@ class NonlinearViscousFriction(Effect):
             if LEAST_EXPONENT <= middle + step < 1.0
         ]
         powers = [] if knee else [Variant({"exponent": middle + step}) for step in FINE_EXPONENT_STEPS]
-        # The middle of the grid is the point itself.
+        # A look at a finer grid begins in its middle: near it lies the point itself.
         return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:

@@ -49,9 +49,12 @@ def stribeck(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
 
 def curved_viscous(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
     """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
-    speed, exponent, knee = np.abs(at.dq), shape["exponent"], shape.get("knee_rad_s", 0.0)
-    bent = speed * np.hypot(speed, knee) ** (exponent - 1.0) if knee else speed**exponent
-    return (at.slip * bent)[:, None]
+    return (at.slip * bent(np.abs(at.dq), shape["exponent"], shape.get("knee_rad_s", 0.0)))[:, None]
+
+
+def bent(speed: Float[Array, " ..."], exponent: float, knee: float = 0.0) -> Float[Array, " ..."]:
+    """A power of speeds, none of them negative; straight below a knee, where there is one."""
+    return np.asarray(speed * np.hypot(speed, knee) ** (exponent - 1.0) if knee else speed**exponent)
 
 
 def by_load(at: JointStates, shape: Shape) -> Float[Array, "T k"]:

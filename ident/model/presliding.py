@@ -18,6 +18,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
 from ident.model.loss import TRANSITION_GRID, direction
+from ident.model.named_laws import bent
 from ident.motion.motion import Motion
 from ident.numerics import solve_non_negative
 
@@ -137,8 +138,8 @@ def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
 def _moves(motion: Motion) -> Float[Array, "T n k"]:
     """Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning."""
     heading, pace = np.sign(motion.dq), np.abs(motion.dq)
-    concave = [heading * pace**power for power in CONCAVE]
-    concave += [motion.dq * np.hypot(pace, knee) ** (CONCAVE[0] - 1.0) for knee in KNEES]
+    curves = [(power, 0.0) for power in CONCAVE] + [(CONCAVE[0], knee) for knee in KNEES]
+    concave = [heading * bent(pace, power, knee) for power, knee in curves]
     return np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
 
 

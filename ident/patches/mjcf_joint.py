@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ident.arrays import Array, Float
+from ident.model.named_laws import bent
 from ident.patches.change import Change
 from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
@@ -119,7 +120,7 @@ def fit_polynomial(
     """
     v = np.linspace(0.0, top, FIT_SPEEDS)[1:]
     columns = np.stack([np.ones_like(v), v, v**2, v**3], axis=1)
-    target = coefficient * v * np.hypot(v, knee) ** (exponent - 1.0)
+    target = coefficient * bent(v, exponent, knee)
     fit = lsq_linear(columns, target, bounds=([0.0, 0.0, -np.inf, -np.inf], np.inf), tol=1e-14)
     return float(fit.x[0]), fit.x[1:]
 
