@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.settings import TreeSettings
@@ -44,13 +45,12 @@ def trees(settings: TreeSettings) -> Learner:
 
 def neighbours(settings: TreeSettings) -> Learner:
     """Mean of the nearest samples, trusted as far as one half of the samples foretells the other."""
-    from sklearn.neighbors import KNeighborsRegressor
 
     def learn(x: Array, y: Array, other: Array) -> Array:
         half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
 
         def nearest(one: Array, there: Array) -> Array:
-            return np.asarray(KNeighborsRegressor(settings.neighbours).fit(x[one], y[one]).predict(there))
+            return np.asarray(y[one][KDTree(x[one]).query(there, settings.neighbours)[1]].mean(axis=1))
 
         foretold = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
         true = np.concatenate([y[~half], y[half]])
