@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 # The stamp is newer than the lock file once everything in it is installed.
 STAMP := $(VENV)/.installed
 
-.PHONY: run test lint types bench api fuzz clean install
+.PHONY: run test lint types bench docs fuzz clean install
 
 run: install
 	$(BIN)/ident demo --out out/demo
@@ -24,9 +24,10 @@ types: install
 bench: install
 	$(BIN)/pytest tests/bench --override-ini addopts=-q -s --ignore-glob='*/bench_plan_*'
 
-# The reference of all public names, from their docstrings.
-api: install
-	$(BIN)/python tests/examples/write_api.py out/api
+# The documentation's site, with the references made from the code; a warning is an error.
+docs: install
+	$(BIN)/python docs/write.py
+	$(BIN)/mkdocs build --quiet --config-file .ci/mkdocs.yml
 
 # Spoilt files into every reader. More than a minute: make fuzz SECONDS=36000; the same again: SEED=…
 SECONDS ?= 60

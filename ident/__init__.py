@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from ident.api.closing import close as close
     from ident.api.comparing import compare as compare
     from ident.api.diagnosing import diagnose as diagnose
+    from ident.api.exporting import verify as verify
     from ident.api.fitting import evaluate as evaluate
+    from ident.api.fitting import fit as fit
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.inspecting import inspect as inspect
     from ident.api.patching import patch as patch
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from ident.api.servo_arms import servo as servo
     from ident.api.simulating import simulate as simulate
     from ident.api.starting import new as new
+    from ident.api.viewing import view as view
     from ident.api.watching import watch as watch
     from ident.diagnosis.result import Diagnosis as Diagnosis
     from ident.diagnosis.settings import DiagnosisSettings as DiagnosisSettings
@@ -49,6 +52,7 @@ _HOMES = {
     "compare": "ident.api.comparing",
     "diagnose": "ident.api.diagnosing",
     "evaluate": "ident.api.fitting",
+    "fit": "ident.api.fitting",
     "fit_hybrid": "ident.api.fitting",
     "inspect": "ident.api.inspecting",
     "new": "ident.api.starting",
@@ -57,31 +61,9 @@ _HOMES = {
     "ranges": "ident.api.ranging",
     "servo": "ident.api.servo_arms",
     "simulate": "ident.api.simulating",
+    "verify": "ident.api.exporting",
+    "view": "ident.api.viewing",
     "watch": "ident.api.watching",
 }
-__all__ = [
-    "ArmModel",
-    "Diagnosis",
-    "DiagnosisSettings",
-    "Effect",
-    "FitOptions",
-    "HybridModel",
-    "InputError",
-    "Recording",
-    "Session",
-    "blind",
-    "close",
-    "compare",
-    "diagnose",
-    "evaluate",
-    "fit_hybrid",
-    "inspect",
-    "new",
-    "open_sessions",
-    "patch",
-    "ranges",
-    "servo",
-    "simulate",
-    "watch",
-]
+__all__ = sorted(_HOMES)
 __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -15,6 +15,7 @@ import ctypes
 import hashlib
 import os
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -165,8 +166,10 @@ def _compile(
 
 def _folders(source: Path) -> tuple[Path, ...]:
     """Where code is kept: beside the module, or, where nobody may write there, in the user's cache."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    return (source.parent / "__pycache__", Path(home) / "armgap")
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    # A container's user may have no home.
+    own = Path(home if os.path.isabs(home) else tempfile.gettempdir()) / "armgap"
+    return (source.parent / "__pycache__", own)
 
 
 def _read(path: Path) -> tuple[str, bytes] | None:

@@ -28,6 +28,11 @@ def visible(text: str, lines: bool = False) -> str:
     return UNSEEN.sub(escape, text)
 
 
+def plural(count: int, noun: str) -> str:
+    """A count with its noun: `1 run`, `2 runs`."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 class ArmgapError(Exception):
     """Base of all errors raised by armgap."""
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import json
 import os
 import secrets
 import shutil
 import socket
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from ident.errors import InputError
-from ident.ownership import absolute, require_own_folder, require_plain, sha256_of, write_marker
+from ident.ownership import STANDARD_OUTPUT, absolute, require_own_folder, require_plain, sha256_of, write_marker
 
-__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of"]
+__all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "write_record"]
 
 # Of Linux's renameat2: paths are as the process sees them; both names change places in one step.
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -83,6 +85,18 @@ def atomic_folder(path: str | Path, kind: str) -> Iterator[Path]:
             _put_in_place(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_record(path: str | Path | None, record: Mapping[str, Any]) -> None:
+    """Writes a record as JSON, whole or not at all; `-` prints it, and None writes nothing."""
+    if path is None:
+        return
+    text = json.dumps(record, indent=1)
+    if Path(path) == STANDARD_OUTPUT:
+        print(text)
+        return
+    with atomic_write(path) as part:
+        part.write_text(text + "\n", encoding="utf-8")
 
 
 def deliver(show: Callable[[], object], *writes: Callable[[], object]) -> None:

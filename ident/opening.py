@@ -18,14 +18,17 @@ from ident.files import sha256_of
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, no_motion, prepare, prepare_each
 from ident.motion.out_of_core import emptied, hold, pieces_of
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.provenance import SessionStamp, StampLedger, stamp_sessions
 from ident.recordings.frames import Source, gather_sources
 from ident.recordings.load import PART_SAMPLES, TOPIC, load_parts, load_session, robot_named_in
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
+from ident.robot.names import is_fetched
 from ident.telemetry import TelemetryReport, inspect_parts, inspect_sessions
 from ident.telemetry.accepted import TOLD_BY_A_FIT, check_accepted, overrule
+from ident.telemetry.report import as_mounted
 from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
 Sources = Source | Sequence[Source]
@@ -107,6 +110,8 @@ def load_robot(robot: Robot | None, sessions: Sequence[Session]) -> ArmModel:
     if named is None:
         where = str(sessions[0].path or sessions[0].name) if sessions else "--robot"
         raise RecordingError(where, "no robot is named", "give --robot, or robot = … in session.toml")
+    if robot is None and is_fetched(named):
+        raise RobotError(named, "a recording can't have it fetched by robot_descriptions", f"give --robot {named}")
     return ArmModel.load(named)
 
 
@@ -119,7 +124,8 @@ def inspect_paths(
     """Reads sessions and checks their telemetry, without refusing any."""
     sessions = load_sources(paths, topic, session_file)
     arm = load_robot(robot, sessions)
-    return arm, inspect_sessions(sessions, arm)
+    reports = inspect_sessions(sessions, arm)
+    return as_mounted(arm, reports[0].session), reports
 
 
 def inspect_in_parts(
@@ -157,7 +163,8 @@ def _begin(
     sources = _gather(paths, session_file)
     if robot is None:
         # Asked of all settings at once: the session that names the robot may be far from its turn.
-        robot = next((name for one in sources if (name := _robot_of(one, session_file))), None)
+        named = next((name for one in sources if (name := _robot_of(one, session_file))), None)
+        robot = None if named is None or is_fetched(named) else named
     coming = ledger.passing(
         chain.from_iterable(
             (one,) if isinstance(one, Session) else load_parts(one, topic, session_file, PART_SAMPLES)
@@ -184,6 +191,7 @@ def open_sessions(
     cutoff: float | None = None,
     learning: bool = True,
     accept: Sequence[str] = (),
+    motion: MotionSettings = USUAL_MOTION,
 ) -> Opened:
     """Reads, checks, mends and smooths sessions.
 
@@ -195,6 +203,7 @@ def open_sessions(
         cutoff: Corner of the common filter [Hz].
         learning: Whether something is to be fitted: then too little data is refused too.
         accept: Names of issues whose refusal is overruled.
+        motion: How a recording becomes a motion.
 
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.
@@ -203,14 +212,15 @@ def open_sessions(
     sessions, coming, robot = _begin(paths, robot, topic, session_file, ledger)
     arm = load_robot(robot, sessions)
     if coming is None:
-        return _open(sessions, arm, cutoff, learning, accepted)
-    passing = _Passing(cutoff, learning)
+        return _open(sessions, arm, cutoff, learning, accepted, motion)
+    passing = _Passing(cutoff, learning, motion)
     reports = inspect_parts(chain(emptied(sessions), coming), arm)
     motions = hold(passing.prepare(overrule(report, accepted, TOLD_BY_A_FIT) for report in reports))
     if not motions:
         raise no_motion(passing.reports[-1].session.path or passing.reports[-1].session.name)
     sizes = tuple((name, sum(pieces_of(motions, length) for length in runs)) for name, runs in passing.lengths.items())
     kept = (ledger.stamps, passing.records)
+    arm = as_mounted(arm, passing.reports[0].session)
     return Opened(arm.keeping(passing.joints), tuple(passing.reports), motions, sizes, kept)
 
 
@@ -221,6 +231,7 @@ class _Passing:
     Attributes:
         cutoff: Corner of the common filter [Hz].
         learning: Whether something is to be fitted.
+        motion: How a recording becomes a motion.
         joints: Of all parts.
         reports: Without runs.
         lengths: Samples of each run that became a motion, by session.
@@ -229,6 +240,7 @@ class _Passing:
 
     cutoff: float | None
     learning: bool
+    motion: MotionSettings
     joints: tuple[str, ...] = ()
     reports: list[TelemetryReport] = field(default_factory=list)
     lengths: dict[str, list[int]] = field(default_factory=dict)
@@ -248,7 +260,7 @@ class _Passing:
             self.reports.append(replace(report, session=session.replace(runs=())))
             self.records += _records(session)
             del report
-            for motion in prepare_each(session, self.cutoff):
+            for motion in prepare_each(session, self.cutoff, self.motion):
                 self.lengths.setdefault(session.name, []).append(len(motion.time))
                 yield motion
             del session  # a part is let go before the next is read
@@ -266,7 +278,13 @@ def open_for_model(
     Raises:
         InputError: As `open_sessions`; or a joint that the model speaks of is not recorded.
     """
-    opened = _open(load_sources(paths, topic, session_file), model.robot, cutoff, learning=False)
+    sources = load_sources(paths, topic, session_file)
+    for session in sources:
+        if session.robot:  # a recording of another arm is refused, whatever the arms are called
+            theirs = load_robot(None, (session,))
+            common = [name for name in theirs.joint_names if name in model.robot.joint_names]
+            model.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
+    opened = _open(sources, model.robot, cutoff, learning=False)
     missing = [name for name in model.joint_names if name not in opened.arm.joint_names]
     if missing:
         raise RecordingError(
@@ -278,7 +296,12 @@ def open_for_model(
 
 
 def _open(
-    sessions: Sequence[Session], arm: ArmModel, cutoff: float | None, learning: bool, accept: Sequence[str] = ()
+    sessions: Sequence[Session],
+    arm: ArmModel,
+    cutoff: float | None,
+    learning: bool,
+    accept: Sequence[str] = (),
+    motion: MotionSettings = USUAL_MOTION,
 ) -> Opened:
     reports = tuple(overrule(report, accept, TOLD_BY_A_FIT) for report in inspect_sessions(sessions, arm))
     for report in reports:
@@ -286,9 +309,11 @@ def _open(
     joints = reports[0].session.joints
     for report in reports[1:]:
         _require_same(report.session, joints, reports[0].session.name)
-    groups = [prepare(report.session, cutoff) for report in reports]
+    groups = [prepare(report.session, cutoff, motion) for report in reports]
     sizes = tuple((report.session.name, len(group)) for report, group in zip(reports, groups, strict=True))
-    return Opened(arm.keeping(joints), reports, tuple(chain.from_iterable(groups)), sizes)
+    return Opened(
+        as_mounted(arm, reports[0].session).keeping(joints), reports, tuple(chain.from_iterable(groups)), sizes
+    )
 
 
 def _require_same(session: Session, joints: tuple[str, ...], first: str) -> None:

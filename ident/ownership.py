@@ -17,7 +17,9 @@ from typing import Any
 from ident.errors import InputError
 
 MARKER = ".armgap.json"
-SCHEMA = "armgap.folder/1"
+SCHEMA, FILE_SCHEMA = "armgap.folder/1", "armgap.file/1"
+# The place of a record that is printed instead.
+STANDARD_OUTPUT = Path("-")
 # Kind of the folders of recordings that armgap writes; other kinds stand where they are written.
 SESSION_KIND = "session"
 # A marker lists some thousand files at most; a larger one is not ours [bytes].
@@ -144,8 +146,29 @@ def require_plain(path: Path) -> None:
         raise _unwritable(path, error) from None
 
 
+def mark_file(path: Path) -> None:
+    """Writes down beside a file that has no room for a mark, a CSV table, that it is ours as it stands now."""
+    record = {"schema": FILE_SCHEMA, "sha256": sha256_of(path)}
+    _mark_of(path).write_text(json.dumps(record) + "\n", encoding="utf-8")
+
+
+def remove_own_file(path: Path) -> bool:
+    """Removes a result of an earlier run, so that none stands as if new; whether there was one of ours."""
+    if not path.is_file() or path.is_symlink() or not is_own_file(path):
+        return False
+    path.unlink()
+    _mark_of(path).unlink(missing_ok=True)
+    return True
+
+
+def _mark_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}{MARKER}")
+
+
 def is_own_file(path: Path) -> bool:
-    """Whether a plain file shows the mark of armgap's results."""
+    """Whether a plain file shows the mark of armgap's results, or has an unbroken one beside it."""
+    if _read_record(_mark_of(path), FILE_SCHEMA).get("sha256") == sha256_of(path):
+        return True
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
         if head.startswith(b"PAR1"):
@@ -171,7 +194,7 @@ def check_outputs(
         InputError: A place is not free, can't be written to, is read by the same command, or is asked for twice.
     """
     whole = {option: (path, kind) for option, (path, kind) in (folders or {}).items() if path is not None}
-    single = {option: path for option, path in (files or {}).items() if path is not None}
+    single = {option: path for option, path in (files or {}).items() if path is not None and path != STANDARD_OUTPUT}
     places = {**{option: path for option, (path, _) in whole.items()}, **single}
     read = [Path(entry) for entry in inputs if entry is not None and _exists(Path(entry))]
     for option, path in places.items():
@@ -225,7 +248,10 @@ def sha256_of(path: Path) -> str:
 
 def _read_marker(folder: Path) -> dict[str, Any]:
     """The marker of a folder; empty where there is none that can be read."""
-    path = folder / MARKER
+    return _read_record(folder / MARKER, SCHEMA)
+
+
+def _read_record(path: Path, schema: str) -> dict[str, Any]:
     try:
         found = path.lstat()
         if not stat.S_ISREG(found.st_mode) or found.st_size > LARGEST_MARKER:
@@ -233,7 +259,7 @@ def _read_marker(folder: Path) -> dict[str, Any]:
         record = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return record if isinstance(record, dict) and record.get("schema") == SCHEMA else {}
+    return record if isinstance(record, dict) and record.get("schema") == schema else {}
 
 
 def _exists(path: Path) -> bool:

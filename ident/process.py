@@ -16,6 +16,7 @@ from typing import Any, NoReturn, TextIO
 
 from ident.errors import InputError, visible
 from ident.exit_status import SIGNALLED, SYSTEM, USER
+from ident.extras import missing_extra
 
 # What consoles without these characters show instead.
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}
@@ -76,6 +77,9 @@ def _run(name: str, module: str, signals: _Signals) -> int:
         elif isinstance(error, ImportError) and any(words in str(error) for words in UNMAPPED):
             say(MEMORY_FULL)
             return SYSTEM
+        elif (missing := missing_extra(error)) is not None:
+            say(str(missing))
+            return USER
         else:
             raise
     if signals.came or status == SIGNALLED + signal.SIGINT:  # typer turns Ctrl-C into this status

@@ -22,6 +22,10 @@ def own_version() -> str:
         return "unknown"
 
 
+# Digits of a file's hash by which it is known again.
+RUN_DIGITS = 12
+
+
 @dataclass(frozen=True)
 class SessionStamp:
     """One session that a result was made from.
@@ -30,12 +34,14 @@ class SessionStamp:
         path: Its folder or file; its name where it never was a file.
         sha256: Of its runs: of their files' hashes in order, or of their arrays where they never were files.
         first, last: Times of the first and the last sample on the session's clock [s]; None without any.
+        runs: First digits of each file's hash: whether two results were made from a common recording.
     """
 
     path: str
     sha256: str
     first: float | None
     last: float | None
+    runs: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, session: Session) -> SessionStamp:
@@ -45,7 +51,8 @@ class SessionStamp:
         return counter.stamp()
 
     def to_dict(self) -> dict[str, Any]:
-        return {"path": self.path, "sha256": self.sha256, "first": self.first, "last": self.last}
+        told = {"path": self.path, "sha256": self.sha256, "first": self.first, "last": self.last}
+        return {**told, "runs": list(self.runs)}
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,17 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
     return str(value)
+
+
+def runs_of(stamps: Iterable[SessionStamp]) -> frozenset[str]:
+    """First digits of the hashes of all files behind some stamps."""
+    return frozenset(run for stamp in stamps for run in stamp.runs)
+
+
+def files_of(record: Mapping[str, Any]) -> frozenset[str]:
+    """The same of a record's provenance: of a result's sessions, or of the data of a model."""
+    runs = (run for one in record.get("sessions", []) for run in one.get("runs", []))
+    return frozenset((*map(str, runs), *(str(one["sha256"])[:RUN_DIGITS] for one in record.get("data", []))))
 
 
 def stamp_sessions(sessions: Iterable[Session]) -> tuple[SessionStamp, ...]:
@@ -123,6 +141,7 @@ class _Stamping:
     def __init__(self) -> None:
         self._name, self._path = "", ""
         self._digest = hashlib.sha256()
+        self._runs: dict[str, None] = {}
         self._times: list[float] = []
 
     def goes_on_in(self, session: Session) -> bool:
@@ -132,13 +151,15 @@ class _Stamping:
     def take(self, session: Session) -> None:
         self._name, self._path = session.name, str(session.path or "")
         for run in session.runs:
-            self._digest.update(_run_digest(run))
+            digest = _run_digest(run)
+            self._digest.update(digest)
+            self._runs[digest.hex()[:RUN_DIGITS]] = None
             if len(run):
                 self._times += [float(run.time[0]), float(run.time[-1])]
 
     def stamp(self) -> SessionStamp:
         first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        return SessionStamp(self._path or self._name, self._digest.hexdigest(), first, last)
+        return SessionStamp(self._path or self._name, self._digest.hexdigest(), first, last, tuple(self._runs))
 
 
 def _run_digest(run: Recording) -> bytes:

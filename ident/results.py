@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from ident.files import atomic_write
+from ident.files import write_record
 from ident.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -47,13 +46,16 @@ class Result(ABC):
 
     def plot(self) -> Figure:
         """The result as a picture."""
+        from matplotlib.text import Text
+
         figure: Figure = import_module(self.SHOWN_BY).draw(self)
+        for text in figure.findobj(Text):
+            text.set_parse_math(False)  # a joint's name is no formula
         return figure
 
     def save(self, path: str | Path) -> None:
         """Writes the record as JSON, whole or not at all."""
-        with atomic_write(path) as part:
-            part.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
+        write_record(path, self.to_dict())
 
     def _repr_html_(self) -> str:
         return str(import_module("ident.show.panels").as_html(self.summary(), self.plot()))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 
-def number(default: float | tuple[float, ...], unit: str, meaning: str, source: str) -> Any:
+def number(default: float | str | tuple[float, ...], unit: str, meaning: str, source: str) -> Any:
     """A field of `Settings` that says what it is."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import stat
 import tomllib
@@ -25,7 +26,9 @@ LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+
 # Beyond these no figure of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
-LARGEST_PACKING, LEAST_UNPACKED = 100, 1 << 28
+LARGEST_PACKING = 100
+# What a file may unpack to however small it is [MB]: the default, and the variable by which a user sets another.
+LEAST_UNPACKED, UNPACKED_BY = 256.0, "ARMGAP_MOST_UNPACKED_MB"
 
 
 def require_regular(path: Path, remedy: str, error: type[InputError] = InputError, largest: int | None = None) -> int:
@@ -86,15 +89,16 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     return record
 
 
-def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
-    """The object in a JSON file of a schema of ours.
+def read_record(path: Path, schema: str | tuple[str, ...], remedy: str) -> dict[str, Any]:
+    """The object in a JSON file of a schema of ours, or of one of several.
 
     Raises:
         InputError: As `read_json`; or of another schema.
     """
     record = read_json(path, remedy)
-    if record.get("schema") != schema:
-        raise InputError(path, f"its schema is {record.get('schema')!r}, not {schema!r}", remedy)
+    wanted = (schema,) if isinstance(schema, str) else schema
+    if record.get("schema") not in wanted:
+        raise InputError(path, f"its schema is {record.get('schema')!r}, not {wanted[0]!r}", remedy)
     return record
 
 
@@ -130,11 +134,27 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
         raise error(path, f"not a NumPy archive of plain arrays ({_first_line(failed)})", remedy) from None
 
 
+def require_unpacked(packed: int, unpacked: int) -> None:
+    """Passes if what a file unpacks to is in proportion to its size: one limit for every kind of file.
+
+    Args:
+        packed: Size of the file [bytes].
+        unpacked: What is to be allocated for its content [bytes].
+
+    Raises:
+        ValueError: It is more than `LARGEST_PACKING` times the file, and more than the user's limit.
+    """
+    try:
+        least = float(os.environ.get(UNPACKED_BY, LEAST_UNPACKED)) * 1e6
+    except ValueError:
+        least = LEAST_UNPACKED * 1e6
+    if unpacked > max(LARGEST_PACKING * packed, least):
+        raise ValueError(f"{packed / 1e6:.1f} MB unpack to {unpacked / 1e9:.1f} GB or more; {UNPACKED_BY} allows it")
+
+
 def _require_sizes(archive: Any, path: Path) -> None:
-    """Raises ValueError for a packed array that is far larger than its file: nobody's recording of floats is."""
-    unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-    if unpacked > max(LARGEST_PACKING * path.stat().st_size, LEAST_UNPACKED):
-        raise ValueError(f"its arrays would take {unpacked / 1e9:.1f} GB")
+    """Raises ValueError for arrays that are far larger than their file: nobody's recording of floats is."""
+    require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
     for name in archive.zip.namelist():
         with archive.zip.open(name) as stream:
             _require_shape(stream, archive.zip.getinfo(name).file_size)

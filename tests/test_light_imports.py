@@ -1,6 +1,7 @@
 """What need not be loaded is not loaded: a help text, the version, completion, and commands without a net.
 
-Laws about modules, not about seconds: torch, cvxpy, MuJoCo and the like take seconds of processor time to load.
+Nor does a check, a diagnosis or a fit without a net need more than the core. Laws about modules, not about seconds:
+torch, cvxpy, MuJoCo and the like take seconds of processor time to load.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from ident.extras import EXTRA_OF
 from ident.recordings.load import load_session
 from ident.recordings.save import write_recording
 from ident.robot.names import data_path
@@ -34,6 +36,16 @@ HEAVY = (
     "distributed",
     "numpy",
 )
+# Of the extras' packages those that no package of the core brings along.
+BEYOND_CORE = sorted({*EXTRA_OF} - {"coal", "joblib", "pydantic", "typing_extensions"})
+CORE_ONLY = f"""
+import sys
+class Missing:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in {BEYOND_CORE!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Missing())
+"""
 RUN = """
 import sys
 from {package}.cli.app import main
@@ -57,9 +69,9 @@ def loaded(script: str, **environment: str) -> set[str]:
 
 
 def loaded_by(*arguments: object, **environment: str) -> set[str]:
-    """The same of a command."""
+    """The same of a command, where no extra is installed."""
     package, *rest = map(str, arguments)
-    return loaded(RUN.format(package=package, arguments=[package, *rest], heavy=HEAVY), **environment)
+    return loaded(CORE_ONLY + RUN.format(package=package, arguments=[package, *rest], heavy=HEAVY), **environment)
 
 
 @pytest.mark.parametrize("package", ["ident", "plan"])
@@ -100,20 +112,33 @@ def test_text_tables_load_no_other_format(tmp_path: Path) -> None:
     """Nor a progress bar where there is no terminal."""
     table = load_session(E1 / "01_trajectory_1.parquet").runs[0]
     write_recording(table, tmp_path / "run.csv")
-    script = RUN.format(
+    script = CORE_ONLY + RUN.format(
         package="ident",
         arguments=["ident", "inspect", str(tmp_path / "run.csv"), "--robot", "tm5-900"],
-        heavy=("pyarrow.parquet", "pyarrow.compute", "rich.progress", "jaxtyping", "scipy"),
+        heavy=("pyarrow.parquet", "pyarrow.compute", "rich.progress", "jaxtyping", "scipy.signal", "scipy.stats"),
     )
     assert loaded(script) == set()
 
 
 def test_a_fit_without_a_net_loads_neither_torch_nor_a_compiler(tmp_path: Path) -> None:
-    """Kernels that were compiled once are linked, and bounds that bind need no general solver, nor SciPy with it."""
+    """Kernels that were compiled once are linked; of solvers CVXPY is loaded, and SciPy with it."""
     fit = ("ident", "fit", E1, "--robot", "tm5-900", "--net", "none", "--out")
     loaded_by(*fit, tmp_path / "first")
-    heavy = {"torch", "cvxpy", "mujoco", "numba", "scipy", "sklearn", "rosbags", "matplotlib", "rerun", "pandas"}
+    heavy = {"torch", "mujoco", "numba", "sklearn", "rosbags", "matplotlib", "rerun", "pandas"}
     assert not loaded_by(*fit, tmp_path / "model") & heavy
+
+
+def test_a_missing_extra_ends_in_one_line_that_says_what_to_install(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"")
+    script = (
+        CORE_ONLY
+        + "import sys\nfrom ident.cli.start import main\nsys.argv = "
+        + repr(["ident", "inspect", str(tmp_path / "run.mcap"), "--robot", "tm5-900"])
+    )
+    done = subprocess.run([sys.executable, "-c", script + "\nmain()"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert 'pip install "armgap[bags]"' in done.stderr
 
 
 def test_a_slip_in_a_scene_file_is_told_before_anything_heavy_is_loaded(tmp_path: Path) -> None:

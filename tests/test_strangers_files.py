@@ -16,19 +16,18 @@ import pytest
 
 from ident.api.inspecting import inspect
 from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.write import write_export, write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.opening import open_sessions
-from ident.patches.change import Diagnosed
-from ident.patches.command import write_patch
-from ident.patches.export import write_export
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from plan.api.tasks import open_task
 from plan.geometry.arm_shapes import arm_shapes
 from plan.problem.task_file import load_surroundings
 from tests.fuzz.guard import Guard
-from tests.ident.patches.diagnoses import write_diagnosis
-from tests.ident.patches.test_patch_hostile import hostile_arm
+from tests.ident.export.diagnoses import write_diagnosis
+from tests.ident.export.test_patch_hostile import hostile_arm
 
 ROOT = Path(__file__).parents[1]
 # Runs as Python, in a shell, in a template, in a macro, in a page; leaves a text of its language.

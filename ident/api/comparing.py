@@ -11,7 +11,9 @@ from ident.diagnosis.change.result import ArmComparison
 from ident.opening import Robot, Sources, load_robot, load_sources
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
+from ident.robot.content import content_of
 from ident.telemetry import inspect_sessions
+from ident.telemetry.report import as_mounted
 
 
 def compare(
@@ -41,8 +43,10 @@ def compare(
     later = load_sources(after, topic, session_file)
     arm = load_robot(robot, (*earlier, *later))
     reports = inspect_sessions((*earlier, *later), arm)
+    arm = as_mounted(arm, reports[0].session)
     found = compare_reports(reports[: len(earlier)], reports[len(earlier) :], arm, cutoff, seed)
     used = None if np.isnan(found.cutoff) else found.cutoff
     settings = {"cutoff_hz": used, "seed": seed, "robot": arm.name, "sessions_before": len(earlier)}
+    settings["arm_sha256"] = content_of(arm.keeping(found.joints))
     stamps = stamp_sessions(report.session for report in reports)
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

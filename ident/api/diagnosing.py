@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from threadpoolctl import threadpool_limits
 
 from ident.api.fitting import Model, load_model
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.sequential import RepeatedLooks, look_until
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.diagnosis.until import RepeatedLooks, look_until
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
@@ -21,6 +23,7 @@ from ident.opening import Robot, Sources, inspect_in_parts, load_sources
 from ident.provenance import Provenance, StampLedger
 from ident.recordings.load import TOPIC
 from ident.recordings.recording import Session
+from ident.robot.content import content_of
 
 Catalogue = str | Path | Sequence[Effect]
 
@@ -40,6 +43,36 @@ class Examined:
     analysis: Analysis | None
     motions: Sequence[Motion]
     model: HybridModel | None
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """How recordings are diagnosed; each is an option of `ident diagnose` too.
+
+    Attributes:
+        model: Model fitted to this arm, or its folder: its inertias count as known.
+        catalogue: Further effects, or a Python file with them (which is run).
+        cutoff: Corner of the filter for torques and columns [Hz]; from the encoders' noise, 25 Hz at most, if None.
+        seed: Of the sign-flip tests.
+        topic: Topic of bags.
+        session_file: A session.toml for folders that can't hold one.
+        accept: Names of telemetry issues whose refusal is overruled.
+        settings: The numbers by which it is decided; its `describe()` says what each is.
+    """
+
+    model: Model | None = None
+    catalogue: Catalogue | None = None
+    cutoff: float | None = None
+    seed: int = 0
+    topic: str = TOPIC
+    session_file: str | Path | None = None
+    accept: Sequence[str] = ()
+    settings: DiagnosisSettings = USUAL
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.settings, DiagnosisSettings):
+            what = f"a {type(self.settings).__name__} is no settings"
+            raise InputError("settings", what, "give an ident.DiagnosisSettings")
 
 
 def diagnose(
@@ -72,97 +105,60 @@ def diagnose(
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
     """
-    return examine(
-        source,
-        robot,
-        model=model,
-        catalogue=catalogue,
-        cutoff=cutoff,
-        seed=seed,
-        topic=topic,
-        session_file=session_file,
-        accept=accept,
-        settings=settings,
-    ).diagnosis
+    options = DiagnoseOptions(model, catalogue, cutoff, seed, topic, session_file, accept, settings)
+    return examine(source, robot, options).diagnosis
 
 
-def examine(
-    source: Sources,
-    robot: Robot | None = None,
-    *,
-    model: Model | None = None,
-    catalogue: Catalogue | None = None,
-    cutoff: float | None = None,
-    seed: int = 0,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    accept: Sequence[str] = (),
-    settings: DiagnosisSettings = USUAL,
-) -> Examined:
+# Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as long.
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
     """The same with all that pages and timelines need."""
+    model, settings, seed = options.model, options.settings, options.seed
     loaded = None if model is None else load_model(model)
-    effects = gather_effects(catalogue)
-    if not isinstance(settings, DiagnosisSettings):
-        what = f"a {type(settings).__name__} is no settings"
-        raise InputError("settings", what, "give an ident.DiagnosisSettings")
+    effects = gather_effects(options.catalogue)
     ledger = StampLedger()
-    arm, reports = inspect_in_parts(source, robot, topic, session_file, ledger, accept, settings.telemetry)
+    arm, reports = inspect_in_parts(
+        source, robot, options.topic, options.session_file, ledger, options.accept, settings.telemetry
+    )
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, cutoff, seed, loaded, settings)
-    options = {
-        "cutoff_hz": motions[0].lowpass.cutoff if motions else cutoff or settings.motion.cutoff_hz,
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, options.cutoff, seed, loaded, settings)
+    chosen = {
+        "cutoff_hz": motions[0].lowpass.cutoff if motions else options.cutoff or settings.motion.cutoff_hz,
         "seed": seed,
         "model": None if loaded is None else loaded.robot.name if isinstance(model, HybridModel) else str(model),
         "effects": [effect.id for effect in effects],
         "diagnosis": settings.to_dict(),
-        "accepted": list(accept),
+        "accepted": list(options.accept),
+        "arm_sha256": content_of(arm.keeping(diagnosis.joints)),
     }
-    origin = Provenance("ident diagnose", settings=options, sessions=ledger.stamps)
+    origin = Provenance("ident diagnose", settings=chosen, sessions=ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 
 def examine_until(
-    sure: float,
-    source: Sources,
-    robot: Robot | None = None,
-    *,
-    model: Model | None = None,
-    catalogue: Catalogue | None = None,
-    cutoff: float | None = None,
-    seed: int = 0,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    accept: Sequence[str] = (),
-    settings: DiagnosisSettings = USUAL,
+    sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions
 ) -> tuple[Examined, RepeatedLooks]:
     """Looks at more and more runs, in their order, until the diagnosis is sure or no run is left.
 
     Args:
         sure: Least probability of every name, and one less the chance of a false name over all looks.
-        source, robot, model, catalogue, cutoff, seed, topic, session_file, accept, settings: As for `diagnose`.
+        source, robot: As for `diagnose`.
+        options: How each look is made.
 
     Returns:
         The last look with all that pages need, and what all looks said.
     """
-    sessions = load_sources(source, topic, session_file)
+    sessions = load_sources(source, options.topic, options.session_file)
     examined: list[Examined] = []
 
     def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:
-        found = examine(
-            first_runs(sessions, runs),
-            robot,
-            model=model,
-            catalogue=catalogue,
-            cutoff=cutoff,
-            seed=seed,
-            accept=accept,
-            settings=spent,
-        )
+        own = replace(options, session_file=None, settings=spent)
+        found = examine(first_runs(sessions, runs), robot, own)
         examined[:] = [found]
         return found.diagnosis
 
-    looks = look_until(look, sum(len(session.runs) for session in sessions), sure, settings)
+    looks = look_until(look, sum(len(session.runs) for session in sessions), sure, options.settings)
     return examined[0], looks
 
 

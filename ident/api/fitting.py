@@ -53,7 +53,7 @@ def fit_hybrid(
     if isinstance(source, Opened):
         opened = source
     else:
-        opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept)
+        opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept, motion=options.motion)
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
     data = opened.data_records()
     found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, progress, checkpoint, laws)
@@ -62,6 +62,9 @@ def fit_hybrid(
     found = replace(found, model=model)
     settings = {**vars(options), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     return found.with_provenance(Provenance("ident fit", settings=settings, sessions=opened.stamps))
+
+
+fit = fit_hybrid  # as the command is called
 
 
 def evaluate(

@@ -11,25 +11,24 @@ from ident.api.diagnosing import Catalogue, gather_effects
 from ident.diagnosis.result import Diagnosis
 from ident.effects.base import Effect
 from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.write import open_heldout, write_patch
 from ident.opening import Robot, Sources, load_robot
-from ident.patches.change import Diagnosed
-from ident.patches.command import open_heldout, write_patch
-from ident.patches.printing import gap_figures, print_patch
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.results import Result
 
 
 @dataclass(frozen=True, eq=False)
-class Patch(Result):
-    """A patch that was written.
+class Written(Result):
+    """Files of an identified arm.
 
     Attributes:
-        folder: Where it lies.
-        record: What `patch.json` holds.
+        folder: Where they lie.
+        record: What `patch.json` or `export.json` holds.
     """
 
-    SHOWN_BY = "ident.api.patching"
+    SHOWN_BY = "ident.export.printing"
 
     folder: Path
     record: Mapping[str, Any]
@@ -48,7 +47,7 @@ def patch(
     catalogue: Catalogue | None = None,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
-) -> Patch:
+) -> Written:
     """The named effects as URDF, MJCF, parameter file and Python module, each loaded back.
 
     Args:
@@ -70,7 +69,7 @@ def patch(
     origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
     record = write_patch(diagnosed, arm, Path(out), motions, origin, None if into is None else Path(into))
-    return Patch(Path(out), record, provenance=origin)
+    return Written(Path(out), record, provenance=origin)
 
 
 def _diagnosed(diagnosis: Diagnosis | Mapping[str, Any] | str | Path, effects: Sequence[Effect]) -> Diagnosed:
@@ -82,18 +81,3 @@ def _diagnosed(diagnosis: Diagnosis | Mapping[str, Any] | str | Path, effects: S
         return Diagnosed.of_record(dict(diagnosis), effects)
     what = f"a {type(diagnosis).__name__} is no diagnosis"
     raise InputError("diagnosis", what, "give a Diagnosis, its record or its JSON file")
-
-
-def summary(result: Patch) -> str:
-    """What is expressed where, as the command prints it."""
-    from ident.show.panels import as_text
-
-    return as_text(lambda console: print_patch(console, dict(result.record), result.folder))
-
-
-def draw(result: Patch) -> Any:
-    """Torque gap of each file before and after, where it was measured."""
-    from ident.show.panels import draw_bars
-
-    names, rows = gap_figures(result.record.get("heldout"))
-    return draw_bars(names, rows, "torque gap [N m]", f"patch of {result.record['robot']}")

@@ -6,10 +6,13 @@ from pathlib import Path
 
 from ident.api.fitting import Model, load_model
 from ident.errors import RecordingError
+from ident.export.randomised import RANGES_KIND, write_ranges
 from ident.opening import Robot, Sources, open_sessions
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.watching.ranges import Ranges, find_ranges
+
+__all__ = ["RANGES_KIND", "ranges"]
 
 
 def ranges(
@@ -17,6 +20,7 @@ def ranges(
     robot: Robot | None = None,
     *,
     model: Model | None = None,
+    out: str | Path | None = None,
     topic: str = TOPIC,
     session_file: str | Path | None = None,
     cutoff: float | None = None,
@@ -27,6 +31,7 @@ def ranges(
         sessions: One for each day, as folders or files of runs.
         robot: URDF path, name or arm; None takes the one named in session.toml.
         model: A fitted model whose inertias are the reference of all days; those of the URDF if None.
+        out: Folder for randomisation files of Isaac Lab and MuJoCo Playground.
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         cutoff: Corner of the filter for torques and columns [Hz].
@@ -46,5 +51,10 @@ def ranges(
         twice = next(name for name in names if names.count(name) > 1)
         raise RecordingError(twice, "two sessions have this name", "give folders of different names")
     found = find_ranges(days, reference)
+    if out is not None:
+        tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
+        for one in found.ranges:
+            tables[one.joint][one.figure] = one.low, one.high
+        write_ranges(Path(out), found.robot, tables)
     settings = {"robot": opened.arm.name, "model": None if loaded is None else loaded.robot.name, "cutoff_hz": cutoff}
     return found.with_provenance(Provenance("ident ranges", settings=settings, sessions=opened.stamps))

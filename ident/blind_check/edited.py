@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.law_model import LawModel, log_error
 from ident.motion.motion import Motion
-from ident.patches.bodies import tuned_arm
-from ident.patches.change import Diagnosed
-from ident.patches.command import known_effects
-from ident.patches.module import describe_arm
-from ident.patches.simulator_models import LawModel, log_error
-from ident.patches.standalone.log import Effect
-from ident.patches.standalone.motion import Losses
 from ident.robot.arm import ArmModel
 
 
@@ -25,14 +20,10 @@ class EditedModel:
     """Tuned links, losses and laws, as a patch's module holds them.
 
     Attributes:
-        arm: The arm with tuned links, without named effects.
-        losses: Tuned together with the names.
-        effects: The laws that are left in.
+        identified: The arm with the laws that are left in.
     """
 
-    arm: ArmModel
-    losses: Losses
-    effects: tuple[Effect, ...]
+    identified: IdentifiedArm
 
     @classmethod
     def of(cls, record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()) -> EditedModel:
@@ -44,20 +35,20 @@ class EditedModel:
             taken_out: Places of the findings that are taken out.
         """
         diagnosed = Diagnosed.of_record(dict(record), needed=False)
-        kept = [change for k, change in enumerate(diagnosed.changes) if k not in taken_out]
-        return cls(tuned_arm(arm, diagnosed)[0], diagnosed.tuned.losses, tuple(known_effects(kept)[0]))
+        whole = diagnosed.candidates(arm)["after"]
+        kept = tuple(change for k, change in enumerate(diagnosed.changes) if k not in taken_out)
+        return cls(replace(whole, changes=kept))
 
     @classmethod
     def tuned_alone(cls, record: Mapping[str, Any], arm: ArmModel) -> EditedModel:
         """What the same recordings give where nothing is named: the best tuning of links and losses."""
-        plain = {**record, "findings": [], "baseline": record["baseline_alone"]}
-        return cls.of(plain, arm)
+        return cls(Diagnosed.of_record(dict(record), needed=False).candidates(arm)["tuned"])
 
     def rms(self, motions: Sequence[Motion]) -> Float[Array, " n"]:
         """Error of the filtered torque where joints move steadily, by joint [N m]."""
         squares, counts = np.zeros(motions[0].n), np.zeros(motions[0].n)
         for motion in motions:
-            model = LawModel(describe_arm(self.arm.with_payload(motion.payload)), self.losses, self.effects)
+            model = LawModel.of(self.identified, motion.payload)
             squares += np.sum(log_error(model, motion) ** 2, axis=0)
             counts += motion.settled.sum(axis=0)
         return np.sqrt(squares / np.maximum(counts, 1.0))

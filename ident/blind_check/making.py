@@ -6,19 +6,14 @@ import hashlib
 import json
 import time
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ident.blind_check.cases import OTHER_EFFECTS_FROM, Case, Slot, draw_case, draw_world_of
+from ident.blind_check.cases import Case, Slot, draw_case, draw_world_of
 from ident.blind_check.oracle import bound_of
-from ident.blind_check.semi_real import EFFECTS, RealArm, add_effect
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.plant.answer import Answer, seal
-from ident.plant.request import EffectRequest
 from ident.plant.simulate import SimulationOptions, simulate
 from ident.plant.world import WorldRange
 from ident.recordings.recording import Session
@@ -40,7 +35,6 @@ class MakeTask:
         session: Folder for the recordings.
         sealed: Folder for the envelope.
         stamp: Of the simulating code.
-        sources: Folders of real recordings to which the effect is added; empty to simulate.
         worlds: Where the case's world is drawn from; empty for the plant's own.
         oracle: Whether the bound of single effects is worked out.
     """
@@ -52,7 +46,6 @@ class MakeTask:
     session: Path
     sealed: Path
     stamp: str
-    sources: tuple[Path, ...] = ()
     worlds: tuple[WorldRange, ...] = ()
     oracle: bool = True
 
@@ -69,7 +62,6 @@ class Made:
     session: Session
     answer: Answer
     robot: str
-    source: int = -1
     oracle: float | None = None
 
 
@@ -78,7 +70,7 @@ def make(task: MakeTask) -> str:
     start, used = time.perf_counter(), time.process_time()
     for attempt in range(MOST_ATTEMPTS):
         try:
-            made, excluded = _add_to_real(task, attempt) if task.sources else _simulate(task, attempt)
+            made, excluded = _simulate(task, attempt)
             break
         except InputError:
             if attempt == MOST_ATTEMPTS - 1:
@@ -91,7 +83,6 @@ def make(task: MakeTask) -> str:
             "attempt": attempt,
             "excluded": list(excluded),
             "robot": made.robot,
-            "source": made.source,
             "starts": [float(run.time[0]) for run in made.session.runs],
             "oracle": made.oracle,
             "seconds": time.perf_counter() - start,
@@ -119,24 +110,6 @@ def _simulate(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
     return Made(
         simulation.session, simulation.answer, case.options.robot, oracle=bound.accuracy if bound else None
     ), case.excluded
-
-
-@lru_cache(maxsize=2)
-def _load_real(folder: Path) -> RealArm:
-    """Reading and smoothing takes longer than the rest: a process keeps what it reads."""
-    return RealArm.load(folder)
-
-
-def _add_to_real(task: MakeTask, attempt: int) -> tuple[Made, tuple[str, ...]]:
-    rng = np.random.default_rng([task.seed, 3, task.number, attempt])
-    source = int(rng.integers(len(task.sources)))
-    real = _load_real(task.sources[source])
-    joint = int(rng.integers(real.arm.n))
-    effect = task.slot.effect if attempt < OTHER_EFFECTS_FROM else str(rng.choice(EFFECTS))
-    request = EffectRequest(effect, real.arm.joint_names[joint], amplitude=task.slot.amplitude)
-    session, answer = add_effect(real, request, joint, int(rng.integers(2**62)))
-    session = session.replace(name=task.slot.name, robot=real.robot)
-    return Made(session, answer, real.robot, source), ()
 
 
 def _write(path: Path, record: dict[str, Any]) -> None:

@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from ident.blind_check.cases import FULL_MIX, Slot, plan_slots
-from ident.blind_check.code_stamp import stamp_of
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ident.blind_check.cases import FULL_MIX, plan_slots
 from ident.blind_check.editing import EditTask, edit
 from ident.blind_check.examining import ExamineTask, examine
 from ident.blind_check.making import MADE_NAME, MakeTask, case_key, make
 from ident.blind_check.pages import write_blind_pages
 from ident.blind_check.scoring import Outcome, score_case
-from ident.blind_check.semi_real import EFFECTS, find_sources
 from ident.blind_check.summary import BlindReport
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.plant.answer import open_envelope
 from ident.plant.simulate import SimulationOptions
-from ident.plant.world_presets import find_worlds
+from ident.plant.world import find_worlds
 from ident.provenance import Provenance
 from ident.untrusted_files import read_json
 from ident.workers import run_tasks
 
-RUN_NAME, REPORT_NAME = "run.json", "blind.json"
-# The kinds of process: cases are made, diagnosed or edited again when the code that they import has changed.
-MAKING, EXAMINING = "ident.blind_check.making", "ident.blind_check.examining"
-EDITING = "ident.blind_check.editing"
-
+RUN_NAME, REPORT_NAME, ROWS_NAME = "run.json", "blind.json", "cases.parquet"
 Say = Callable[[str], None]
 Progress = Callable[[str, int, int], None]
+T = TypeVar("T", MakeTask, ExamineTask, EditTask)
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,6 @@ class BlindOptions:
         scheduler: Address of a Dask scheduler instead; its workers must see `out` by the same path.
         mix: Shares of the kinds of case.
         robot: URDF path or name.
-        semi_real: Folder of real recordings to which known effects are added, instead of simulated cases.
         runs, duration: Number of runs of each session, and their rough duration [s]; of a world, its own.
         oracle: Whether the most that anybody can name is worked out, for single effects in worlds.
         worlds: Names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own.
@@ -62,7 +61,6 @@ class BlindOptions:
     scheduler: str | None = None
     mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))
     robot: str = "tm5-900"
-    semi_real: Path | None = None
     runs: int = 10
     duration: float = 8.0
     worlds: str = ""
@@ -83,30 +81,31 @@ def run_blind(
     Raises:
         InputError: Options that make no sense, or another check in the folder.
     """
-    seed = _begin(options)
+    seed = begin_check(options, _settings(options))
     tasks = _make_tasks(options, seed)
-    _make_all(tasks, options, progress)
-    made = {task.slot.name: _read(task.sealed / MADE_NAME) for task in tasks}
+    step = partial(_step, options, progress)
+    made = step("simulating", make, {task.slot.name: (task.sealed / MADE_NAME, task) for task in tasks})
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
-    results = _examine_all(tasks, made, options, progress)
-    edits = _edit_all(tasks, made, options, progress) if options.edit else {}
+    results = step("diagnosing", examine, _to_examine(tasks, made, options))
+    edits = step("editing", edit, _to_edit(tasks, made, options)) if options.edit else {}
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
         outcomes=tuple(_open(task, made[task.slot.name], results, edits) for task in tasks),
         provenance=Provenance("ident blind", settings={**_settings(options), "seed": seed}),
-        run={**_settings(options), "plant": tasks[0].stamp, "diagnosis": stamp_of(EXAMINING)},
+        run={**_settings(options), "code": code_stamp()},
     )
-    with atomic_write(options.out / REPORT_NAME) as part:
-        part.write_text(json.dumps(report.to_dict(), indent=1) + "\n", encoding="utf-8")
+    report.save(options.out / REPORT_NAME)
+    with atomic_write(options.out / ROWS_NAME) as part:
+        pq.write_table(pa.Table.from_pylist([one.to_row() for one in report.outcomes]), part)
     write_blind_pages(report, {name: result.get("diagnosis") for name, result in results.items()}, options.out)
     return report
 
 
-def _begin(options: BlindOptions) -> int:
-    """Checks the options, and that the folder holds no other check; returns the seed."""
+def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
+    """Checks the options, and that the folder holds no other check than one with these settings; returns the seed."""
     if options.cases < 1:
         raise InputError("--cases", f"{options.cases} cases", "ask for one or more")
     if options.workers < 1:
@@ -114,10 +113,8 @@ def _begin(options: BlindOptions) -> int:
     if options.seed is not None and not 0 <= options.seed < 2**62:
         raise InputError("--seed", f"{options.seed}", "choose a number from 0 to 2^62")
     if options.worlds:
-        if options.semi_real is not None:
-            raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
         find_worlds(options.worlds)
-    path, settings = options.out / RUN_NAME, _settings(options)
+    path = options.out / RUN_NAME
     if path.is_file():
         try:
             before = _read(path)
@@ -141,7 +138,6 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
         "cases": options.cases,
         "mix": dict(options.mix),
         "robot": options.robot,
-        "semi_real": str(options.semi_real) if options.semi_real else None,
         "runs": options.runs,
         "duration": options.duration,
         **({"worlds": options.worlds, "oracle": options.oracle} if options.worlds else {}),
@@ -149,9 +145,8 @@ def _settings(options: BlindOptions) -> dict[str, Any]:
 
 
 def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
-    stamp = stamp_of(MAKING)
+    stamp = code_stamp()
     base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
-    sources = find_sources(options.semi_real) if options.semi_real else ()
     worlds = find_worlds(options.worlds) if options.worlds else ()
     return [
         MakeTask(
@@ -162,96 +157,64 @@ def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
             session=(options.out / "sessions" / slot.name).resolve(),
             sealed=(options.out / "sealed" / slot.name).resolve(),
             stamp=stamp,
-            sources=tuple(source.resolve() for source in sources),
             worlds=worlds,
             oracle=options.oracle,
         )
-        for number, slot in enumerate(_slots(options, seed))
+        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
     ]
 
 
-def _slots(options: BlindOptions, seed: int) -> tuple[Slot, ...]:
-    if options.semi_real is None:
-        return plan_slots(options.cases, options.mix, seed)
-    slots = plan_slots(options.cases, {"single": 1.0}, seed, EFFECTS)
-    return tuple(replace(slot, kind="semi_real", rich=True) for slot in slots)
+def _to_examine(
+    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions
+) -> dict[str, tuple[Path, ExamineTask]]:
+    """Diagnoses of all cases: files and tasks; those of an earlier version, or of another seal, are had anew."""
+    found = {}
+    for task in tasks:
+        name, record = task.slot.name, made[task.slot.name]
+        path, stamp = (options.out / "results" / f"{name}.json").resolve(), f"{code_stamp()} {record['sha256']}"
+        found[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamp)
+    return found
 
 
-def _make_all(tasks: Sequence[MakeTask], options: BlindOptions, progress: Progress) -> None:
-    waiting = [task for task in tasks if not _is_done(task.sealed / MADE_NAME, task.stamp)]
-    done = _counter("simulating", len(tasks) - len(waiting), len(tasks), progress)
-    run_tasks(make, waiting, options.workers, options.scheduler, done)
+def _to_edit(
+    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions
+) -> dict[str, tuple[Path, EditTask]]:
+    """Edit tests of simulated single effects: files and tasks."""
+    found = {}
+    for task in (one for one in tasks if one.slot.kind == "single"):
+        name, record = task.slot.name, made[task.slot.name]
+        result, path = ((options.out / folder / f"{name}.json").resolve() for folder in ("results", "edits"))
+        stamp = f"{code_stamp()} {record['sha256']}"
+        found[name] = path, EditTask(task, int(record["attempt"]), result, path, stamp)
+    return found
 
 
-def _examine_all(
-    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, progress: Progress
+def _step(
+    options: BlindOptions,
+    progress: Progress,
+    name: str,
+    function: Callable[[T], str],
+    tasks: Mapping[str, tuple[Path, T]],
 ) -> dict[str, dict[str, Any]]:
-    """Results of all cases; those of an earlier version of the diagnosis, or of another seal, are had anew."""
-    stamp = stamp_of(EXAMINING)
-    asked = [
-        ExamineTask(
-            session=task.session,
-            robot=made[task.slot.name]["robot"],
-            excluded=tuple(made[task.slot.name]["excluded"]),
-            result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
-            stamp=f"{stamp} {made[task.slot.name]['sha256']}",
-        )
-        for task in tasks
-    ]
-    asked += _untouched(tasks, made, options, stamp)
-    waiting = [task for task in asked if not _is_done(task.result, task.stamp)]
-    done = _counter("diagnosing", len(asked) - len(waiting), len(asked), progress)
-    run_tasks(examine, waiting, options.workers, options.scheduler, done)
-    return {task.result.stem: _read(task.result) for task in asked}
-
-
-def _edit_all(
-    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, progress: Progress
-) -> dict[str, dict[str, Any]]:
-    """Outcomes of the edit tests of simulated single effects."""
-    code = f"{stamp_of(EDITING)} {stamp_of(EXAMINING)}"
-    asked = [
-        EditTask(
-            made=task,
-            attempt=int(made[task.slot.name]["attempt"]),
-            result=(options.out / "results" / f"{task.slot.name}.json").resolve(),
-            edited=(options.out / "edits" / f"{task.slot.name}.json").resolve(),
-            stamp=f"{code} {made[task.slot.name]['sha256']}",
-        )
-        for task in tasks
-        if task.slot.kind == "single"
-    ]
-    waiting = [task for task in asked if not _is_done(task.edited, task.stamp)]
-    done = _counter("editing", len(asked) - len(waiting), len(asked), progress)
-    run_tasks(edit, waiting, options.workers, options.scheduler, done)
-    return {task.edited.stem: _read(task.edited) for task in asked}
-
-
-def _untouched(
-    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions, stamp: str
-) -> list[ExamineTask]:
-    """The real recordings as they are: what is named there already was not found, but there."""
-    used = {one["source"]: one["robot"] for one in made.values() if one["source"] >= 0}
-    return [
-        ExamineTask(
-            session=tasks[0].sources[source],
-            robot=robot,
-            excluded=(),
-            result=(options.out / "results" / f"untouched_{source}.json").resolve(),
-            stamp=stamp,
-        )
-        for source, robot in sorted(used.items())
-    ]
-
-
-def _counter(step: str, already: int, total: int, progress: Progress) -> Callable[[str], None]:
+    """What a step wrote of each case; what is there already is not done again."""
+    waiting = [task for path, task in tasks.values() if not _is_done(path, task.stamp)]
     finished: set[str] = set()
 
-    def count(name: str) -> None:
-        finished.add(name)
-        progress(step, already + len(finished), total)
+    def count(case: str) -> None:
+        finished.add(case)
+        progress(name, len(tasks) - len(waiting) + len(finished), len(tasks))
 
-    return count
+    run_tasks(function, waiting, options.workers, options.scheduler, count)
+    return {case: _read(path) for case, (path, _) in tasks.items()}
+
+
+@cache
+def code_stamp() -> str:
+    """Short hash of this package's source: a result of an earlier version is had anew."""
+    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _is_done(path: Path, stamp: str) -> bool:
@@ -271,8 +234,7 @@ def _open(
     """Opens a case's envelope and scores it."""
     slot = task.slot
     answer = open_envelope(task.sealed, case_key(task.seed, slot.name))
-    there = results.get(f"untouched_{made['source']}", {}).get("diagnosis")
-    outcome = score_case(slot, answer, results[slot.name], made["starts"], there)
+    outcome = score_case(slot, answer, results[slot.name], made["starts"])
     return replace(outcome, oracle=made.get("oracle"), edit=edits.get(slot.name, {}).get("ratio"))
 
 

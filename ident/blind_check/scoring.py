@@ -4,29 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf
 from typing import Any
 
 import numpy as np
 
-from ident.blind_check.cases import FULL_MIX, Slot
-from ident.blind_check.ranks import place_of_truth
-from ident.blind_check.world_axes import EXCUSED_BY_URDF, urdf_is_wrong, world_axes
+from ident.blind_check.cases import Slot
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.plant.answer import Answer, TrueEffect
 
 REFUSING = ("none_of_catalogue", "partial")
-# Kinds of case whose whole truth is known.
-SIMULATED = tuple(FULL_MIX)
 # A name at this probability or above is confident.
 CONFIDENT = 0.8
 # An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
 SHOWN_SHARE = 1.0 / 3.0
 # Causes outside the catalogue are none of these.
 KNOWN = {effect.id: effect for effect in CATALOGUE}
-# Where names are right or wrong. A probability reckons with causes that the catalogue lacks: it is held to them, too.
-JUDGED = ("single", "healthy", "decoy", "pair", "triple", "excluded", "outside")
+# Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true [1], [m].
+WRONG_LINK_ERROR, WRONG_COM_M = 0.08, 0.008
+# Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
+EXCUSED_BY_URDF = ("link_inertial_error", "payload")
 
 
 @dataclass(frozen=True)
@@ -39,11 +36,6 @@ class Coverage:
     value: float
     low: float
     high: float
-
-    @property
-    def place(self) -> float | None:
-        """Of the truth in what was told, from 0 to 1; None where no width was told."""
-        return place_of_truth(self.true, self.value, self.low, self.high, self.parameter == "phase_rad")
 
     @property
     def inside(self) -> bool:
@@ -69,23 +61,21 @@ class Outcome:
         class_aware: Whether the true effect is in the first name's class.
         joint: Whether the first name is at the true joint.
         class_size: Of the first name's class; None without a name.
-        odds: Of the first name against each effect that was weighed beside it.
         refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
         set_f1: Of all names with their joints against the truth.
         shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
-        coverage: True figures against intervals, of all true names.
+        coverage: True parameters against intervals, of all true names.
         right: Whether each name is true.
+        excused: Whether each name is true of the world, though nothing of the kind was hidden.
         rivals: Names of the plain methods.
         seconds: Time of the diagnosis.
         error: What went wrong, if it failed.
-        world: The properties of its world by which scores are told.
-        urdf_wrong: Whether the URDF of its world is wrong beyond any tolerance.
-        excused: Whether each name is true of the world, though nothing of the kind was hidden.
+        world: The world that it was drawn in; empty without one.
         refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
-        leftover: How far what is left stands out of the noise at the worst joint; None where nothing is fitted.
         oracle: Probability that an oracle names the effect; None where it was not asked.
         edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less
             the cause; `tuned`, nothing named; `unedited`. None without a test.
+        robot, joints: What was diagnosed.
     """
 
     name: str
@@ -99,24 +89,26 @@ class Outcome:
     class_aware: bool = False
     joint: bool = False
     class_size: int | None = None
-    odds: Mapping[str, float] = field(default_factory=dict)
     refused: bool = False
     set_f1: float | None = None
     shrink_share: float | None = None
     coverage: tuple[Coverage, ...] = ()
     right: tuple[bool, ...] = ()
+    excused: tuple[bool, ...] = ()
     rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     seconds: float | None = None
     error: str = ""
-    world: Mapping[str, float | str] = field(default_factory=dict)
-    urdf_wrong: bool = False
-    excused: tuple[bool, ...] = ()
+    world: Mapping[str, Any] = field(default_factory=dict)
     refusal_score: float | None = None
-    leftover: float | None = None
     oracle: float | None = None
     edit: Mapping[str, float] | None = None
     robot: str = ""
     joints: tuple[str, ...] = ()
+
+    @property
+    def urdf_wrong(self) -> bool:
+        """Whether the URDF of its world is wrong beyond any tolerance."""
+        return urdf_is_wrong(self.world)
 
     @property
     def false_names(self) -> list[bool]:
@@ -134,16 +126,6 @@ class Outcome:
         return any(self.right) and self.has_false_name
 
     @property
-    def class_score(self) -> float | None:
-        """Odds that the first name's class needs to hold the one true effect.
-
-        At least 1; infinite where the truth was not weighed; None without a name, or where not one effect is true.
-        """
-        if self.class_size is None or len(self.truth) != 1:
-            return None
-        return 1.0 if self.strict else max(self.odds.get(self.truth[0][0], inf), 1.0)
-
-    @property
     def told_gap(self) -> bool:
         """Whether the verdict is anything but that all is well."""
         return self.verdict != "no_gap"
@@ -156,17 +138,20 @@ class Outcome:
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether a name that is not true was given with confidence; nobody knows all that is true of a real arm."""
+        """Whether a name that is not true was given with confidence."""
         wrong = [p for (_, _, p), false in zip(self.named, self.false_names, strict=True) if false]
-        told = self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
-        return told and self.kind in SIMULATED
+        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
 
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
-        record["world"] = dict(self.world)
-        record["odds"] = dict(self.odds)
-        record["coverage"] = [{**vars(one), "inside": one.inside, "place": one.place} for one in self.coverage]
-        return record
+        return {**record, "coverage": [{**vars(one), "inside": one.inside} for one in self.coverage]}
+
+    def to_row(self) -> dict[str, Any]:
+        """Numbers and words of the case and of its world, for a table with a row a case."""
+        flat = {
+            key: value for key, value in vars(self).items() if value is None or isinstance(value, str | float | int)
+        }
+        return {**flat, **{f"world.{key}": value for key, value in self.world.items()}}
 
 
 def score_case(
@@ -174,7 +159,6 @@ def score_case(
     answer: Answer,
     result: Mapping[str, Any],
     starts: Sequence[float] = (),
-    untouched: Mapping[str, Any] | None = None,
 ) -> Outcome:
     """Scores a case.
 
@@ -183,7 +167,6 @@ def score_case(
         answer: From its opened envelope.
         result: What the diagnosing process wrote.
         starts: Session time at which each run starts [s].
-        untouched: Diagnosis of the recordings to which the effect was added (semi-real cases).
     """
     name, kind, rich = slot.name, slot.kind, slot.rich
     amplitude = _amplitude(slot, answer)
@@ -196,9 +179,6 @@ def score_case(
     excused = [match is None and _is_excused(f, answer) for match, f in zip(matches, findings, strict=True)]
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
     first = counted[0] if counted else None
-    if kind == "semi_real":  # a real arm has gaps of its own: its names may come first
-        first = _nearest(findings, answer)
-        kind = "already_there" if _is_there(untouched, answer) else kind
     only = answer.effects[0] if len(answer.effects) == 1 else None
     return Outcome(
         name=name,
@@ -212,22 +192,26 @@ def score_case(
         class_aware=bool(first and only and only.effect in first["class"]),
         joint=bool(first and only and _is_at(only, first, answer)),
         class_size=len(first["class"]) if first else None,
-        odds={name: float(one) for name, one in first.get("rivals", {}).items()} if first else {},
         refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
         set_f1=_f1(len(counted), matches, len(truth)) if truth else None,
-        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer, slot.kind in SIMULATED),
+        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
         coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
         right=tuple(one is not None for one in matches),
         rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
         seconds=result.get("seconds"),
-        world=world_axes(answer.world),
-        urdf_wrong=urdf_is_wrong(answer.world),
+        world=answer.world,
         excused=tuple(excused),
         refusal_score=_refusal_score(record),
-        leftover=max(map(float, record["leftover"].values()), default=0.0) if "leftover" in record else None,
         robot=answer.robot,
         joints=tuple(record["joints"]),
     )
+
+
+def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
+    """Whether links of a world's arms weigh something else than any tolerance allows."""
+    if not world:
+        return False
+    return bool(world["link_error"] > WRONG_LINK_ERROR or world["com_error_m"] > WRONG_COM_M or world["copied_link"])
 
 
 def _is_excused(finding: Mapping[str, Any], answer: Answer) -> bool:
@@ -242,7 +226,7 @@ def _refusal_score(record: Mapping[str, Any]) -> float | None:
 
 def _amplitude(slot: Slot, answer: Answer) -> float:
     """Largest visible amplitude [noise floors]: of single effects as it was asked for, of others as measured."""
-    if slot.kind in ("single", "semi_real"):
+    if slot.kind == "single":
         return slot.amplitude
     return max((_seen(one, answer) for one in answer.effects), default=0.0)
 
@@ -250,18 +234,6 @@ def _amplitude(slot: Slot, answer: Answer) -> float:
 def _seen(effect: TrueEffect, answer: Answer) -> float:
     shares = [value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()]
     return float(f"{max(shares, default=0.0):.2g}")
-
-
-def _nearest(findings: Sequence[Mapping[str, Any]], answer: Answer) -> Mapping[str, Any] | None:
-    """The name nearest to the truth: itself, else one that has it in its class, else the first."""
-    only = answer.effects[0]
-    near = [f for f in findings if is_true(only, f, answer)]
-    near += [f for f in findings if only.effect in f["class"] and _is_at(only, f, answer)]
-    return next(iter([*near, *findings]), None)
-
-
-def _is_there(untouched: Mapping[str, Any] | None, answer: Answer) -> bool:
-    return untouched is not None and any(is_true(answer.effects[0], f, answer) for f in untouched["findings"])
 
 
 def _joint_of(effect: TrueEffect) -> str:
@@ -329,13 +301,9 @@ def _shrink_share(
     heldout: Mapping[str, Any] | None,
     joints: Sequence[str],
     answer: Answer,
-    simulated: bool = True,
 ) -> float | None:
-    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1.
-
-    A real arm's own gap would count as closed too: there is no such share for it.
-    """
-    if heldout is None or len(truth) != 1 or not simulated:
+    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
+    if heldout is None or len(truth) != 1:
         return None
     alone = heldout["alone"].get(":".join(truth[0]))
     if alone is None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import bdtr
 
 Z = 1.959964
 RESAMPLES = 2000
@@ -103,9 +102,3 @@ def _distance(p: np.ndarray, hit: np.ndarray) -> float:
     which = np.minimum((p * BINS).astype(int), BINS - 1)
     total = sum(abs(float(p[which == k].sum() - hit[which == k].sum())) for k in np.unique(which))
     return total / len(p)
-
-
-def binomial_ends(count: int, chance: float) -> tuple[int, int]:
-    """Least and most hits of so many tries, 95 % of the time: the 2.5 and the 97.5 % quantile of the binomial law."""
-    low, high = np.searchsorted(bdtr(np.arange(count + 1), count, chance), (0.025, 0.975))
-    return int(low), int(min(high, count))

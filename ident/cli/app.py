@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -20,32 +20,13 @@ from ident.cli.shared import (
     app,
     console,
     say_where,
-    write_json,
 )
 from ident.console import styled
-from ident.errors import InputError
-from ident.files import deliver
+from ident.errors import InputError, plural
+from ident.files import deliver, write_record
 from ident.ownership import SESSION_KIND, absolute, check_outputs
 from ident.process import run_command
-from ident.provenance import Provenance
-from ident.show.console import ladder_table, print_effort, print_issues, progress_bar
-
-
-def _tell_version(asked: bool) -> None:
-    if asked:
-        from importlib.metadata import version
-
-        print(f"ident (armgap) {version('armgap')}")
-        raise typer.Exit
-
-
-@app.callback()
-def ident(
-    version: Annotated[
-        bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
-    ] = False,
-) -> None:
-    """Identify a robot arm, and find out why it does not move as its model says."""
+from ident.show.console import LadderTable, print_effort, print_issues, progress_bar
 
 
 @app.command()
@@ -58,7 +39,7 @@ def demo(
     from ident.cli.demo import check_places, run_demo
 
     check_places(out, logs, json_file)
-    write_json(json_file, run_demo(out, logs, console))
+    write_record(json_file, run_demo(out, logs, console))
 
 
 @app.command()
@@ -85,13 +66,13 @@ def inspect(
     def show() -> None:
         for report in reports:
             session = report.session
-            size = f"{len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s"
+            size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
             console.print(f"{session.name}: {size}")
             print_effort(console, report.effort)
             print_issues(console, report.issues)
-            console.print("fit for use" if report.is_fit else styled(("not fit for use", "red")))
+            console.print(report.verdict if report.is_fit else styled((report.verdict, "red")))
 
-    deliver(show, write_mended, lambda: write_json(json_file, found.to_dict()))
+    deliver(show, write_mended, lambda: write_record(json_file, found.to_dict()))
 
 
 def mended_places(sessions: list[Path], mend: Path | None) -> dict[str, tuple[Path, str]]:
@@ -121,13 +102,14 @@ def fit(
     net: Annotated[str, typer.Option(help="default, paper or none.")] = "default",
     offset: Annotated[bool, typer.Option(help="Fit a constant torque a joint too.")] = False,
     robust: Annotated[bool, typer.Option(help="Stretches that fit badly lose their pull.")] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the net.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the net.", min=0)] = 0,
     coupling: Annotated[
         str, typer.Option(help="Two joints on one motor's shaft, as 5,6; 5,-6 where they turn against each other.")
     ] = "",
     named: Annotated[
         Path | None, typer.Option("--with", help="JSON of a diagnosis: its laws of joints are fitted before the net.")
     ] = None,
+    smoother: Annotated[str, typer.Option(help="fast, or filterpy: the same numbers, slowly.")] = "fast",
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
@@ -140,9 +122,10 @@ def fit(
     from ident.model.hybrid import MODEL_KIND, FitOptions
     from ident.opening import open_sessions
 
-    options = FitOptions(links, inertia, net, offset, robust, seed, tuple(accept or ()), coupling)  # type: ignore[arg-type]
+    accepted = tuple(accept or ())
+    options = FitOptions(links, inertia, net, offset, robust, seed, accepted, coupling, smoother)  # type: ignore[arg-type]
     check_outputs([*sessions, session_file, robot, named], {"--json": json_file}, {"--out": (out, MODEL_KIND)})
-    opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept)
+    opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept, motion=options.motion)
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
     with progress_bar(console, "residual net") as progress:
@@ -152,7 +135,7 @@ def fit(
         console.print(results.summary(), soft_wrap=True)
         console.print(f"model written to {out}")
 
-    deliver(show, lambda: write_json(json_file, results.to_dict()), lambda: results.model.save(out))
+    deliver(show, lambda: write_record(json_file, results.to_dict()), lambda: results.model.save(out))
     remove_checkpoint(checkpoint)
 
 
@@ -194,10 +177,10 @@ def evaluate(
         for result in results:
             console.print(styled((result.model, "bold")))
             for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
-                console.print(ladder_table(one))
+                console.print(LadderTable(one))
         say_where(("report", html))
 
-    deliver(show, lambda: write_json(json_file, record), write_page)
+    deliver(show, lambda: write_record(json_file, record), write_page)
 
 
 @app.command()
@@ -211,19 +194,17 @@ def diagnose(
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
-    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.", min=0)] = 0,
     until: Annotated[
         float | None,
         typer.Option(help="Look at more and more runs until it is so sure (0.9, say), or tell what is missing."),
     ] = None,
     accept: Accept = None,
-    settings: Annotated[
-        Path | None, typer.Option(help="Numbers to decide by, as `ident blind --calibrate` writes them.")
-    ] = None,
+    settings: Annotated[Path | None, typer.Option(help="Numbers to decide by, in place of the usual ones.")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
-    from ident.api.diagnosing import examine, examine_until
+    from ident.api.diagnosing import DiagnoseOptions, examine, examine_until
     from ident.api.fitting import evaluate as score
     from ident.diagnosis.settings import USUAL
     from ident.diagnosis.settings_file import read_settings
@@ -231,21 +212,13 @@ def diagnose(
 
     read = [*sessions, robot, model, catalogue, session_file, settings]
     check_outputs(read, {"--html": html, "--rrd": rrd, "--json": json_file})
-    options: dict[str, Any] = {
-        "settings": USUAL if settings is None else read_settings(settings),
-        "model": model,
-        "catalogue": catalogue,
-        "cutoff": cutoff,
-        "seed": seed,
-        "topic": topic,
-        "session_file": session_file,
-        "accept": accept or (),
-    }
+    chosen = USUAL if settings is None else read_settings(settings)
+    options = DiagnoseOptions(model, catalogue, cutoff, seed, topic, session_file, accept or (), chosen)
     looks = None
     if until is None:
-        examined = examine(sessions, robot, **options)
+        examined = examine(sessions, robot, options)
     else:
-        examined, looks = examine_until(until, sessions, robot, **options)
+        examined, looks = examine_until(until, sessions, robot, options)
     diagnosis, analysis, loaded = examined.diagnosis, examined.analysis, examined.model
     record = {**diagnosis.to_dict(), **({} if looks is None else {"until": looks.to_dict()})}
 
@@ -275,7 +248,7 @@ def diagnose(
             print_looks(console, looks)
         say_where(("page", html), ("timeline", None if analysis is None else rrd))
 
-    deliver(show, lambda: write_json(json_file, record), write_page, write_rrd)
+    deliver(show, lambda: write_record(json_file, record), write_page, write_rrd)
 
 
 @app.command()
@@ -292,8 +265,8 @@ def patch(
 ) -> None:
     """The named effects for simulators: URDF, MJCF, parameter file and Python module, each loaded back."""
     from ident.api.patching import patch as write_patch
-    from ident.patches.command import PATCH_KIND
-    from ident.patches.printing import print_patch
+    from ident.export.printing import print_patch
+    from ident.export.write import PATCH_KIND
 
     read = [diagnosis, robot, catalogue, *(on or ()), session_file, into]
     check_outputs(read, {"--json": json_file}, {"--out": (out, PATCH_KIND)})
@@ -301,7 +274,7 @@ def patch(
         diagnosis, robot, out, on=on or None, into=into, catalogue=catalogue, topic=topic, session_file=session_file
     )
     record = written.to_dict()
-    deliver(lambda: print_patch(console, record, out), lambda: write_json(json_file, record))
+    deliver(lambda: print_patch(console, record, out), lambda: write_record(json_file, record))
 
 
 @app.command()
@@ -316,35 +289,11 @@ def view(
     json_file: JsonFile = None,
 ) -> None:
     """The Rerun timeline: measured torque against every rung, residuals, energy, the moving arm."""
-    from ident.model.hybrid import HybridModel
-    from ident.opening import open_for_model, open_sessions
-    from ident.show.timeline import show_timeline, write_timeline
+    from ident.api.viewing import view as show
 
     check_outputs([*sessions, model, robot, session_file], {"--rrd": rrd, "--json": json_file})
-    loaded = HybridModel.load(model) if model else None
-    if loaded is not None:
-        opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
-    else:
-        opened = open_sessions(sessions, robot, topic, session_file, cutoff, learning=False)
-    origin = Provenance("ident view", settings={"model": model}, sessions=opened.stamps).to_dict()
-    record = {
-        "schema": "ident.view/1",
-        "robot": opened.arm.name,
-        "joints": list(opened.arm.joint_names),
-        "runs": [motion.name for motion in opened.motions],
-        "provenance": origin,
-    }
-
-    def show() -> None:
-        if rrd is None:
-            show_timeline(opened.arm, opened.motions, loaded, opened.issues)
-        say_where(("timeline", rrd))
-
-    def write_rrd() -> None:
-        if rrd is not None:
-            write_timeline(rrd, opened.arm, opened.motions, loaded, opened.issues)
-
-    deliver(show, write_rrd, lambda: write_json(json_file, record))
+    found = show(sessions, robot, model=model, rrd=rrd, topic=topic, session_file=session_file, cutoff=cutoff)
+    deliver(lambda: say_where(("timeline", rrd)), lambda: write_record(json_file, found.to_dict()))
 
 
 @app.command()

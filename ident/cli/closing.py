@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, app, console, write_json
+from ident.cli.shared import JsonFile, app, console
 from ident.errors import visible
-from ident.files import deliver
+from ident.files import deliver, write_record
 from ident.ownership import check_outputs
 
 
@@ -18,7 +18,7 @@ def close(
     out: Annotated[Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")],
     robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
     arms: Annotated[int, typer.Option(help="Simulated arms, each with three random effects.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the first arm; the next ones count up.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of the first arm; the next ones count up.", min=0)] = 0,
     rounds: Annotated[int, typer.Option(help="Most rounds of recording an arm.")] = 8,
     effect: Annotated[list[str] | None, typer.Option(help="ID:JOINT:SIZE instead of random effects.")] = None,
     record: Annotated[
@@ -48,4 +48,4 @@ def close(
         console.print(visible(found.summary(), lines=True), markup=False, highlight=False, soft_wrap=True)
         console.print(f"written to {out}", markup=False, soft_wrap=True)
 
-    deliver(show, lambda: write_json(json_file, found.to_dict()))
+    deliver(show, lambda: write_record(json_file, found.to_dict()))

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Topic, app, console, say_where, write_json
+from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Topic, app, console, say_where
 from ident.errors import InputError
-from ident.files import atomic_folder, deliver
+from ident.files import atomic_folder, deliver, write_record
 from ident.ownership import check_outputs
 
 KIND = "comparison"
@@ -29,7 +29,7 @@ def compare(
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
-    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the sign-flip tests.", min=0)] = 0,
     json_file: JsonFile = None,
 ) -> None:
     """What changed between two sets of sessions of one arm: at which joint, by how much."""
@@ -61,7 +61,7 @@ def compare(
         print_comparison(console, found)
         say_where(("page", html), ("result and page", out))
 
-    deliver(show, lambda: write_json(json_file, record), write_page, write_folder)
+    deliver(show, lambda: write_record(json_file, record), write_page, write_folder)
 
 
 def split_sets(before: list[Path], after: list[Path] | None) -> tuple[list[Path], list[Path]]:

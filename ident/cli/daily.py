@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console, write_json
+from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console
 from ident.errors import InputError, visible
-from ident.files import deliver
+from ident.files import deliver, write_record
 from ident.ownership import SESSION_KIND, check_outputs
 from ident.show.console import print_issues, progress_bar
 
@@ -37,7 +37,7 @@ def new(
             print_issues(console, found.report.issues)
         console.print(f"written to {found.file}: look through it, then `ident inspect`", markup=False, soft_wrap=True)
 
-    deliver(show, lambda: write_json(json_file, found.to_dict()))
+    deliver(show, lambda: write_record(json_file, found.to_dict()))
 
 
 @app.command()
@@ -55,7 +55,7 @@ def servo(
     words = visible(found.summary(), lines=True)
     deliver(
         lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
-        lambda: write_json(json_file, found.to_dict()),
+        lambda: write_record(json_file, found.to_dict()),
     )
 
 
@@ -103,7 +103,7 @@ def watch(
             words = f"{error.where}: no session yet"
         else:
             words = f"{found.summary()}\nwritten to {store}; look at {store / 'index.html'}"
-            write_json(json_file, found.to_dict())
+            write_record(json_file, found.to_dict())
         if words != shown:
             console.print(visible(words, lines=True), markup=False, highlight=False, soft_wrap=True)
         if once:

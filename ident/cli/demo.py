@@ -15,7 +15,7 @@ from ident.opening import Opened, open_sessions
 from ident.ownership import check_outputs
 from ident.provenance import Provenance
 from ident.robot.names import data_path
-from ident.show.console import ladder_table, print_issues, progress_bar
+from ident.show.console import LadderTable, print_issues, progress_bar
 from ident.show.report import write_diagnosis_report, write_evaluation_report
 from ident.show.terminal import print_diagnosis
 from ident.show.timeline import write_timeline
@@ -96,10 +96,10 @@ def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console,
 def _print(results: list[Evaluation], console: Console) -> None:
     """The full model's ladder without and with payload, and one line a compared model."""
     main = next(result for result in results if result.model == "T1 + T2")
-    console.print(ladder_table(main.pooled))
+    console.print(LadderTable(main.pooled))
     for score in main.sessions:
         if score.payload_kg:
-            console.print(ladder_table(score))
+            console.print(LadderTable(score))
     console.print("Trained on, total energy error and torque RMSE of the last rung, on E1 + E2:")
     for result in results:
         energy, spread = result.pooled.energy_mean[-1, -1], result.pooled.energy_std[-1, -1]

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console, write_json
+from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console
 from ident.errors import visible
 from ident.exit_status import NOT_PASSED
-from ident.files import deliver
+from ident.files import deliver, write_record
 from ident.ownership import check_outputs
-from ident.provenance import Provenance
+from ident.results import Result
 
 Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]
 
@@ -35,37 +35,15 @@ def export(
     json_file: JsonFile = None,
 ) -> None:
     """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control."""
-    from ident.model.hybrid import HybridModel
-    from ident.opening import open_for_model
-    from ident.patches.export import EXPORT_KIND, FILES, write_export
+    from ident.api.exporting import export as write
+    from ident.export.write import EXPORT_KIND, FILES
 
     check_outputs([model, *(on or ()), session_file, into], {"--json": json_file}, {"--out": (out, EXPORT_KIND)})
-    loaded = HybridModel.load(model)
-    opened = open_for_model(on, loaded, topic, session_file) if on else None
-    stamps = () if opened is None else opened.stamps
-    origin = Provenance("ident export", settings={"model": model, "nearest": nearest}, sessions=stamps)
-    motions = () if opened is None else opened.motions
-    record = write_export(loaded, out, tuple(form or FILES), nearest, motions, into, origin)
-
-    def show() -> None:
-        for name, found in record["loaded_back"].items():
-            error = found.get("torque_difference_Nm")
-            told = "" if error is None else f", torque within {error:.1e} N m of the model's"
-            console.print(f"{FILES[name]}: loaded back{told}", highlight=False)
-        for name, error in record.get("torque_rmse_Nm", {}).items():
-            console.print(f"{FILES[name]}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
-        if "merged" in record:
-            far = record["merged"]["torque_difference_Nm"]
-            console.print(
-                f"merged.xml: your {into} with what was identified, torque within {far:.1e} N m", markup=False
-            )
-        if record["changed_links"]:
-            console.print(f"nearest bodies written for: {', '.join(record['changed_links'])}", markup=False)
-        for line in record["left_out"]:
-            console.print(f"left out: {line}")
-        console.print(f"written to {out}", markup=False, soft_wrap=True)
-
-    deliver(show, lambda: write_json(json_file, record))
+    formats = tuple(form or FILES)
+    found = write(
+        model, out, formats=formats, nearest=nearest, on=on or None, into=into, topic=topic, session_file=session_file
+    )
+    _deliver(found, json_file)
 
 
 @app.command()
@@ -75,18 +53,20 @@ def ranges(
     model: Annotated[Path | None, typer.Option(help="Fitted model whose inertias all days refer to.")] = None,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for randomisation files of Isaac Lab and MuJoCo Playground.")
+    ] = None,
     cutoff: Cutoff = None,
     json_file: JsonFile = None,
 ) -> None:
     """Ranges for domain randomisation: each day a session; as wide as the arm changes, checked on days left out."""
+    from ident.api.ranging import RANGES_KIND
     from ident.api.ranging import ranges as find
 
-    check_outputs([model, *sessions, robot, session_file], {"--json": json_file})
-    found = find(list(sessions), robot, model=model, topic=topic, session_file=session_file, cutoff=cutoff)
-    words = visible(found.summary(), lines=True)
-    deliver(
-        lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
-        lambda: write_json(json_file, found.to_dict()),
+    check_outputs([model, *sessions, robot, session_file], {"--json": json_file}, {"--out": (out, RANGES_KIND)})
+    _deliver(
+        find(list(sessions), robot, model=model, out=out, topic=topic, session_file=session_file, cutoff=cutoff),
+        json_file,
     )
 
 
@@ -95,44 +75,25 @@ def verify(
     model: Model,
     sessions: Sessions,
     limits: Annotated[Path, typer.Option(help="TOML file of limits: [torque_rmse_Nm] total = 2.0 and the like.")],
+    in_sample: Annotated[bool, typer.Option(help="Accept recordings that the model was fitted on.")] = False,
     topic: Topic = "/joint_states",
     session_file: SessionFile = None,
     cutoff: Cutoff = None,
     json_file: JsonFile = None,
 ) -> None:
-    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not."""
-    from ident.model.evaluation import evaluate
-    from ident.model.hybrid import HybridModel
-    from ident.model.limits import SCHEMA, load_limits
-    from ident.opening import open_for_model
+    """A gate: exit 0 where a model keeps its limits on recordings, 3 where it does not, or was fitted on them."""
+    from ident.api.exporting import verify as check
 
     check_outputs([model, *sessions, limits, session_file], {"--json": json_file})
-    loaded = HybridModel.load(model)
-    wanted = load_limits(limits, loaded.joint_names, loaded.rungs)
-    opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
-    scores = evaluate(loaded, opened.groups, model.name).sessions
-    checks = [check for score in scores for check in wanted.check(score)]
-    passed = all(check.passed for check in checks)
-    record = {
-        "schema": SCHEMA,
-        "model": model.name,
-        "robot": loaded.robot.name,
-        "joints": list(loaded.joint_names),
-        "passed": passed,
-        "checks": [check.to_dict() for check in checks],
-        "provenance": Provenance(
-            "ident verify", settings={"model": model, "limits": limits}, sessions=opened.stamps
-        ).to_dict(),
-    }
-
-    def show() -> None:
-        for check in checks:
-            value = "not told by these recordings" if check.value is None else f"{check.value:.4g}"
-            place = f"{check.session}: {check.limit.figure} {check.limit.joint}"
-            mark = "kept" if check.passed else "NOT KEPT"
-            console.print(f"{place}: {value}, limit {check.limit.bound:g}: {mark}", markup=False, highlight=False)
-        console.print("passed" if passed else "not passed")
-
-    deliver(show, lambda: write_json(json_file, record))
-    if not passed:
+    found = check(model, sessions, limits, in_sample=in_sample, topic=topic, session_file=session_file, cutoff=cutoff)
+    _deliver(found, json_file)
+    if not found.passed:
         raise typer.Exit(NOT_PASSED)
+
+
+def _deliver(found: Result, json_file: Path | None) -> None:
+    words = visible(found.summary(), lines=True)
+    deliver(
+        lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
+        lambda: write_record(json_file, found.to_dict()),
+    )

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, app, console, write_json
-from ident.errors import InputError
-from ident.files import deliver
+from ident.cli.shared import JsonFile, app, console
+from ident.errors import InputError, plural
+from ident.files import deliver, write_record
 from ident.ownership import SESSION_KIND, check_outputs
 from ident.provenance import Provenance
+from ident.results import Result
 from ident.show.console import progress_bar
 
 
@@ -24,7 +26,7 @@ def simulate(
     world: Annotated[
         str | None, typer.Option(help="Another arm and sensors: a preset's name, or a TOML file. Other options hold.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of everything: arm, motions, noise.", min=0)] = 0,
     motion: Annotated[list[str] | None, typer.Option(help="Kinds of motion, in turn.")] = None,
     commands: Annotated[
         Path | None, typer.Option(help="Run the motions of these command files instead (as of plan excite --out).")
@@ -49,7 +51,7 @@ def simulate(
     from ident.plant.recipes import run_recipe
     from ident.plant.request import parse_payload
     from ident.plant.simulate import RICH, SimulationOptions
-    from ident.plant.world_presets import find_world, settle
+    from ident.plant.world import find_world, settle
     from ident.robot.arm import ArmModel
     from ident.trajectories.command_files import read_commands
     from ident.trajectories.plan_files import read_plan
@@ -100,18 +102,18 @@ def simulate(
 
     def show() -> None:
         for one in written:
-            console.print(f"{one.folder}: {one.runs} runs, {one.samples} samples, {one.duration_s:.0f} s")
+            console.print(f"{one.folder}: {plural(one.runs, 'run')}, {one.samples} samples, {one.duration_s:.0f} s")
             if one.sha256:
                 key = f", key {one.key}" if one.key else ""
                 console.print(f"sealed: sha256 {one.sha256}{key}", soft_wrap=True)
 
-    deliver(show, lambda: write_json(json_file, record))
+    deliver(show, lambda: write_record(json_file, record))
 
 
 @app.command()
 def blind(
     cases: Annotated[int, typer.Option(help="Number of cases.")] = 40,
-    seed: Annotated[int | None, typer.Option(help="Of the check; the system's entropy if not given.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of the check; the system's entropy if not given.", min=0)] = None,
     out: Annotated[Path, typer.Option(help="Folder of the check; one that was stopped there goes on.")] = Path(
         "out/blind"
     ),
@@ -128,17 +130,16 @@ def blind(
     edit: Annotated[
         bool, typer.Option(help="Take named causes out of the patched model; judge it on the arm without them.")
     ] = False,
-    calibrate: Annotated[
-        Path | None, typer.Option(help="Write the numbers that the cases speak for: a file for diagnose --settings.")
-    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
-    from ident.blind_check.calibration import write_calibration
     from ident.blind_check.cases import FULL_MIX, parse_mix
+    from ident.blind_check.real_check import check_on_real
     from ident.blind_check.run import BlindOptions, run_blind
 
-    check_outputs([robot, semi_real], {"--json": json_file, "--calibrate": calibrate})
+    check_outputs([robot, semi_real], {"--json": json_file})
+    if worlds and semi_real:
+        raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
     options = BlindOptions(
         cases=cases,
         seed=seed,
@@ -146,25 +147,20 @@ def blind(
         workers=workers,
         scheduler=scheduler,
         robot=robot,
-        semi_real=semi_real,
         worlds=worlds,
         mix=parse_mix(mix) if mix else FULL_MIX,
         oracle=oracle,
         edit=edit,
     )
     with progress_bar(console, "blind check", "") as progress:
-        report = run_blind(
+        report: Result = (run_blind if semi_real is None else partial(check_on_real, semi_real))(
             options,
             lambda line: console.print(line, soft_wrap=True, highlight=False),
             lambda step, done, total: progress(done, total, 0.0),
         )
 
-    numbers = () if calibrate is None else write_calibration(calibrate, report)
-
     def show() -> None:
         console.print(report.summary(), highlight=False)
-        for one in numbers:
-            console.print(f"{one.group}.{one.name} {one.value:.3g} [{one.low:.3g}, {one.high:.3g}] of {one.count}")
         console.print(f"written to {out}")
 
-    deliver(show, lambda: write_json(json_file, report.to_dict()))
+    deliver(show, lambda: write_record(json_file, report.to_dict()))

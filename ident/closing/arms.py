@@ -16,11 +16,11 @@ from ident.closing.recorder import Recorder
 from ident.closing.result import ArmClosed
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.law_model import SimulatorModel
+from ident.export.write import write_patch
 from ident.files import atomic_write
 from ident.motion.motion import prepare
-from ident.patches.change import Diagnosed
-from ident.patches.command import write_patch
-from ident.patches.simulator_models import SimulatorModel
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions
 from ident.trajectories.kinds import plan_motions

@@ -10,8 +10,8 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Float
 from ident.closing.warmth import NO_WARMTH, Warmth
+from ident.export.law_model import SimulatorModel, log_error
 from ident.motion.motion import Motion
-from ident.patches.simulator_models import SimulatorModel, log_error
 
 # A gap within so much of the noise counts as closed.
 MARGIN = 1.10

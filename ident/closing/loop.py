@@ -22,8 +22,8 @@ from ident.closing.warmth import Warmth
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.base import Effect
 from ident.errors import InputError
+from ident.export.law_model import LawModel
 from ident.motion.motion import Motion, prepare
-from ident.patches.simulator_models import LawModel
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions

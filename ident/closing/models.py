@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from ident.effects.base import Effect as Kind
-from ident.patches.bodies import change_links, tuned_arm
-from ident.patches.change import Diagnosed, Tuning
-from ident.patches.command import known_effects
-from ident.patches.module import describe_arm
-from ident.patches.simulator_models import LawModel
-from ident.patches.standalone.motion import Losses
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.law_model import LawModel
+from ident.export.python import describe_arm
+from ident.export.standalone.motion import Losses
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque
@@ -21,31 +19,25 @@ from ident.robot.rated_torque import rated_torque
 
 def as_urdf(arm: ArmModel, payload: Payload | None = None) -> LawModel:
     """The arm as its URDF has it: its links, and the damping and friction that it states, if any."""
-    n = arm.n
-    plain = Tuning.none(n).losses
-    losses = Losses(plain.motor_inertia, arm.model.damping, arm.model.friction, plain.transition, plain.range)
-    return LawModel(describe_arm(arm.with_payload(payload)), losses)
+    return LawModel.of(IdentifiedArm.as_urdf(arm), payload)
 
 
 def as_diagnosed(
     arm: ArmModel, record: Mapping[str, Any], catalogue: Sequence[Kind], payload: Payload | None = None
 ) -> LawModel:
-    """The arm as a diagnosis has it: tuned links and losses, and all named effects that have a law."""
-    diagnosed = Diagnosed.of_record(dict(record), catalogue, needed=False)
-    tuned, _ = tuned_arm(diagnosed.fit_to(arm), diagnosed)
-    effects, _ = known_effects(diagnosed.changes)
-    return LawModel(describe_arm(tuned.with_payload(payload)), diagnosed.tuned.losses, tuple(effects))
+    """The arm as a diagnosis has it: tuned links and losses, and all identified effects that have a law."""
+    return LawModel.of(_candidates(arm, record, catalogue)["after"], payload)
 
 
 def as_tuned(
     arm: ArmModel, record: Mapping[str, Any], catalogue: Sequence[Kind], payload: Payload | None = None
 ) -> LawModel:
     """The arm with links and losses tuned to the same recordings, and no effect: what identification alone gives."""
-    diagnosed = Diagnosed.of_record(dict(record), catalogue, needed=False)
-    arm = diagnosed.fit_to(arm)
-    links = change_links(arm, diagnosed.alone.links, ())
-    changed = arm.with_inertial_parameters(arm.inertial_parameters + links.total.ravel())
-    return LawModel(describe_arm(changed.with_payload(payload)), diagnosed.alone.losses)
+    return LawModel.of(_candidates(arm, record, catalogue)["tuned"], payload)
+
+
+def _candidates(arm: ArmModel, record: Mapping[str, Any], catalogue: Sequence[Kind]) -> dict[str, IdentifiedArm]:
+    return Diagnosed.of_record(dict(record), catalogue, needed=False).candidates(arm)
 
 
 # Wide randomisation, as it is done without recordings: dry friction, and viscous friction at top speed, each from

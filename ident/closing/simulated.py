@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.closing.warmth import NO_WARMTH, Warmth, put_on_a_clock
-from ident.patches.simulator_models import SimulatorModel
+from ident.export.law_model import SimulatorModel
 from ident.plant.causes import CATALOGUE, find_cause
 from ident.plant.hardware import Hardware
 from ident.plant.record import Channels, draw_pauses, no_progress, record_runs

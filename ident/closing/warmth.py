@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.memory import warm_up
-from ident.patches.simulator_models import LawModel, SimulatorModel
+from ident.export.law_model import LawModel, SimulatorModel
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 THERMAL, CONSTANT = "thermal_friction", "time_constant_s"

@@ -109,9 +109,11 @@ def tuned_beside(
     columns = np.concatenate([group.columns for group in groups]).astype(int)
     beta = np.concatenate(list(coefficients)) * evidence.scale[columns]
     figures = alone.estimate - alone.slopes[:, columns] @ beta
-    if (figures[evidence.layout.rank :] < 0.0).any():
+    rank = evidence.layout.rank
+    losses = slice(rank, rank + LOSS_FIGURES * evidence.layout.n)
+    if (figures[losses] < 0.0).any():
         shaped = np.concatenate([np.full(len(g.columns), g.effect.open_law) for g in groups])
-        figures, beta[shaped] = _without_drive(evidence.layout.rank, alone, columns, beta, shaped)
+        figures, beta[shaped] = _without_drive(losses, alone, columns, beta, shaped)
     ends = np.cumsum([len(group.columns) for group in groups])[:-1]
     told = np.split(beta / evidence.scale[columns], ends)
     for k, group in enumerate(groups):
@@ -123,7 +125,7 @@ def tuned_beside(
 
 
 def _without_drive(
-    rank: int, alone: Projection, columns: Int[Array, " k"], beta: Float[Array, " k"], shaped: Bool[Array, " k"]
+    losses: slice, alone: Projection, columns: Int[Array, " k"], beta: Float[Array, " k"], shaped: Bool[Array, " k"]
 ) -> tuple[Float[Array, " z"], Float[Array, " s"]]:
     """The baseline with losses that aren't negative, and the coefficients of laws that may follow it."""
     free, held = columns[shaped], columns[~shaped]
@@ -137,7 +139,8 @@ def _without_drive(
         ]
     )
     size = len(alone.estimate)
-    signed = (np.arange(len(goal)) >= rank) & (np.arange(len(goal)) < size)
+    signed = np.zeros(len(goal), dtype=bool)
+    signed[losses] = True
     power = np.diag(matrix)
     solution = solve_signed(matrix + np.diag(1e-9 * power), goal, signed)
     return solution[:size], solution[size:]
@@ -148,7 +151,7 @@ def _by_joint(
 ) -> dict[str, TunedJoint]:
     rank, n = evidence.layout.rank, evidence.layout.n
     figures = scaled / evidence.scale[: evidence.layout.tuned]
-    losses = np.maximum(figures[rank:].reshape(n, LOSS_FIGURES), 0.0)
+    losses = np.maximum(figures[rank : rank + LOSS_FIGURES * n].reshape(n, LOSS_FIGURES), 0.0)
     links = _link_changes(baseline, figures[:rank])
     sliding = baseline.sliding
     # A simulator without memory takes a smooth sign where friction turns round over a range.

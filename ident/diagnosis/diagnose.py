@@ -9,19 +9,22 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
-from ident.diagnosis.detectable import find_limits
+from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.explained import measure_shrink, slides
-from ident.diagnosis.gap.gap_map import map_gap, told
+from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
+from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
+from ident.diagnosis.gap.places import NamedPlace, in_order_of_gap, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
-from ident.diagnosis.gap.trees import Ceiling, measure_ceiling
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import build_layout
+from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
 from ident.diagnosis.regression.runs import build_session, leftover_torque
-from ident.diagnosis.reservations import doubt_replay, joints_of
+from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, inflation
@@ -30,6 +33,7 @@ from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.settle import settle
+from ident.diagnosis.tuned_links import measure_tuned_links
 from ident.diagnosis.verdict import (
     believed,
     decide,
@@ -40,8 +44,9 @@ from ident.diagnosis.verdict import (
     stands_out,
 )
 from ident.effects.base import Effect, SessionContext
+from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
-from ident.motion.out_of_core import runs_recorded
+from ident.motion.out_of_core import few, runs_recorded
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
@@ -82,12 +87,15 @@ def diagnose(
         inertia_share: How well the arm's inertias are known, as the share of each link's scale; as a URDF's if None.
         settings: The numbers by which it decides.
     """
-    baseline = fit_baseline(motions, arm, inertia_share, settings.regression)
+    still = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in few(motions)) < LEAST_MOVING]
+    baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
-    layout = build_layout(session, baseline.base.rank, [effect.screened(session, leftover) for effect in catalogue])
-    evidence = gather(session, baseline, layout)
+    screened = [effect.screened(session, leftover) for effect in catalogue]
+    layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
+    evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)
+    evidence = evidence.with_dispersion(measure_dispersion(session, baseline, evidence, prior))
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     sure = settle(first, session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
@@ -97,25 +105,33 @@ def diagnose(
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
     fixed = project(gram, evidence, search.fixed.prior)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
+    beside = _beside_discrepancy(session, baseline, search, found, estimates, settings)
     steady = [item.without_friction_level(evidence.spread) for item in series]
-    ceilings = tuple(
-        measure_ceiling(steady, j, settings.gap.trees, loud=stands_out(evidence, found.ladder[-1], j, settings.verdict))
-        for j in range(arm.n)
-    )
+    ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
     open_gap = find_unexplained(found, ceilings, evidence, settings.verdict)
     left = open_gap.left
     floors = find_floors(evidence, ceilings, found.ladder[-1], settings.verdict)
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
-    reach = measure_reach(search, found, series, baseline, floors, settings.gap)
+    reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
     spare = inflation(evidence, after)
     tolerance = measure_tolerance(evidence, prior, after, spare, settings.selection)
+    links = measure_tuned_links(baseline, evidence, after, prior, spare)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
-    verdict = decide(found, left, judged, tolerance, settings.verdict)
-    names, heldout = believed(estimates, verdict, settings.verdict), _together(found, floors, reach)
+    given = search.fixed.score().rms, search.fixed.score(groups).rms
+    names, heldout = believed(estimates, beside.laws, settings.verdict), _together(found, floors, reach)
+    verdict = decide(found, names, left, judged, tolerance, given, settings.verdict)
     findings = _findings(found, names, arm, floors, reach)
     far = doubt_replay(reach.forward, series, arm.joint_names, found.ladder[-1].rms, floors, settings)
     rng = np.random.default_rng(seed)
     maps = map_gap(series, arm.joint_names, evidence.whitening, rng, settings=settings.gap.map)
+    harm = measure_harm(
+        arm.joint_names,
+        {"before": found.ladder[0].rms, "fixed": search.fixed.score().rms},
+        tolerance.torque if tolerance.exceeded else np.zeros(arm.n),
+        judged,
+        [NamedPlace(one.joints, tuple(one.rms_before), one.named.absorbed) for one in findings],
+        settings.verdict.loud,
+    )
     diagnosis = Diagnosis(
         robot=arm.name,
         robot_option=robot_argument(arm.name, arm.source, arm.tip),
@@ -124,14 +140,14 @@ def diagnose(
         session=_session_facts(motions),
         telemetry=tuple(telemetry),
         gap=_gap(arm.joint_names, search, found, judged, ceilings, series, tolerance),
-        where=told(maps["before"], settings.gap.map),
+        where=() if verdict == "no_gap" else rank_places(maps, harm, settings.gap.map),
         findings=findings,
         heldout=heldout,
         not_testable=(
             *layout.silent,
-            *(one.silence(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
+            *(one.untestable(arm.joint_names) for one in limits if one.hidden and one.bound_by != "size"),
         ),
-        reservations=sure.doubted + far,
+        reservations=sure.doubted + doubt_links(links) + far,
         details=Details(
             nearest=find_nearest(found, arm.joint_names),
             detectable=limits,
@@ -142,11 +158,49 @@ def diagnose(
             baseline_urdf=tuned_alone(baseline, evidence, fixed),
             outside_score=score_outside(verdict, names, heldout.shrink, open_gap.leftover),
             leftover=open_gap.leftover,
+            tuned_links=links,
         ),
         catalogue=tuple(catalogue),
         settings=settings,
     )
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
+
+
+@dataclass(frozen=True, eq=False)
+class _WithDiscrepancy:
+    """What a discrepancy says of a session.
+
+    Attributes:
+        left: What it sees at each joint beside the names; None where nothing stands out of the noise.
+        laws: What each name is worth beside it.
+        explained: Share of each joint's mean square that it explains in the names' place.
+    """
+
+    left: tuple[LeftAtJoint | None, ...]
+    laws: tuple[Beside, ...]
+    explained: Float[Array, " n"]
+
+
+def _beside_discrepancy(
+    session: SessionContext,
+    baseline: Baseline,
+    search: Search,
+    found: SearchResults,
+    estimates: Sequence[Estimate],
+    settings: DiagnosisSettings,
+) -> _WithDiscrepancy:
+    """A discrepancy beside the names, and in their place, where anything is named or stands out of the noise."""
+    loud = [stands_out(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
+    explained = np.zeros(session.n)
+    if not (estimates or any(loud)):
+        return _WithDiscrepancy((None,) * session.n, (), explained)
+    points = [estimate.told for estimate in estimates]
+    posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points)
+    left = tuple(posterior.left_at(j, posterior.names) if one else None for j, one in enumerate(loud))
+    for j in {j for item in found.named for j in item.shown}:
+        explained[j] = posterior.left_at(j, ()).share
+    laws = [posterior.beside(k, item.shown) for k, item in enumerate(found.named)]
+    return _WithDiscrepancy(left, tuple(laws), explained)
 
 
 def _beside(baseline: Baseline, fine: Refined, estimates: Sequence[Estimate]) -> Mapping[str, TunedJoint]:
@@ -216,7 +270,7 @@ def _findings(
                 slides=slides(item.group, arm),
             )
         )
-    return tuple(sorted(findings, key=lambda finding: -finding.closed))
+    return in_order_of_gap(findings)
 
 
 def _spread(energies: Float[Array, "R k"]) -> float | None:

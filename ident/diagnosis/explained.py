@@ -36,6 +36,7 @@ class Explained:
         joints: Where it shows.
         rms_before, rms_after: Error on held-out runs without and with it, by joint [N m].
         shrink: Share of what lay above the noise that it closes there.
+        caveat: What an action rests on that nobody has measured; empty where there is none.
         slides: Whether its joint slides: its figures are of forces and metres.
     """
 
@@ -45,6 +46,7 @@ class Explained:
     rms_after: dict[str, float]
     shrink: float
     slides: bool = field(default=False, kw_only=True)
+    caveat: str = field(default="", kw_only=True)
 
     @property
     def effect(self) -> str:
@@ -63,7 +65,7 @@ class Explained:
     @property
     def action(self) -> str:
         """What a person at the cell can do about it."""
-        return self.action_at(", ".join(self.joints))
+        return self.action_at(", ".join(self.joints)) + self.caveat
 
     def action_at(self, where: str) -> str:
         """The same of joints in these words."""
@@ -77,6 +79,8 @@ class Explained:
             "joints": list(self.joints),
             "probability": self.estimate.probability,
             "class": list(self.estimate.rivals),
+            "class_probability": self.estimate.class_probability,
+            "class_shares": self.estimate.shares,
             "action": self.action,
             "parameters": {name: value.to_dict() for name, value in self.estimate.parameters.items()},
         }

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import prepare_slower
@@ -63,13 +65,27 @@ def diagnose_reports(
     if not motions:
         raise no_motion(heard.session, settings.motion)
     arm = arm.keeping(heard.joints)
+    arm = arm if heard.gravity is None else arm.with_gravity(np.array(heard.gravity))
     share = None
     if model is not None and model.inertia != "nominal" and model.joint_names == arm.joint_names:
         arm, share = model.arm, settings.regression.known_share
     analysis = diagnose(motions, arm, catalogue, heard.common_clock, heard.issues, seed, share, settings)
     if model is not None:
         analysis = with_own_model(analysis, model)
+    analysis = replace(analysis, diagnosis=_with_caveats(analysis.diagnosis))
     return analysis.diagnosis, analysis, motions
+
+
+def _with_caveats(diagnosis: Diagnosis) -> Diagnosis:
+    """Findings at joints whose drive gains are guesses say so wherever they say what to do."""
+    guessed = {name for issue in diagnosis.telemetry if issue.issue == "guessed_gains" for name in issue.joints}
+    findings = [
+        replace(one, caveat=f"; the drive gain of {', '.join(sorted(guessed & {*one.joints}))} is a guess")
+        if guessed & {*one.joints}
+        else one
+        for one in diagnosis.findings
+    ]
+    return replace(diagnosis, findings=tuple(findings)) if guessed else diagnosis
 
 
 @dataclass(eq=False)
@@ -82,6 +98,7 @@ class _Heard:
         facts: Runs, samples, duration.
         common_clock: Whether time goes on from run to run of a single session.
         session: Path or name of the session heard last.
+        gravity: Under which the first session was recorded; None for the URDF's [m/s²].
         told: What of each session is among the issues: parts of one that share a fault tell it once.
     """
 
@@ -90,6 +107,7 @@ class _Heard:
     facts: dict[str, float] = field(default_factory=lambda: {"runs": 0, "samples": 0, "duration_s": 0.0})
     common_clock: bool = True
     session: Path | str = ""
+    gravity: tuple[float, float, float] | None = None
     told: set[tuple[str, str, tuple[str, ...], str]] = field(default_factory=set)
 
     def take(self, report: TelemetryReport) -> None:
@@ -100,6 +118,7 @@ class _Heard:
         """
         session = report.session
         where: str | Path = session.path or session.name
+        self.gravity = self.gravity or session.gravity
         if session.runs:
             self.joints = self.joints or session.joints
             if session.joints != self.joints:

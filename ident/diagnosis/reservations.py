@@ -17,6 +17,7 @@ from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval, SessionContext
 from ident.effects.plausible import impossible
 
@@ -26,7 +27,7 @@ class Reservation:
     """A reason to doubt.
 
     Attributes:
-        effect: The effect that got no name for it; "" where it is about the replay.
+        effect: The effect that got no name for it; "" where it is about the replay or the URDF.
         joints: Where.
         reason: In words.
         parameters: The figures that the effect would have had.
@@ -110,6 +111,12 @@ def find_uneven(
         "it is over all: a constant of the arm is the same in each"
     )
     return {worst: reason}
+
+
+def doubt_links(links: Mapping[str, TunedLink]) -> tuple[Reservation, ...]:
+    """One reservation about each link that tuning moved farther than URDFs are off."""
+    wrong = [(link, one) for link, one in links.items() if one.beyond_tolerance]
+    return tuple(Reservation("", (one.joint,), one.words(link), one.figures()) for link, one in wrong)
 
 
 def doubt_replay(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Float
 from ident.diagnosis.baseline_record import TunedJoint
-from ident.diagnosis.detectable import SizeLimit
+from ident.diagnosis.detection_limits import SizeLimit
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Reach, spreads
@@ -19,6 +21,7 @@ from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.diagnosis.tuned_links import TunedLink
 from ident.diagnosis.verdict import Nearest
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
@@ -146,6 +149,7 @@ class Details:
         baseline_urdf: The same with the URDF's inertias held fast.
         outside_score: How much speaks for a cause that the catalogue lacks, from 0 to 1.
         leftover: How far what is left stands out of the noise at each joint; above 1 it has no name.
+        tuned_links: By link, how far tuning moved it from the URDF.
     """
 
     nearest: Nearest | None
@@ -157,6 +161,7 @@ class Details:
     baseline_urdf: Mapping[str, TunedJoint]
     outside_score: float
     leftover: Float[np.ndarray, " n"]
+    tuned_links: Mapping[str, TunedLink]
 
     def to_dict(self, names: Sequence[str]) -> dict[str, Any]:
         """Its record, by the names of the joints."""
@@ -174,6 +179,7 @@ class Details:
             "baseline_urdf": told(self.baseline_urdf),
             "outside_score": self.outside_score,
             "leftover": dict(zip(names, map(float, self.leftover), strict=True)),
+            "tuned_links": {link: one.to_dict() for link, one in self.tuned_links.items()},
         }
 
 
@@ -214,6 +220,10 @@ class Diagnosis(Result):
     catalogue: tuple[Effect, ...] = CATALOGUE
     settings: DiagnosisSettings = USUAL
     robot_option: str = ""
+
+    def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
+        """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
+        return import_module("ident.api.patching").patch(self, robot, out, **options)
 
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]

@@ -16,26 +16,20 @@ from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 class VerdictSettings(Settings):
     """What the evidence amounts to."""
 
-    partial_from: float = number(
-        0.3,
-        "1",
-        "share of the reducible gap that names close, below which nothing of the catalogue fits",
-        "chosen: a third of the story is none",
-    )
     named_from: float = number(
         0.8, "1", "and from which on the names tell the whole story", "chosen: four fifths of it"
     )
-    trust_if_open: float = number(
+    even_odds: float = number(
         0.5,
         "1",
-        "how far a name is believed that closes a part of the gap: the catalogue may lack the cause of the rest",
-        "calibrated: of 71 names beside an open gap in six development sets 36 were right, of 250 others 236",
+        "least probability of a name for part of a gap to have a cause of the catalogue",
+        "law: more likely than not",
     )
-    trust_if_wide_open: float = number(
-        0.25,
+    half_trust_share: float = number(
+        0.3,
         "1",
-        "and one that closes less than `partial_from` of it",
-        "calibrated: of 11 such names in a development set 1 was right; a prior of one right in two counts as six more",
+        "a law's part of all that can be explained at its joints at which it is believed by half",
+        "calibrated: semi-real sessions",
     )
     least_gap_share: float = number(
         0.06,
@@ -65,6 +59,11 @@ class VerdictSettings(Settings):
     loud: float = number(
         1.15, "1", "error over noise from which on a gap speaks for itself", "chosen: a third of the mean square"
     )
+
+    def trust(self, share: float) -> float:
+        """How far a law is believed that makes up a share of what can be explained at its joints: odds ∝ share's²."""
+        odds = lambda one: (one / max(1.0 - one, 1e-6)) ** 2  # noqa: E731
+        return odds(share) / (odds(share) + odds(self.half_trust_share))
 
 
 USUAL_VERDICT = VerdictSettings()

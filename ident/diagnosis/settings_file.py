@@ -1,4 +1,4 @@
-"""Numbers of a diagnosis in a TOML file: written where they are calibrated, read where they are used."""
+"""Numbers of a diagnosis in a TOML file: read where they are used."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_settings(path: Path) -> DiagnosisSettings:
     Raises:
         InputError: No such file, no TOML, or a name or value that no setting has.
     """
-    record = read_toml(path, "give what `ident blind --calibrate` wrote")
+    record = read_toml(path, "give a TOML file of settings")
     return change_settings(USUAL, {name: value for name, value in record.items() if name != ORIGIN}, path)
 
 

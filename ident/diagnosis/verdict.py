@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.gap.trees import Ceiling
+from ident.diagnosis.gap.ceiling import Ceiling
 from ident.diagnosis.regression.cross_validation import HeldOutScore
 from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.prior_check import Tolerance
@@ -57,9 +58,9 @@ def find_unexplained(
 ) -> Unexplained:
     """At which joints more than noise is left, and how far it stands out.
 
-    Unexplained is what trees can learn; and, whether they can or not, an error over innovation (what can't be foretold
-    from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a run's own
-    level of friction doesn't count: that varies.
+    Unexplained is what a discrepancy sees; and, whether it does or not, an error over innovation (what can't be
+    foretold from one sample to the next) far above that of the middle joint, or far above the noise. What goes with a
+    run's own level of friction doesn't count: that varies.
     """
     whitening, moved = evidence.whitening, evidence.weights.sum(axis=0) > 0
     steady = np.array([ceiling.before for ceiling in ceilings])
@@ -79,31 +80,60 @@ def find_unexplained(
 
 def decide(
     found: SearchResults,
+    names: Sequence[Estimate],
     left: Bool[Array, " n"],
     floors: Float[Array, " n"],
     tolerance: Tolerance,
+    given: tuple[Float[Array, " n"], Float[Array, " n"]],
     settings: VerdictSettings = USUAL_VERDICT,
 ) -> str:
-    """How much of the gap at the joints in question the names close, above the noise."""
+    """How much of the gap at the joints in question the names close, above the noise.
+
+    It is counted from the tuned model and from the model as given, and the larger share counts: a cause that tuning
+    hides in part is named for what it explains of the user's model.
+
+    Args:
+        found: What the search found.
+        names: The names as far as they are believed.
+        left: Where more than noise is left beside them.
+        floors: What nothing can go below, joint by joint [N m].
+        tolerance: Whether the inertias were tuned beyond what URDFs are wrong by.
+        given: Held-out errors of the model with the URDF's inertias, without and with the names [N m].
+        settings: Which share is which verdict.
+    """
     if not found.named:
         return "none_of_catalogue" if left.any() or tolerance.exceeded or found.hint else "no_gap"
     joints = left.copy()
     for item in found.named:
         joints[item.shown] = True
-    start, end = found.ladder[0].rms[joints] ** 2, found.ladder[-1].rms[joints] ** 2
+    tuned = found.ladder[0].rms, found.ladder[-1].rms
     unit = np.maximum(floors[joints], 1e-9) ** 2
-    share = float(np.sum((start - end) / unit) / max(np.sum(np.maximum(start - unit, 0.0) / unit), 1e-12))
+    share = max(_closed(start[joints], end[joints], unit) for start, end in (tuned, given))
     if any(item.absorbed for item in found.named) and not left.any():
         share = 1.0  # held-out errors of the tuned model can't judge what tuning absorbs
-    if share >= settings.named_from:
-        return "partial" if tolerance.exceeded else "named"
-    return "partial" if share >= settings.partial_from else "none_of_catalogue"
+    if share >= settings.named_from and not tolerance.exceeded:
+        return "named"
+    return "partial" if max(one.class_probability for one in names) >= settings.even_odds else "none_of_catalogue"
 
 
-def believed(estimates: Sequence[Estimate], verdict: str, settings: VerdictSettings = USUAL_VERDICT) -> list[Estimate]:
-    """Names as far as they are believed: less where they leave the gap open, whose cause may then be another."""
-    trust = {"named": 1.0, "partial": settings.trust_if_open}.get(verdict, settings.trust_if_wide_open)
-    return [replace(one, probability=trust * one.probability) for one in estimates]
+def _closed(start: Float[Array, " k"], end: Float[Array, " k"], unit: Float[Array, " k"]) -> float:
+    """Share of the mean square above the noise that names close, each joint in units of its noise."""
+    closed, reducible = np.sum((start**2 - end**2) / unit), np.sum(np.maximum(start**2 - unit, 0.0) / unit)
+    return float(closed / max(float(reducible), 1e-12))
+
+
+def believed(
+    estimates: Sequence[Estimate], laws: Sequence[Beside], settings: VerdictSettings = USUAL_VERDICT
+) -> list[Estimate]:
+    """Names as far as they are believed: by what each explains of all that can be explained at its own joints.
+
+    What is open elsewhere says nothing of a name; a law beside which a flexible function still finds much at the same
+    joint may stand in for another cause.
+    """
+    return [
+        replace(one, probability=settings.trust(law.share) * one.probability)
+        for one, law in zip(estimates, laws, strict=True)
+    ]
 
 
 def score_outside(verdict: str, estimates: Sequence[Estimate], closed: float, leftover: Float[Array, " n"]) -> float:

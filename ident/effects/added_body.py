@@ -18,8 +18,9 @@ from functools import lru_cache
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.effects.base import SessionContext, Variant
-from ident.effects.plausible import arm_reach
+from ident.effects.base import Interval, SessionContext, Variant
+from ident.effects.intervals import amplitude_interval
+from ident.effects.plausible import arm_mass, arm_reach
 from ident.effects.typical_sizes import rated_torque, sampled_states
 from ident.robot.arm import ArmModel
 
@@ -79,6 +80,15 @@ def acting(arm: ArmModel, link: int, law: Float[Array, "10 k"]) -> list[int]:
     return [int(k) for k in np.flatnonzero(size > LEAST_COLUMN * max(float(size.max()), 1e-12))]
 
 
+def moment_about_axis(
+    arm: ArmModel, link: int, law: Float[Array, "10 k"], coefficients: Array, covariance: Array
+) -> Interval:
+    """Size of a body's first moment about its joint's axis [kg m]: what gravity shows of it, whatever it weighs."""
+    axis = arm.joint_axes[link]
+    across = (np.eye(3) - np.outer(axis, axis)) @ law[1:4]
+    return amplitude_interval(across @ coefficients, across @ covariance @ across.T)
+
+
 def place_of(variant: Variant) -> Float[Array, " 3"]:
     """Where a variant has its body [m]."""
     return np.array([variant.shape[name] for name in PLACE])
@@ -86,7 +96,7 @@ def place_of(variant: Variant) -> Float[Array, " 3"]:
 
 def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
     """A body about its place, if it was found and turns any joint there."""
-    if link not in places or not _weighs(arm, link):
+    if link not in places or not weighs(arm, link):
         return ()
     variant = Variant(shape=dict(zip(PLACE, map(float, places[link]), strict=True)))
     return (variant,) if acting(arm, link, link_law(arm, link, variant)) else ()
@@ -94,7 +104,7 @@ def placed(places: Places, arm: ArmModel, link: int) -> tuple[Variant, ...]:
 
 def centre_of(arm: ArmModel, mass: float, moment: Float[Array, " 3"]) -> Float[Array, " 3"] | None:
     """Where a body of such mass and moment is, no farther out than a tool's centre; None of what weighs nothing."""
-    if abs(mass) < LEAST_MASS_SHARE * float(arm.inertial_parameters[::10].sum()):
+    if abs(mass) < LEAST_MASS_SHARE * arm_mass(arm):
         return None
     place = moment / mass
     far = LARGEST_TOOL_SHARE * arm_reach(arm)
@@ -125,8 +135,13 @@ def places_of_tuning(session: SessionContext, links: Iterable[int]) -> Places:
     return found
 
 
-def _weighs(arm: ArmModel, link: int) -> bool:
-    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the arm."""
+@lru_cache(maxsize=64)
+def weighs(arm: ArmModel, link: int) -> bool:
+    """Whether a mass on a link does what no moments and no inertia of that link do; a matter of the arm.
+
+    Of a link that turns about a fixed point gravity tells the first moment alone: how heavy it is hangs on how it is
+    spread, which nobody knows.
+    """
     own = _structure(arm, link)
     mass, others = own[:, 0], own[:, 1:]
     left = mass - others @ np.linalg.lstsq(others, mass, rcond=None)[0]

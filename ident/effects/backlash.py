@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, RunContext, SessionContext, Variant
 from ident.effects.gear_twist import FINE_FACTORS, deflect, felt_torque, mean_inertia
-from ident.effects.knowledge import Expression, Range, Typical, not_at_all
-from ident.effects.typical_sizes import coefficient_interval, rated_torque
+from ident.effects.typical_sizes import rated_torque
 
 # Full widths of play [rad]. The link is through a narrow gap before the filter sees it: what is left is proportional
 # to the width. It falls through a wide one for so long that each width looks different.
@@ -47,18 +45,6 @@ class Backlash(Effect):
     screens: int = 1
 
     id = "backlash"
-    bursts = True
-    beyond_bound = True
-    rows = "all"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "the gear has play: a knock where the load changes sign; look where gravity's torque crosses zero"
-    shown_by = "reversals"
-    defining = ("gap_rad",)
-    typical = Typical("gap_rad", 0.017)
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all("a joint has no play; add the module's torque"),
-        "mjcf": not_at_all("stops of a joint are softened by the step, not stiff as teeth; add the module's torque"),
-    }
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
         some = session.surveyed(leftover)
@@ -97,21 +83,6 @@ class Backlash(Effect):
         gap = variant.inner.get("gap_rad", variant.shape.get("gap_rad", 0.0))
         contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
         return [next(_knock(run, joint, contact, (gap,), unit=gap))[:, :, None] for run in session.runs]
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {"gap_rad": coefficient_interval(0, coefficients, covariance)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        return {"gap_rad": Range(0.0, LARGEST_PLAY, "gears with so much play are broken")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        gap = figures["gap_rad"].words("mrad", 1e3)
-        return f"have the gear of {where} looked at: it has {gap} of play; until then approach targets from one side"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_PLAY])
 
 
 def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, float]:

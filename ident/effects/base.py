@@ -1,154 +1,26 @@
 """What an effect is: columns of extra joint torque that a model lacks, linear in coefficients, inside a small grid.
 
 An effect says what torque it would add, given the motion; it never sees the measured torque. The diagnosis filters the
-columns like the measured torque, takes out what a refit of the baseline could explain, and asks the data.
+columns like the measured torque, takes out what a refit of the baseline could explain, and asks the data. What else is
+known of it is a row of `effects.toml`, or class attributes of a user's effect.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical
+from ident.effects.context import RunContext, SessionContext, Variant
+from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
+from ident.effects.knowledge import Doubt, Expression, Interval, Range, Typical, read_row
 from ident.effects.size_prior import SizePrior
-from ident.motion.motion import Motion
-from ident.motion.out_of_core import choose_runs
-from ident.robot.arm import ArmModel
-
-T = TypeVar("T")
+from ident.effects.typical_sizes import friction_level, rated_torque
 
 __all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]
-
-
-@dataclass(frozen=True, eq=False)
-class RunContext:
-    """One run as the effects see it; T samples of n joints, before the common filter.
-
-    Attributes:
-        motion: The run (q, dq, ddq smoothed, time on the session clock, filter).
-        arm: The rigid arm with its payload.
-        rigid: Rigid torque of the motion [N m].
-        link: Modelled torque that the joint transmits: rigid torque without rotor inertia and friction [N m].
-        friction: Modelled friction torque of the baseline (viscous + Coulomb) [N m].
-        direction: Direction of sliding in [-1, 1]; each joint turns round over its own displacement or speed.
-        temperature: Measured joint temperature [degC], or None.
-        position_command: Commanded position [rad], or None.
-        rotor: Modelled torque of the rotors' inertia [N m], or None where it isn't modelled.
-
-    The regressor and the derivatives are computed once, when first asked for, and live as long as the run does: a long
-    session is gone through with fresh copies of its runs (`dataclasses.replace`), a few at a time.
-    """
-
-    motion: Motion
-    arm: ArmModel
-    rigid: Float[Array, "T n"]
-    link: Float[Array, "T n"]
-    friction: Float[Array, "T n"]
-    direction: Float[Array, "T n"]
-    temperature: Float[Array, "T n"] | None = None
-    position_command: Float[Array, "T n"] | None = None
-    rotor: Float[Array, "T n"] | None = None
-
-    @property
-    def n(self) -> int:
-        return self.motion.n
-
-    @property
-    def total(self) -> Float[Array, "T n"]:
-        """Whole modelled torque of the motor, seen at the joint [N m]."""
-        torque: Array = self.rigid + self.friction
-        return torque if self.rotor is None else torque + self.rotor
-
-    @cached_property
-    def regressor(self) -> Float[Array, "T n 10n"]:
-        """Regressor of the rigid torque in the links' inertial parameters."""
-        return self.arm.regressor(self.motion.q, self.motion.dq, self.motion.ddq)
-
-    @cached_property
-    def derivatives(self) -> tuple[Float[Array, "T n n"], Float[Array, "T n n"], Float[Array, "T n n"]]:
-        """Derivatives of the rigid torque by position, velocity and acceleration; rows are torques.
-
-        Each of their entries lies side by side for all samples: they are asked for one by one.
-        """
-        by_sample = self.arm.derivatives(self.motion.q, self.motion.dq, self.motion.ddq)
-        q, dq, ddq = (np.moveaxis(np.ascontiguousarray(np.moveaxis(one, 0, -1)), -1, 0) for one in by_sample)
-        return q, dq, ddq
-
-    @cached_property
-    def kept(self) -> dict[Any, Any]:
-        """What else was made of the run and will be asked for again, by whatever names it."""
-        return {}
-
-    def copied(self) -> RunContext:
-        """A copy that knows the derivatives if this one does, and takes what more it computes along when it goes."""
-        copy = replace(self)
-        if "derivatives" in vars(self):
-            vars(copy)["derivatives"] = self.derivatives
-        return copy
-
-    @property
-    def interval(self) -> float:
-        """Sampling interval [s]."""
-        return self.motion.interval
-
-
-@dataclass(frozen=True, eq=False)
-class SessionContext:
-    """All runs, in order, and what holds for all of them.
-
-    Attributes:
-        runs: The runs.
-        common_clock: Whether time goes on from run to run.
-        joint_names: The joints.
-        gear_ratios: Reduction of each joint, or None where it is not known.
-        rated_torque: Effort limits [N m].
-        tuned: Change of the links' inertial numbers by tuning, shape (10 n,), or None where nobody tuned them.
-        every: One of how many runs is asked for typical sizes: 1, or more where the runs of hours wait on disk.
-    """
-
-    runs: Sequence[RunContext]
-    common_clock: bool
-    joint_names: tuple[str, ...]
-    gear_ratios: Float[Array, " n"] | None
-    rated_torque: Float[Array, " n"]
-    tuned: Float[Array, " 10n"] | None = None
-    every: int = 1
-
-    @property
-    def n(self) -> int:
-        return len(self.joint_names)
-
-    @cached_property
-    def survey(self) -> SessionContext:
-        """The session itself, or an even choice of its runs, held in memory, where there are very many."""
-        return self if self.every == 1 else replace(self, runs=tuple(self.surveyed(self.runs)), every=1)
-
-    def surveyed(self, of_runs: Sequence[T]) -> Sequence[T]:
-        """Of what there is one of for each run, those of the survey's runs."""
-        return [of_runs[k] for k in choose_runs(len(of_runs), self.every)]
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One point of an effect's inner grid: the figures in which its torque is not linear.
-
-    Attributes:
-        inner: Names (with units) and values, such as {"stribeck_velocity_rad_s": 0.05, "exponent": 2}; the same names
-            in all variants of an effect. They are reported, with intervals from their likelihood over the grid.
-        other: Another joint that takes part (coupling), or None.
-        shape: Further figures that the columns need and nobody asks for: centres and scales of the whole session,
-            points about which a law is linearised. Columns of a part of a session then match those of the whole.
-    """
-
-    inner: Mapping[str, float] = field(default_factory=dict)
-    other: int | None = None
-    shape: Mapping[str, float] = field(default_factory=dict)
 
 
 class Effect(ABC):
@@ -180,10 +52,16 @@ class Effect(ABC):
         of_the_log: Whether it is one of the log alone: the joint gets another torque than what is read.
         open_law: Whether the reported figures leave its law open: a diagnosis then tells coefficients and shape beside.
         left_open: What even these leave open for a simulator, and what is taken then; "" for nothing.
+        figures: Reported figures that are the columns' coefficients, one after the other; see `parameters`.
+        prior: Largest plausible coefficients, numbers or shares of what the joint has ("0.5 rated"); see `prior_scale`.
+        bounds: By figure, its least and largest value, like `prior`, and why no arm has others; see `physical`.
+        sentence: What to do about it, with {where} and figures such as {gap_rad:mrad}; see `action`.
         formats: How `urdf` and `mjcf` express it, where that is not by damping and dry friction.
         law: Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the
             motion (m.q, m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that
             uses NumPy alone and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
+        drawn_over: What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
+        drawn: `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
         incomparable: Figures that mean something else in a simulated arm's answer.
         opposite: Figures that a simulated arm's answer tells with the other sign.
     """
@@ -211,10 +89,22 @@ class Effect(ABC):
     of_the_log: ClassVar[bool] = False
     open_law: ClassVar[bool] = False
     left_open: ClassVar[str] = ""
+    figures: ClassVar[tuple[str, ...]] = ()
+    prior: ClassVar[tuple[float | str, ...]] = ()
+    bounds: ClassVar[Mapping[str, tuple[float | str, float | str, str]]] = {}
+    sentence: ClassVar[str] = ""
     formats: ClassVar[Mapping[str, Expression]] = {}
     law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
+    drawn_over: ClassVar[str] = ""
+    drawn: ClassVar[Literal["", "whole", "odd"]] = ""
     incomparable: ClassVar[frozenset[str]] = frozenset()
     opposite: ClassVar[frozenset[str]] = frozenset()
+
+    def __init_subclass__(cls) -> None:
+        """An effect of the catalogue takes what it does not say itself from its row of `effects.toml`."""
+        for name, value in read_row(cls.__dict__.get("id", "")).items():
+            if name not in cls.__dict__:
+                setattr(cls, name, value)
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Effect:
         """The effect after a first look at what the tuned model leaves; events learn there when they may have been.
@@ -257,7 +147,6 @@ class Effect(ABC):
         Whole sessions are asked for at once because some effects remember from run to run.
         """
 
-    @abstractmethod
     def parameters(
         self,
         session: SessionContext,
@@ -266,7 +155,12 @@ class Effect(ABC):
         coefficients: Float[Array, " k"],
         covariance: Float[Array, "k k"],
     ) -> dict[str, Interval]:
-        """Physical figures of the catalogue from coefficients; 95 % intervals for a known variant."""
+        """Physical figures of the catalogue from coefficients; 95 % intervals for a known variant.
+
+        By default the coefficients themselves, by the names of `figures`.
+        """
+        names = self.figures or [f"coefficient_{k}" for k in range(len(coefficients))]
+        return {name: coefficient_interval(k, coefficients, covariance) for k, name in enumerate(names)}
 
     def without_dry_friction(
         self, coefficients: Float[Array, " k"], variant: Variant
@@ -280,7 +174,7 @@ class Effect(ABC):
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         """Largest plausible size of each coefficient (two standard deviations of the prior), or None for flat."""
-        return None
+        return np.array([_sized(one, session, joint) for one in self.prior]) if self.prior else None
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior | None:
         """What is known of its coefficients beforehand; None where each costs what any free figure does.
@@ -291,7 +185,10 @@ class Effect(ABC):
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """What reported figures can be on this arm, by name; figures that may be anything are left out."""
-        return {}
+        return {
+            name: Range(_sized(low, session, joint), _sized(high, session, joint), reason)
+            for name, (low, high, reason) in self.bounds.items()
+        }
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         """What a person at the cell can do about it: one sentence without a full stop.
@@ -300,6 +197,8 @@ class Effect(ABC):
             where: The joint's name, or those of the joints where an effect of the whole arm shows.
             figures: The reported figures.
         """
+        if self.sentence:
+            return self.sentence.format(where=where, **figures)
         told = ", ".join(f"{name} {figure.value:.3g}" for name, figure in figures.items())
         return f"add {self.id.replace('_', ' ')} of {where} to the model ({told}): `ident patch` writes it"
 
@@ -343,50 +242,16 @@ class Effect(ABC):
         return {name: -value if name in self.opposite else value for name, value in kept.items()}
 
 
-def linear_interval(
-    weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], shift: float = 0.0
-) -> Interval:
-    """Interval of a linear combination of coefficients."""
-    value = float(weights @ coefficients) + shift
-    reach = 1.96 * float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
-    return Interval(value, value - reach, value + reach)
+def as_coefficients(values: Iterable[float]) -> dict[str, float]:
+    """Coefficients by the names that laws which are linear in them take: `coefficient_0` and so on."""
+    return {f"coefficient_{k}": float(value) for k, value in enumerate(values)}
 
 
-# Draws behind an interval: its ends are then sure to a twentieth of its width.
-INTERVAL_DRAWS = 400
-
-
-def drawn_interval(
-    function: Callable[[Float[Array, " k"]], float], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
-) -> Interval:
-    """95 % interval of any function of coefficients that are not negative, from draws of them.
-
-    For what bends within the coefficients' spread, where the delta method tells anything.
-    """
-    if not covariance.any():
-        return Interval(*3 * (function(coefficients),))
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    # The same draws every time: a figure is told the same when it is told again.
-    normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
-    drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    told = np.array([function(one) for one in np.maximum(drawn, 0.0)])
-    value, (low, high) = function(coefficients), np.quantile(told, (0.025, 0.975))
-    return Interval(value, min(value, float(low)), max(value, float(high)))
-
-
-def delta_interval(
-    function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
-) -> Interval:
-    """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
-    if not covariance.any():
-        return Interval(*3 * (float(function(coefficients)),))
-    size = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * step / 1e-2
-    gradient = np.array(
-        [
-            (function(coefficients + size[i] * unit) - function(coefficients - size[i] * unit)) / (2 * size[i])
-            for i, unit in enumerate(np.eye(len(coefficients)))
-        ]
-    )
-    value = float(function(coefficients))
-    reach = 1.96 * float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
-    return Interval(value, value - reach, value + reach)
+def _sized(size: float | str, session: SessionContext, joint: int) -> float:
+    """A number, or a share of what a joint has: "0.5 rated" [N m], "3 coulomb" [N m], "1 viscous" [N m s/rad]."""
+    if not isinstance(size, str):
+        return float(size)
+    share, of = size.split()
+    if of == "rated":
+        return float(share) * rated_torque(session, joint)
+    return float(share) * friction_level(session, joint)[("coulomb", "viscous").index(of)]

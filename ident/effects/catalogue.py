@@ -6,7 +6,8 @@ Recipe for an effect of your own: one Python file with a class derived from `Eff
     import numpy as np
     from ident.effects.base import Effect
     from ident.effects.knowledge import Typical
-    from ident.effects.typical_sizes import coefficient_interval, coulomb_level
+    from ident.effects.typical_sizes import coulomb_level
+from ident.effects.intervals import coefficient_interval
 
     class Magnet(Effect):
         '''A magnet in the housing that pulls the joint towards one angle: τ = A sin 3q.'''

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -16,13 +16,16 @@ from scipy.ndimage import uniform_filter1d
 from ident.arrays import Array, Float
 from ident.effects.added_body import point_mass
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.knowledge import EVENT, Doubt, Expression, Range, Typical
-from ident.effects.typical_sizes import amplitude_interval, exactly
+from ident.effects.intervals import amplitude_interval, exactly
+from ident.effects.knowledge import Range
+from ident.effects.plausible import arm_reach
+from ident.effects.typical_sizes import rated_torque
 from ident.robot.arm import ArmModel
 
 SHORTEST_WINDOW = 0.5  # [s]
 EDGE = 0.1  # Time in which the force sets in and fades [s].
-LARGEST_FORCE = 500.0  # [N]
+# Of the force with which the strongest joint's rated torque pushes at the arm's reach: near the base links bear more.
+LARGEST_FORCE_SHARE = 3.5
 # Screening: stretches whose mean square is this many times the usual one are candidates: over all joints, or at one.
 SCREEN_RATIO, SCREEN_ONE_RATIO = 4.0, 7.0
 MOST_PUSHES = 3
@@ -67,16 +70,6 @@ class ExternalContact(Effect):
     screens: int = 1
 
     id = "external_contact"
-    scope = "arm"
-    rows = "all"
-    event = True
-    summary = "something pushes the arm for a while; repeat the motion in free space"
-    shown_by = "free"
-    defining = ("force_N",)
-    typical = Typical("force_N", 0.2)
-    doubt = Doubt(exact=frozenset({"start_s", "end_s", "link"}))
-    left_open = EVENT.words
-    formats: ClassVar[Mapping[str, Expression]] = {"urdf": EVENT, "mjcf": EVENT}
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> ExternalContact:
         cells = sum(float(run.motion.time[-1] - run.motion.time[0]) for run in session.runs) / SHORTEST_WINDOW
@@ -117,7 +110,7 @@ class ExternalContact(Effect):
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        return {"force_N": Range(0.0, LARGEST_FORCE, "the arm would have stopped")}
+        return {"force_N": Range(0.0, _largest_force(session), "the arm would have stopped")}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         start, end = figures["start_s"].value, figures["end_s"].value
@@ -125,7 +118,7 @@ class ExternalContact(Effect):
         return f"find what pushed link {link} with {force} from {start:.1f} to {end:.1f} s, and record in free space"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(3, LARGEST_FORCE)
+        return np.full(3, _largest_force(session))
 
     def compared(self, true: Mapping[str, Any], starts: Sequence[float]) -> dict[str, float]:
         """The simulated arm's clock is the run's; its force acts at another point."""
@@ -218,7 +211,7 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
     q = run.motion.q[run.motion.coarse][near]
     square = float(np.sum(target**2))
     beyond = square - max(float(counts.sum()) - run.n, 0.0)  # in usual deviations: each sample's own square is one
-    best, share = push, 0.0
+    best, share, largest = push, 0.0, _largest_force(session)
     for link, outward in _points(session.n):
         force = force_columns(run.arm, q, link, outward) / usual[None, :, None]
         columns = np.where((counts & during[:, None])[:, :, None], force, 0.0).reshape(-1, 3)
@@ -226,7 +219,7 @@ def locate(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], pus
         solved = np.linalg.lstsq(columns, target, rcond=1e-3)[0]
         fall = square - float(np.sum((target - columns @ solved) ** 2))
         explained = fall / max(beyond, fall, 1e-300)
-        if explained > share and np.linalg.norm(solved) < LARGEST_FORCE:
+        if explained > share and np.linalg.norm(solved) < largest:
             best, share = replace(push, link=link, outward=outward), explained
     return best, share
 
@@ -255,6 +248,12 @@ def force_columns(arm: ArmModel, q: Float[Array, "T n"], link: int, outward: flo
 def _points(n: int) -> list[tuple[int, float]]:
     """Links and points on them that are tried."""
     return [(link, outward) for link in range(1, n + 1) for outward in ((0.0, 1.0) if link < n else (0.0,))]
+
+
+def _largest_force(session: SessionContext) -> float:
+    """Force that no arm of such motors bears [N]."""
+    strongest = max(rated_torque(session, joint) for joint in range(session.n))
+    return LARGEST_FORCE_SHARE * strongest / max(arm_reach(session.runs[0].arm), 1e-3)
 
 
 def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:

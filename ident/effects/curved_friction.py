@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
 from ident.effects.friction import LEAST_TOP_SPEED
-from ident.effects.knowledge import Expression, Range, Typical, exactly_as, nearly_as
+from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval
+from ident.effects.knowledge import Expression, Range, exactly_as
 from ident.effects.plausible import LARGEST_TORQUE_SHARE
 from ident.effects.typical_sizes import (
-    coefficient_interval,
+    at_state,
     friction_level,
     friction_states,
-    grid_interval,
     hardly_moves,
     least_rest_speed,
     rated_torque,
     top_speed,
+    usual_speed,
 )
 from ident.model.named_laws import curved_viscous
 
@@ -40,10 +40,6 @@ def _bend(exponent: float) -> float:
     return float(abs(at**exponent - at))
 
 
-# Half of the speed of one, at which a curved law is told by how far it lies off the straight line [rad/s].
-HALF_SPEED = 0.5
-
-
 class NonlinearViscousFriction(Effect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
@@ -56,17 +52,6 @@ class NonlinearViscousFriction(Effect):
     """
 
     id = "nonlinear_viscous_friction"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "friction over speed is no line but a curve; look at fast against middling speeds"
-    shown_by = "ladder"
-    parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
-    defining = ("coefficient",)
-    typical = Typical("coefficient", 0.2, {"exponent": 0.5})
-    open_law = True
-    incomparable = frozenset({"coefficient", "exponent"})  # the simulated arm's viscous law is no power law
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "mjcf": nearly_as("polynomial damping and frictionloss, fitted up to the joint's velocity limit")
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -103,9 +88,14 @@ class NonlinearViscousFriction(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
+        shape, speed = {**variant.shape, **variant.inner}, usual_speed(session, joint)
+        half, whole = (curved_viscous(at_state(dq=v), shape)[0] for v in (speed, 2.0 * speed))
         return {
             "coefficient": coefficient_interval(0, coefficients, covariance),
             "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
+            "knee_rad_s": exactly(variant.shape.get("knee_rad_s", 0.0)),
+            "bend_Nm": linear_interval(half - 0.5 * whole, coefficients, covariance),
+            "at_speed_rad_s": exactly(speed),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
@@ -114,13 +104,6 @@ class NonlinearViscousFriction(Effect):
         # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
         most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * _bend(exponent))
         return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        bend = HALF_SPEED ** figures["exponent"].value - HALF_SPEED
-        torque = figures["coefficient"].words("N m", abs(bend))
-        way = "more" if bend > 0.0 else "less"
-        law = f"at {HALF_SPEED:g} rad/s {torque} {way} than on the straight line from rest to 1 rad/s"
-        return f"let the friction of {where} bend over speed: {law}; grease that has aged bends it too"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
@@ -131,7 +114,7 @@ class NonlinearViscousFriction(Effect):
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
         """The point of the grid that the coefficient was found at."""
-        return {"coefficient": coefficients[0], **shape} if coefficients else {}
+        return {**shape, **as_coefficients(coefficients or [reported["coefficient"]])}
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and figures["exponent"] == 2.0:

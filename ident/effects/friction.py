@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant, linear_interval
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Range, Typical
+from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
+from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
+from ident.effects.knowledge import Range
 from ident.effects.typical_sizes import (
-    coefficient_interval,
+    at_state,
     coulomb_level,
     friction_level,
     friction_states,
-    grid_interval,
     hardly_moves,
     least_rest_speed,
     rated_torque,
     top_speed,
     travel,
-    wave_figures,
+    usual_speed,
 )
 from ident.model.named_laws import asymmetric, by_load, by_position, stribeck
 
@@ -32,8 +31,6 @@ FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
     (0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
 )
 POSITION_ORDERS = (1.0, 2.0)
-# Static over sliding friction, less one.
-LARGEST_BREAKAWAY = 3.0
 # Share of the transmitted torque that a gear may lose: strain-wave gears are worse than half cold and unloaded only.
 LARGEST_LOSS = 0.5
 LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
@@ -51,14 +48,6 @@ class StribeckFriction(Effect):
     """
 
     id = "stribeck_friction"
-    beyond_bound = True
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "more friction at low speed than Coulomb and viscous friction have; look at slow stretches"
-    shown_by = "ladder"
-    parted_by: ClassVar[Mapping[str, str]] = {"presliding_hysteresis": "ladder", "thermal_friction": "repeat"}
-    defining = ("amplitude_Nm",)
-    typical = Typical("amplitude_Nm", 0.3, {"stribeck_velocity_rad_s": 0.06, "exponent": 1.0})
-    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -92,30 +81,20 @@ class StribeckFriction(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
+        speed = variant.inner["stribeck_velocity_rad_s"]
         return {
             "amplitude_Nm": coefficient_interval(0, coefficients, covariance),
             "stribeck_velocity_rad_s": grid_interval(variant.inner["stribeck_velocity_rad_s"], STRIBECK_VELOCITIES),
             "exponent": grid_interval(variant.inner["exponent"], STRIBECK_EXPONENTS),
+            "left_Nm": linear_interval(stribeck(at_state(dq=speed), variant.inner)[0], coefficients, covariance),
+            "at_speed_rad_s": exactly(speed),
         }
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """Breaking away takes at most a few times the force of sliding (Armstrong-Hélouvry 1991)."""
-        most = LARGEST_BREAKAWAY * coulomb_level(session, joint)
-        return {"amplitude_Nm": Range(0.0, most, "static friction is at most some times Coulomb friction")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude = figures["amplitude_Nm"].words("N m")
-        speed = figures["stribeck_velocity_rad_s"].value
-        return f"give {where} in the model {amplitude} more below {speed:.2g} rad/s, or cross slow speeds quickly"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([coulomb_level(session, joint)])
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
         """The point of the grid that the coefficient was found at."""
-        return {"amplitude_Nm": coefficients[0], **shape} if coefficients else {}
+        return {**shape, **as_coefficients(coefficients or [reported["amplitude_Nm"]])}
 
 
 class LoadDependentFriction(Effect):
@@ -130,12 +109,6 @@ class LoadDependentFriction(Effect):
     """
 
     id = "load_dependent_friction"
-    nonnegative: ClassVar[tuple[int, ...]] = (0, 1)
-    summary = "friction grows with the transmitted torque; look at poses of high and low load at one speed"
-    shown_by = "poses"
-    defining = ("mu",)
-    typical = Typical("mu", 0.3)
-    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -162,15 +135,13 @@ class LoadDependentFriction(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        weights = np.array([0.75, 0.75, 1.0, variant.shape["speed_rad_s"]])[: len(coefficients)]
-        return {"mu": linear_interval(weights, coefficients, covariance)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        return {"mu": Range(0.0, LARGEST_LOSS, "no gear of a robot loses more than half of what it transmits")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        share = figures["mu"].words("%", 100.0)
-        return f"let the friction of {where} grow by {share} of the load it carries; look at the gear if that has risen"
+        load, speed = variant.shape["load_Nm"], variant.shape["speed_rad_s"]
+        both = [by_load(at_state(dq=speed, load=sign * load), variant.shape)[0] for sign in (1.0, -1.0)]
+        return {
+            "mu": linear_interval((both[0] + both[1]) / (2.0 * load), coefficients, covariance),
+            "at_load_Nm": exactly(load),
+            "at_speed_rad_s": exactly(speed),
+        }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
@@ -178,28 +149,15 @@ class LoadDependentFriction(Effect):
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
-        """Level, excess of driving over backdriving, curvature over the load, growth with speed."""
-        if not coefficients:
-            return {"level": reported["mu"], "driving": 0.0, "curvature_1_Nm": 0.0, "viscous_s_rad": 0.0}
-        one, other, square, speed = (*coefficients, 0.0, 0.0)[:4]
-        return {
-            "level": 0.75 * (one + other),
-            "driving": 0.25 * (one - other),
-            "curvature_1_Nm": square / shape["load_Nm"],
-            "viscous_s_rad": speed,
-        }
+        """Those of its columns; without them driving and backdriving alike."""
+        alike = 2 * [reported["mu"] / 1.5] if "mu" in reported else []
+        return {"terms": 2.0, "load_Nm": 1.0, **shape, **as_coefficients(coefficients or alike)}
 
 
 class PositionDependentFriction(Effect):
     """Friction that varies over a turn: τ = s A cos(k q − φ)."""
 
     id = "position_dependent_friction"
-    summary = "friction varies with the joint's angle; look at both directions over the whole range"
-    shown_by = "poses"
-    defining = ("amplitude_Nm",)
-    typical = Typical("amplitude_Nm", 0.2)
-    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
-    opposite = frozenset({"phase_rad"})  # the simulated arm has cos(kq + phase)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         low, high = travel(session, joint)
@@ -232,12 +190,12 @@ class PositionDependentFriction(Effect):
         most = coulomb_level(session, joint) / max(float(wave.mean() - wave.min()), 1e-9)
         return {"amplitude_Nm": Range(0.0, most, "friction would drive the joint: more than Coulomb friction varies")}
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude = figures["amplitude_Nm"].words("N m")
-        return f"let the friction of {where} vary over its angle by ± {amplitude}; look for a rubbing seal or hose"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, 0.5 * coulomb_level(session, joint))
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Cosine and sine of its wave."""
+        size, phase = reported.get("amplitude_Nm", 0.0), reported.get("phase_rad", 0.0)
+        return as_coefficients(coefficients or (size * np.cos(phase), size * np.sin(phase)))
 
 
 class AsymmetricFriction(Effect):
@@ -248,10 +206,6 @@ class AsymmetricFriction(Effect):
     """
 
     id = "asymmetric_friction"
-    summary = "friction differs between the two directions; look at equal speeds forwards and backwards"
-    shown_by = "ladder"
-    defining = ("coulomb_difference_Nm", "viscous_difference_Nms_rad")
-    typical = Typical("coulomb_difference_Nm", 0.2)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -270,9 +224,14 @@ class AsymmetricFriction(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
+        speed = usual_speed(session, joint)
         return {
             "coulomb_difference_Nm": coefficient_interval(0, coefficients, covariance),
             "viscous_difference_Nms_rad": coefficient_interval(1, coefficients, covariance),
+            "difference_Nm": linear_interval(
+                sum(asymmetric(at_state(dq=way * speed), {})[0] for way in (1.0, -1.0)), coefficients, covariance
+            ),
+            "at_speed_rad_s": exactly(speed),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
@@ -288,12 +247,7 @@ class AsymmetricFriction(Effect):
             "viscous_difference_Nms_rad": Range(-2.0 * viscous, 2.0 * viscous, reason)
         }
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        difference = figures["coulomb_difference_Nm"]
-        way = "forwards" if difference.value > 0.0 else "backwards"
-        size = difference.words("N m", size=True)
-        return f"let {where} have two levels of friction, {size} more {way} than the other way; look for a pulling hose"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        coulomb, viscous = friction_level(session, joint)
-        return 0.5 * np.array([coulomb, viscous])
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        return as_coefficients(coefficients or [reported[name] for name in self.defining])

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar, Protocol
 
+from ident.effects.knowledge import TABLE
+
 
 @dataclass(frozen=True)
 class Showing:
@@ -28,51 +30,9 @@ class Showing:
     minutes: float
 
 
-SHOWINGS: dict[str, Showing] = {
-    one.family: one
-    for one in (
-        Showing("ladder", "{joint} there and back at steady speeds from 0.02 rad/s to its fastest", 4),
-        Showing("reversals", "{joint} slowly to and fro between ever nearer turning points", 3),
-        Showing("chirp", "{joint} and its neighbours swept in frequency, to 10 Hz or so, about poses under load", 3),
-        Showing("holds", "standstill in many poses, each approached from both sides, and {joint} both ways between", 4),
-        Showing("poses", "the same path of {joint} both ways, repeated in other poses of the other joints", 4),
-        Showing("wide", "all joints fast over wide poses", 4),
-        Showing("vias", "all joints by clamped splines through chosen via points", 4),
-        Showing("random", "all joints there and back through random points, as fast as their limits allow", 4),
-        Showing("jointwise", "one joint after the other, the rest at standstill", 4),
-        Showing("slow", "{joint} at two slow steady speeds, 0.02 and 0.04 rad/s", 4),
-        Showing("repeat", "one motion of {joint} cold, after ten minutes of fast work, and after a rest", 25),
-        Showing("loaded", "{joint} at its highest loads: arm stretched out, fast starts and stops", 3),
-        Showing("free", "the same motion again in free space, with nothing near the arm", 2),
-    )
-}
-
+SHOWINGS: dict[str, Showing] = {family: Showing(family, **one) for family, one in TABLE["motions"].items()}
 # What parts two effects that are the same torque, or nearly so, in every motion: another set-up of the arm.
-KNOWN_MASS = (
-    "hang a known mass on the flange, give it as [payload] in session.toml, and record the same motion again: its "
-    "torque is known, so the gain is; a wrong mass of the links changes nothing about it"
-)
-GAIN_OR_PAYLOAD = (
-    "record the same motion with a known mass on the flange ([payload] of session.toml) and without it: the difference "
-    "is known, so the gain is"
-)
-LOAD_OR_LINK = (
-    "take everything off the flange, note it in session.toml, and record the same motion again: what stays belongs to "
-    "the last link; or hang a known mass on and give it as [payload]"
-)
-BRAKES_CLOSED = (
-    "log ten seconds at standstill with the brakes closed and the drives idle, before and after the motion: no "
-    "friction reaches the motor then, and what its torque reads is the offset; standstill under control does not do, "
-    "friction stays in the joint there"
-)
-LEVEL_OR_LINKS = (
-    "turn the base by a quarter about the vertical, or level it with a spirit level, and record the same motion again: "
-    "a tilt turns with the base, the links' masses don't"
-)
-LEVEL_OR_ZERO = (
-    "turn the base by a quarter about the vertical and record the same motion again: a tilt changes its sign over the "
-    "joints, an encoder's zero doesn't"
-)
+KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
 
 
 class ShownBy(Protocol):

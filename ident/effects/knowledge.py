@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 Answer = Literal["yes", "approximate", "no"]
 # No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
 # (95 %, from a development set of simulated arms whose laws are others than the catalogue's).
 LAW_SHARE, LAW_ANGLE = 0.15, 0.4
+# A parameter whose name begins with this is no estimate but the state at which the fitted law was evaluated for another
+# one: `bend_Nm` is torque of the law at `at_speed_rad_s`. Sentences and cards say these: no number in them is made by a
+# formula that is written a second time.
+STATE = "at_"
+
+
+# Units that sentences use for those of figures: how many there are in one.
+UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
+TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
@@ -41,11 +52,6 @@ def nearly_as(words: str) -> Expression:
 def not_at_all(words: str) -> Expression:
     """A format has no words for it."""
     return Expression("no", words)
-
-
-EVENT = not_at_all(
-    "an event of the recording, not a property of the arm; the diagnosis gives no direction of the force"
-)
 
 
 @dataclass(frozen=True)
@@ -84,25 +90,52 @@ class Doubt:
     exact: frozenset[str] = frozenset()
 
     def of(self, name: str, value: float) -> float:
-        """Half the width that the doubt alone gives a figure, in its unit."""
-        if name in self.exact:
+        """Half the width that the doubt alone gives a figure, in its unit; none at a named state (`STATE`)."""
+        if name in self.exact or name.startswith(STATE):
             return 0.0
         return self.places.get(name, self.shares.get(name, self.share) * abs(value))
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its 95 % interval."""
+    """An estimate with its 95 % interval.
+
+    Attributes:
+        value: The estimate.
+        low, high: Ends of the interval.
+        open: Which ends the recordings leave open, where `low` and `high` are those of the values that were tried or
+            that an arm can have: "low", "high", "both", or "" for none.
+    """
 
     value: float
     low: float
     high: float
+    open: Literal["", "low", "high", "both"] = ""
 
-    def to_dict(self) -> dict[str, float]:
-        return {"value": self.value, "low": self.low, "high": self.high}
+    def to_dict(self) -> dict[str, Any]:
+        """Its record; `open` only where an end is."""
+        ends = {"value": self.value, "low": self.low, "high": self.high}
+        return {**ends, "open": self.open} if self.open else ends
+
+    def told(self, unit: str, scale: float = 1.0) -> str:
+        """The value alone, as a person reads it: of a named state."""
+        return f"{scale * self.value:.3g} {unit}"
+
+    def __format__(self, how: str) -> str:
+        """As `how` says: a unit for the estimate with its interval; `=unit` for its value, `|unit` for its size; and
+
+        `?more,less` for the first word where it is positive. Without a unit the value is a whole number.
+        """
+        if how.startswith("?"):
+            return how[1:].split(",")[self.value <= 0.0]
+        unit = how.lstrip("=|")
+        scale = UNIT_SCALE.get(unit, 1.0)
+        if not unit:
+            return str(round(self.value))
+        return self.told(unit, scale) if how.startswith("=") else self.words(unit, scale, how.startswith("|"))
 
     def words(self, unit: str, scale: float = 1.0, size: bool = False) -> str:
-        """The figure with its interval as a person reads it.
+        """The estimate with its interval as a person reads it; of an open one the end that is known.
 
         Args:
             unit: Its unit.
@@ -112,7 +145,9 @@ class Interval:
         value, low, high = (scale * one for one in (self.value, self.low, self.high))
         if size and value < 0.0:
             value, low, high = -value, -high, -low
-        return f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]"
+        known = {"high": f"at least {low:.3g} {unit}", "low": f"at most {high:.3g} {unit}"}
+        known["both"] = f"{value:.3g} {unit}, or anything else,"
+        return known.get(self.open, f"{value:.3g} {unit} [{low:.3g}, {high:.3g}]")
 
 
 @dataclass(frozen=True)
@@ -127,3 +162,24 @@ class Range:
     low: float
     high: float
     reason: str
+
+
+def read_row(effect: str) -> dict[str, Any]:
+    """Class attributes of an effect by its row of `effects.toml`; none where there is no such row."""
+
+    def read(key: str, value: Any) -> Any:
+        if key == "typical":
+            return Typical(**{name: _frozen(one) for name, one in value.items()})
+        if key == "doubt":
+            return Doubt(**dict[str, Any](value | {"exact": frozenset(value.get("exact", ()))}))
+        if key == "formats":
+            return {form: Expression(*one) for form, one in value.items()}
+        if key == "set_ups":
+            return {other: TABLE["set_ups"][one] for other, one in value.items()}
+        return frozenset(value) if key in ("incomparable", "opposite") else _frozen(value)
+
+    return {key: read(key, value) for key, value in TABLE["effects"].get(effect, {}).items()}
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant, delta_interval, drawn_interval
-from ident.effects.knowledge import Doubt, Range, Typical
-from ident.effects.plausible import LARGEST_TORQUE_SHARE
-from ident.effects.typical_sizes import coulomb_level, friction_level, grid_interval, hardly_moves, rated_torque
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
+from ident.effects.typical_sizes import coulomb_level, friction_level, hardly_moves
 from ident.model.presliding import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
 FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)
 # Time constants beyond this many sessions are straight lines, all the same.
 LONGEST_TIME_CONSTANT = 4.0
-# Largest rise of Coulomb friction with warmth, as a share of the cold level.
-LARGEST_COULOMB_RISE = 2.0
 LEAST_SESSION = 60.0  # [s]
 LEAST_TEMPERATURE_RANGE = 1.0  # [K]
 # Temperature sensors are slow and coarse: their steps and noise are averaged over this time [s].
@@ -47,17 +43,7 @@ class ThermalFriction(Effect):
     """
 
     id = "thermal_friction"
-    remembers = True
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "friction changes with warmth; look at the same motion cold and hot"
-    by_run = True
-    shown_by = "repeat"
-    defining = ("viscous_change",)  # no gear warms up without it
-    typical = Typical("viscous_change", 0.4, {"time_constant_s": 120.0})
-    doubt = Doubt(shares={"time_constant_s": 0.35})  # a gear has more than one
-    left_open = "warmth is left open: give `warmth` from 0 (coldest moment of the session) to 1 (warmest)"
     # The simulated arm tells changes at rated load, not those of the session.
-    incomparable = frozenset({"viscous_change", "coulomb_change"})
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -124,14 +110,6 @@ class ThermalFriction(Effect):
             found["time_constant_s"] = grid_interval(variant.inner["time_constant_s"], TIME_CONSTANTS)
         return found
 
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        """Passive hot as well as cold: no change takes more than all of the friction."""
-        reason = "warm friction would drive the joint, or be several times the cold"
-        return {
-            "viscous_change": Range(-1.0, 0.0, "friction of a warm lubricant falls, to none at most"),
-            "coulomb_change": Range(-1.0, LARGEST_COULOMB_RISE, reason),
-        }
-
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
         change = figures["viscous_change"].words("%", 100.0)
         if "time_constant_s" in figures:
@@ -141,10 +119,6 @@ class ThermalFriction(Effect):
         return (
             f"warm {where} up {how_long} before precise work, or compensate: its viscous friction changes by {change}"
         )
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        coulomb, viscous = friction_level(session, joint)
-        return np.array([viscous, 0.5 * coulomb])
 
 
 class PreslidingHysteresis(Effect):
@@ -159,13 +133,6 @@ class PreslidingHysteresis(Effect):
     """
 
     id = "presliding_hysteresis"
-    beyond_bound = True
-    nonnegative: ClassVar[tuple[int, ...]] = tuple(range(len(DISPLACEMENTS)))
-    summary = "friction builds up over some travel after each reversal; look right after reversals"
-    shown_by = "reversals"
-    defining = ("amplitude_Nm",)
-    typical = Typical("amplitude_Nm", 0.15)
-    open_law = True
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         reason = hardly_moves(session, joint)
@@ -214,6 +181,10 @@ class PreslidingHysteresis(Effect):
         def amplitude(k: Array) -> float:
             return float(np.maximum(k, 0.0) @ sizes) / displacement(k)
 
+        def reversal(k: Array) -> float:
+            kept, _ = self.without_dry_friction(k, variant)
+            return float(kept @ np.clip(where.value / sizes, 0.0, 2.0))
+
         where = drawn_interval(displacement, coefficients, covariance)
         reach = grid_interval(where.value, DISPLACEMENTS)
         strength = drawn_interval(amplitude, coefficients, covariance)
@@ -224,19 +195,9 @@ class PreslidingHysteresis(Effect):
             "displacement_rad": Interval(
                 where.value, max(min(where.low, reach.low), sizes[0] / 4), max(where.high, reach.high)
             ),
+            "reversal_Nm": drawn_interval(reversal, coefficients, covariance),
+            "at_travel_rad": exactly(where.value),
         }
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint)
-        return {
-            "amplitude_Nm": Range(0.0, most, "it takes more than the motor can spare"),
-            "displacement_rad": Range(0.0, max(DISPLACEMENTS), "dry contacts slip after less"),
-        }
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude = figures["amplitude_Nm"].words("N m")
-        travel = figures["displacement_rad"].words("mrad", 1e3)
-        return f"approach targets of {where} from one side, or model how {amplitude} build up over {travel} of reversal"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         return np.full(len(variant.shape), coulomb_level(session, joint))

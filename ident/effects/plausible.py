@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 # An effect that takes more than this share of what a joint can give leaves a joint that hardly moves by itself.
 LARGEST_TORQUE_SHARE = 0.5
-# Laws that are linear in an angle, or in the sine of one, are off by 2 % there [rad].
-LARGEST_SMALL_ANGLE = 0.35
+# Bounds are of the arm's own rating and friction, which nobody knows better than by this factor.
+KNOWN_WITHIN = 1.5
 
 
 def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
@@ -33,7 +33,7 @@ def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
 
 
 def impossible(effect: Effect, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> str | None:
-    """Why no arm has an effect of such figures, or None.
+    """Why no arm has an effect of such figures, or None: a 95 % interval that lies beyond a bound as a whole.
 
     Args:
         effect: The effect.
@@ -42,10 +42,18 @@ def impossible(effect: Effect, session: SessionContext, joint: int, figures: Map
         figures: The reported figures.
     """
     for name, allowed in effect.physical(session, joint, figures).items():
-        value = figures[name].value
-        if not allowed.low <= value <= allowed.high:  # true of what is not finite, too
+        found, value = figures[name], figures[name].value
+        # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does not drive).
+        slack = KNOWN_WITHIN if allowed.low in (0.0, -allowed.high) else 1.0
+        possible = found.high >= slack * allowed.low and found.low <= slack * allowed.high
+        if not (np.isfinite(value) and possible):
             return f"{name} {value:.3g} lies outside {allowed.low:.3g} to {allowed.high:.3g}: {allowed.reason}"
     return None
+
+
+def arm_mass(arm: ArmModel) -> float:
+    """Mass of all moving links [kg]: what an arm weighs, it is rated by."""
+    return float(arm.inertial_parameters[::10].sum())
 
 
 def arm_reach(arm: ArmModel) -> float:

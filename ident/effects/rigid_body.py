@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,27 +14,30 @@ from ident.effects.added_body import (
     Places,
     acting,
     link_law,
+    moment_about_axis,
     moment_change,
     place_of,
     placed,
     places_of_tuning,
     point_mass,
+    weighs,
 )
-from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval, linear_interval
-from ident.effects.informative_motions import LEVEL_OR_LINKS, LEVEL_OR_ZERO, LOAD_OR_LINK
-from ident.effects.knowledge import Expression, Range, Typical, exactly_as
-from ident.effects.plausible import LARGEST_SMALL_ANGLE, arm_reach
+from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
+from ident.effects.knowledge import Range
+from ident.effects.plausible import arm_mass, arm_reach
 from ident.effects.size_prior import SizePrior
-from ident.effects.typical_sizes import coefficient_interval, near_one_pose
+from ident.effects.typical_sizes import near_one_pose
 from ident.robot.arm import ArmModel
 
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].
 PAYLOAD_REACHES = (0.03, 0.12)
-LARGEST_PAYLOAD = 10.0  # [kg]
-LEAST_PAYLOAD_SHARE = 0.003  # of the arm's mass
-LARGEST_LEVER = 0.3  # [m]
+# Of the arm's moving mass: what it carries at most, as makers rate arms (a sixth to a half), and at least.
+LARGEST_PAYLOAD_SHARE, LEAST_PAYLOAD_SHARE = 0.5, 0.003
+LARGEST_LEVER_SHARE = 0.27  # of the arm's reach: of a load's centre from the flange
 LARGEST_INERTIA_SHARE = 0.4  # of a link's mass that a URDF may be off
-LARGEST_TILT = 0.1  # [rad]
+# Links lighter and shorter than these shares of the arm's mass and reach have no scale of their own.
+LEAST_LINK_SHARE, LEAST_LINK_LENGTH = 0.005, 0.09
 NOWHERE: Places = MappingProxyType({})
 # A load that is laid out as more of the last link.
 LIKE_LINK = "like_link"
@@ -54,19 +56,6 @@ class UnknownPayload(Effect):
     """
 
     id = "payload"
-    inertia_like = True
-    scope = "arm"
-    rows = "all"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "the last link carries more than the model knows; look at gravity's torque over many poses"
-    set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LOAD_OR_LINK}
-    twins = ("link_inertial_error",)
-    defining = ("mass_kg",)
-    typical = Typical("mass_kg", 0.1)
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": exactly_as("link `payload`, fixed to the last link"),
-        "mjcf": exactly_as("body `payload` in the last link"),
-    }
 
     def __init__(self, places: Places = NOWHERE) -> None:
         self.places = places
@@ -92,31 +81,45 @@ class UnknownPayload(Effect):
         return self._points(session) if LIKE_LINK in variant.shape else (variant,)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        arm = session.runs[0].arm
+        change = self._law(session.runs[0].arm, variant)
+        return [run.regressor[:, :, -10:] @ change for run in session.runs]
+
+    def _law(self, arm: ArmModel, variant: Variant) -> Float[Array, "10 k"]:
+        """Change of the last link's numbers by the columns."""
         nominal, axes = _load_place(arm, variant), _acting_axes(arm)
         unit = link_law(arm, arm.n - 1, Variant())[:, 0] if LIKE_LINK in variant.shape else point_mass(nominal)
-        change = np.column_stack([unit, moment_change(nominal)[:, axes]])
-        return [run.regressor[:, :, -10:] @ change for run in session.runs]
+        return np.column_stack([unit, moment_change(nominal)[:, axes]])
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        nominal = _load_place(session.runs[0].arm, variant)
-        # Without a mass there is no centre of one; a gram keeps the quotient finite.
+        arm = session.runs[0].arm
+        last, nominal, far = arm.n - 1, _load_place(arm, variant), LARGEST_TOOL_SHARE * arm_reach(arm)
+        mass = coefficient_interval(0, coefficients, covariance)
+        moment = moment_about_axis(arm, last, self._law(arm, variant), coefficients, covariance)
         centres = {
-            f"com_{axis}_m": Interval(nominal[k], nominal[k] - LARGEST_LEVER, nominal[k] + LARGEST_LEVER)
+            f"com_{axis}_m": Interval(nominal[k], nominal[k] - far, nominal[k] + far, "both")
             for k, axis in enumerate("xyz")
         }
-        for slot, k in enumerate(_acting_axes(session.runs[0].arm), start=1):
+        for slot, k in enumerate(_acting_axes(arm), start=1):
+            # Without a mass there is no centre of one; a gram keeps the quotient finite.
             centres[f"com_{'xyz'[k]}_m"] = delta_interval(
                 lambda c, k=k, slot=slot: nominal[k] + c[slot] / max(c[0], 1e-3), coefficients, covariance
             )
-        return {"mass_kg": coefficient_interval(0, coefficients, covariance), **centres}
+        determined = weighs(arm, last)
+        if not determined:
+            lightest = moment.low / max(arm_reach(arm), 1e-3)
+            mass = Interval(mass.value, min(lightest, mass.value), max(arm_mass(arm), mass.value), "both")
+        if mass.low <= 0.0 or not determined:  # what may weigh nothing has its centre anywhere
+            centres = {
+                name: Interval(float(np.clip(one.value, -far, far)), -far, far, "both") for name, one in centres.items()
+            }
+        return {"mass_kg": mass, **centres, "moment_about_axis_kgm": moment}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """An arm carries no more than it weighs, and no tool's centre is farther out than half the arm's reach."""
         arm = session.runs[0].arm
-        own, far = float(arm.inertial_parameters[::10].sum()), LARGEST_TOOL_SHARE * arm_reach(arm)
+        own, far = arm_mass(arm), LARGEST_TOOL_SHARE * arm_reach(arm)
         centre = Range(-far, far, "a tool's centre lies within half of the arm's reach")
         return {
             "mass_kg": Range(0.0, own, "an arm carries no more than it weighs"),
@@ -124,12 +127,16 @@ class UnknownPayload(Effect):
         }
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
+        if figures["mass_kg"].open:
+            moment = figures["moment_about_axis_kgm"].words("kg m")
+            return f"weigh the tool: a load of {moment} about the last axis is not in the model; give it as [payload]"
         mass = figures["mass_kg"].words("kg")
         return f"weigh the tool: {mass} are not in the model; give them as [payload] of session.toml"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        levers = np.full(len(_acting_axes(session.runs[0].arm)), LARGEST_LEVER)
-        return LARGEST_PAYLOAD * np.concatenate([[1.0], levers])
+        arm = session.runs[0].arm
+        levers = np.full(len(_acting_axes(arm)), LARGEST_LEVER_SHARE * arm_reach(arm))
+        return LARGEST_PAYLOAD_SHARE * arm_mass(arm) * np.concatenate([[1.0], levers])
 
     def size_prior(self, session: SessionContext, joint: int, variant: Variant) -> SizePrior:
         """A hundredth of the arm's mass is as likely as a half, its centre anywhere in a tool's reach.
@@ -137,7 +144,7 @@ class UnknownPayload(Effect):
         Lighter than a tool, or heavier than the arm, by a factor of two is one deviation off.
         """
         arm = session.runs[0].arm
-        most, far = float(arm.inertial_parameters[::10].sum()), LARGEST_TOOL_SHARE * arm_reach(arm)
+        most, far = arm_mass(arm), LARGEST_TOOL_SHARE * arm_reach(arm)
         largest = self.prior_scale(session, joint, variant)
         axes = len(largest) - 1
 
@@ -164,16 +171,6 @@ class LinkInertialError(Effect):
     """
 
     id = "link_inertial_error"
-    inertia_like = True
-    rows = "all"
-    summary = "a link's mass or its centre is not that of the URDF; look at fast motion in many poses"
-    twins = ("payload",)
-    defining = ("mass_change_kg", *(f"moment_change_{axis}_kgm" for axis in "xyz"))
-    typical = Typical("mass_change_kg", 0.25)
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": exactly_as("<inertial> of the link"),
-        "mjcf": exactly_as("inertial of the body"),
-    }
 
     def __init__(self, places: Places = NOWHERE) -> None:
         self.places = places
@@ -194,26 +191,36 @@ class LinkInertialError(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        change = _acting_law(session.runs[0].arm, joint, variant)[:4]
-        found = {"mass_change_kg": linear_interval(change[0], coefficients, covariance)}
+        arm = session.runs[0].arm
+        change = _acting_law(arm, joint, variant)
+        mass = linear_interval(change[0], coefficients, covariance)
+        if not weighs(arm, joint):
+            own = -float(arm.inertial_parameters[10 * joint])
+            mass = Interval(mass.value, min(own, mass.value), max(arm_mass(arm), mass.value), "both")
+        found = {"mass_change_kg": mass}
         for k, axis in enumerate("xyz", start=1):
             found[f"moment_change_{axis}_kgm"] = linear_interval(change[k], coefficients, covariance)
-        return found
+        about = moment_about_axis(arm, joint, change, coefficients, covariance)
+        return {**found, "moment_about_axis_kgm": about}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """A link weighs something, no more than the whole arm, and its centre lies within the arm's reach."""
         arm = session.runs[0].arm
-        own, whole = float(arm.inertial_parameters[10 * joint]), float(arm.inertial_parameters[::10].sum())
+        own, whole = float(arm.inertial_parameters[10 * joint]), arm_mass(arm)
         moment = (own + abs(figures["mass_change_kg"].value)) * arm_reach(arm)
         centre = Range(-moment, moment, "the link's centre would lie beyond the arm's reach")
         found = {f"moment_change_{axis}_kgm": centre for axis in "xyz"}
-        if figures["mass_change_kg"].low > -own:
+        mass = figures["mass_change_kg"]
+        if mass.low > -own or mass.open:
             return found
         return {"mass_change_kg": Range(-own, whole, "the link's mass would be negative"), **found}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        change = figures["mass_change_kg"].words("kg")
-        return f"correct the link behind {where} in the URDF: its mass is off by {change}; `ident patch` writes it"
+        mass, moment = figures["mass_change_kg"], figures.get("moment_about_axis_kgm")
+        change = f"mass is off by {mass.words('kg')}"
+        if moment is not None and (mass.open or mass.low <= 0.0 <= mass.high):
+            change = f"moment about the joint's axis is off by {moment.words('kg m')}"
+        return f"correct the link behind {where} in the URDF: its {change}; `ident patch` writes it"
 
     def tells_law(self, variant: Variant) -> bool:
         return bool(variant.shape)
@@ -227,8 +234,9 @@ class LinkInertialError(Effect):
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         arm = session.runs[0].arm
         link = arm.inertial_parameters[10 * joint : 10 * joint + 10]
-        mass = LARGEST_INERTIA_SHARE * max(float(link[0]), 0.1)
-        lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), 0.1)
+        mass = LARGEST_INERTIA_SHARE * max(float(link[0]), LEAST_LINK_SHARE * arm_mass(arm))
+        least = LEAST_LINK_LENGTH * arm_reach(arm)
+        lever = max(float(np.linalg.norm(link[1:4])) / max(float(link[0]), 1e-9), least)
         law = link_law(arm, joint, variant)
         return np.array([mass, mass * lever, mass * lever, mass * lever])[acting(arm, joint, law)]
 
@@ -257,18 +265,6 @@ class GravityMisalignment(Effect):
     """
 
     id = "gravity_misalignment"
-    inertia_like = True
-    scope = "arm"
-    rows = "all"
-    summary = "the base is not level; look at gravity's torque on a joint that the model takes for vertical"
-    set_ups: ClassVar[Mapping[str, str]] = {"link_inertial_error": LEVEL_OR_LINKS, "encoder_offset": LEVEL_OR_ZERO}
-    defining = ("tilt_x_rad", "tilt_y_rad")
-    typical = Typical("tilt_x_rad", 0.15)
-    opposite = frozenset({"tilt_x_rad", "tilt_y_rad"})  # the simulated arm tells how gravity turns, not the base
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": exactly_as("fixed joint `level_to_base` above the base, turned by the tilt"),
-        "mjcf": exactly_as("gravity of option"),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return near_one_pose(session)
@@ -280,25 +276,6 @@ class GravityMisalignment(Effect):
             turns = [run.arm.with_gravity(-np.cross(axis, gravity)) for axis in np.eye(3)[:2]]
             found.append(np.stack([turned.gravity(run.motion.q) for turned in turns], axis=-1))
         return found
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {
-            "tilt_x_rad": coefficient_interval(0, coefficients, covariance),
-            "tilt_y_rad": coefficient_interval(1, coefficients, covariance),
-        }
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        tilt = Range(-LARGEST_SMALL_ANGLE, LARGEST_SMALL_ANGLE, "mounted otherwise: turn the arm in the URDF")
-        return {"tilt_x_rad": tilt, "tilt_y_rad": tilt}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        x, y = (figures[f"tilt_{axis}_rad"].words("mrad", 1e3) for axis in "xy")
-        return f"level the base: it is turned by {x} about x and {y} about y; or turn the arm in the URDF"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, LARGEST_TILT)
 
 
 def _flange_direction(arm: ArmModel) -> Float[Array, " 3"]:

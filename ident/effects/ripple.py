@@ -14,21 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.knowledge import LAW_ANGLE, Doubt, Expression, Range, Typical, not_at_all
-from ident.effects.typical_sizes import rated_torque, travel, wave, wave_figures
+from ident.effects.intervals import exactly, wave_figures
+from ident.effects.typical_sizes import travel, wave
 
 RIPPLE_ORDERS = (1.0, 2.0)  # per turn of the motor; a wave generator has two lobes
 # Where a line is looked for around what stood out, in lines that the joint's travel tells apart.
 FINE_LINES = tuple(0.05 * k for k in range(-8, 9))
-# Of the rated torque; the catalogue has 0.5 to 3 %.
-LARGEST_RIPPLE_SHARE = 0.1
 # Cycles a turn that are looked at: below lie laws of position; above no encoder tells the phase.
 FEWEST, MOST = 8.0, 600.0
 # Samples are sorted into octaves of speed: of each line those count that pass it slowly enough.
@@ -62,20 +59,6 @@ class TorqueRipple(Effect):
     screens: int = 1
 
     id = "torque_ripple"
-    summary = "torque ripples with the motor's angle; look at slow constant speed"
-    shown_by = "slow"
-    defining = ("amplitude_Nm",)
-    typical = Typical("amplitude_Nm", 0.15)
-    doubt = Doubt(places={"phase_rad": LAW_ANGLE}, exact=frozenset({"order"}))
-    open_law = True
-    incomparable = frozenset({"order"})  # the simulated arm counts lobes of the joint
-    opposite = frozenset({"phase_rad"})
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all("a joint has no torque that depends on its angle; add the module's torque"),
-        "mjcf": not_at_all(
-            "no torque that depends on an angle but a spring's; add the module's torque to qfrc_applied"
-        ),
-    }
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
         # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
@@ -125,18 +108,13 @@ class TorqueRipple(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        return wave_figures(variant.inner["order"], coefficients, covariance)
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        most = LARGEST_RIPPLE_SHARE * rated_torque(session, joint)
-        return {"amplitude_Nm": Range(0.0, most, "no gear in working order ripples by more of its rated torque")}
+        load = variant.shape["loaded"] * variant.shape["load_Nm"]
+        return {**wave_figures(variant.inner["order"], coefficients, covariance), "at_load_Nm": exactly(load)}
 
     def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        amplitude = figures["amplitude_Nm"].words("N m")
-        return f"compensate ± {amplitude} of tooth ripple at {where}; have its gear looked at if that has risen"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.full(2, 0.06 * rated_torque(session, joint))
+        amplitude, load = figures["amplitude_Nm"].words("N m"), figures["at_load_Nm"]
+        under = f" under {load.told('N m')} of load" if load.value else ""
+        return f"compensate ± {amplitude} of tooth ripple at {where}{under}; have its gear looked at if that has risen"
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]

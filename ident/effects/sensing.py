@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.informative_motions import BRAKES_CLOSED, GAIN_OR_PAYLOAD, KNOWN_MASS
-from ident.effects.knowledge import Expression, Range, Typical, exactly_as, nearly_as, not_at_all
-from ident.effects.typical_sizes import (
-    coefficient_interval,
-    exactly,
-    grid_interval,
-    is_near,
-    near_one_pose,
-    rated_torque,
-    sampled_states,
-)
+from ident.effects.intervals import coefficient_interval, exactly, grid_interval
+from ident.effects.knowledge import Expression, Range, nearly_as
+from ident.effects.typical_sizes import is_near, near_one_pose, rated_torque, sampled_states
 
-OUTSIDE_URDF = "describes the arm, not its log; correct the log with the module's torque_of_log"
 # A reading that loses all but this share of what lies above its knee is flat there.
 FLAT = 0.05
-LARGEST_GAIN_ERROR = 0.2
-# Readings of half to twice the torque; what is farther off is no torque.
-GAIN_RANGE = (-0.5, 1.0)
 # Of the rated torque.
 LARGEST_OFFSET = 0.3
 # Modelled torque that varies by less than this share of the rated torque is as good as an offset.
@@ -37,8 +24,8 @@ SATURATION_KNEES = (0.6, 0.7, 0.8, 0.9)  # of the largest modelled torque
 KNEE_SHARE = 0.05
 FINE_KNEE_FACTORS = tuple(0.8 + 0.025 * k for k in range(20))
 LEAST_PEAK_SHARE = 0.1  # of the rated torque
-# What zeros are off by on arms that were calibrated once; to where they are looked for [rad].
-LARGEST_ENCODER_OFFSET, LARGEST_SHIFT = 0.07, 0.6
+# What zeros are off by on arms that were calibrated once [rad].
+LARGEST_ENCODER_OFFSET = 0.07
 # An offset whose secant is tried beside the slope at zero [rad], and shares of it on the finer grid.
 LARGE_OFFSET = 0.25
 FINE_OFFSETS = (-2.4, -2.0, -1.6, -1.2, -0.8, -0.4, -0.2, 0.0, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4)
@@ -50,20 +37,6 @@ class TorqueGainError(Effect):
     """A drive gain that is off: the log reads 1 + g times the torque; τ = g τ_model."""
 
     id = "torque_gain_error"
-    inertia_like = True
-    summary = "logged torque is too large or small by a factor; look at a known payload"
-    set_ups: ClassVar[Mapping[str, str]] = {
-        "link_inertial_error": KNOWN_MASS,
-        "all_masses": KNOWN_MASS,
-        "payload": GAIN_OR_PAYLOAD,
-    }
-    defining = ("gain",)
-    typical = Typical("gain", 0.25)
-    of_the_log = True
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all(OUTSIDE_URDF),
-        "mjcf": exactly_as("gear of the motor: ctrl and its force sensor are in the log's units"),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         # Of friction alone nobody can tell a gain: it is fitted.
@@ -75,23 +48,6 @@ class TorqueGainError(Effect):
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.total[:, [joint]] for run in session.runs]
 
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {"gain": coefficient_interval(0, coefficients, covariance)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        low, high = GAIN_RANGE
-        return {"gain": Range(low, high, "a reading so far off is no torque: see effort_not_torque")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        gain = figures["gain"]
-        way = "much" if gain.value > 0.0 else "little"
-        return f"correct the drive gain of {where}: it reads {gain.words('%', 100.0, size=True)} too {way}"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_GAIN_ERROR])
-
 
 class TorqueOffset(Effect):
     """A constant, and where the runs share a clock a slow drift: τ = o + d (t − t_mid).
@@ -100,20 +56,6 @@ class TorqueOffset(Effect):
     """
 
     id = "torque_offset"
-    shown_by = "holds"
-    parted_by: ClassVar[Mapping[str, str]] = {"asymmetric_friction": "ladder", "thermal_friction": "repeat"}
-    set_ups: ClassVar[Mapping[str, str]] = {"asymmetric_friction": BRAKES_CLOSED}
-    twins = ("asymmetric_friction",)
-    defining = ("offset_Nm", "drift_Nm_s")
-    typical = Typical("offset_Nm", 0.05, absent=(1,))  # an offset that stays drifts no more
-    of_the_log = True
-    left_open = "the instant to which a drift refers is not reported: only the constant is used"
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all(OUTSIDE_URDF),
-        "mjcf": exactly_as("constant bias of the motor: ctrl is in the log's units; a drift is left out"),
-    }
-    inertia_like = True
-    summary = "torque is shifted by a constant, at rest too, or drifts; look at static holds"
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         first, last = float(session.runs[0].motion.time[0]), float(session.runs[-1].motion.time[-1])
@@ -151,10 +93,6 @@ class TorqueOffset(Effect):
             "drift_Nm_s": Range(-most / max(lasts, 1.0), most / max(lasts, 1.0), reason),
         }
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        offset = figures["offset_Nm"].words("N m")
-        return f"zero the torque reading of {where}: at rest it is off by {offset}"
-
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         scale = np.full(2 if variant.shape else 1, LARGEST_OFFSET_SHARE * rated_torque(session, joint))
         return np.asarray(scale)
@@ -168,16 +106,6 @@ class TorqueSaturation(Effect):
     """
 
     id = "torque_saturation"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "torque has flat tops; look at the highest loads"
-    shown_by = "loaded"
-    typical = Typical("limit_Nm", 1.0)
-    of_the_log = True
-    open_law = True
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all(f"{OUTSIDE_URDF}; no effort limit: the motion shows that the joint got more"),
-        "mjcf": exactly_as("cutoff of the motor's force sensor: the log is flat, the joint gets more"),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         peak, rated = _peak(session, joint), rated_torque(session, joint)
@@ -202,18 +130,15 @@ class TorqueSaturation(Effect):
         growing = (1.0 - float(np.clip(coefficients[0], 0.0, 1.0))) * max(peak - knee, 0.0)
         lowest = grid_interval(knee, [share * peak for share in SATURATION_KNEES]).low
         limit = knee + growing
-        return {"limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + KNEE_SHARE) * limit + growing)}
+        return {
+            "limit_Nm": Interval(limit, min(lowest + growing, limit), (1.0 + KNEE_SHARE) * limit + growing),
+            "at_knee_Nm": exactly(knee),
+            "at_peak_Nm": exactly(max(peak, knee)),
+        }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         peak = _peak(session, joint)
         return {"limit_Nm": Range(0.0, (1.0 + KNEE_SHARE) * peak, "no reading came near it")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        limit = figures["limit_Nm"].words("N m")
-        return f"keep {where} below {limit}, where its readings flatten, or raise the range that its drive logs"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([1.0])
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
@@ -249,16 +174,6 @@ class EncoderOffset(Effect):
     """
 
     id = "encoder_offset"
-    inertia_like = True
-    rows = "all"
-    summary = "a joint's zero is shifted: gravity's torque is that of another angle; look at many poses"
-    defining = ("offset_rad",)
-    typical = Typical("offset_rad", 0.12)
-    opposite = frozenset({"offset_rad"})  # the simulated arm tells what its encoder reads too much
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": exactly_as("<origin> of the joint, turned about its axis; its limits are moved along"),
-        "mjcf": exactly_as("ref of the joint"),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         slope = session.runs[0].arm.derivatives(*sampled_states(session))[0][:, :, joint]
@@ -287,19 +202,3 @@ class EncoderOffset(Effect):
             shifted = run.arm.inverse_dynamics(motion.q + about * np.eye(session.n)[joint], motion.dq, motion.ddq)
             found.append(((shifted - run.rigid) / about)[:, :, None])
         return found
-
-    def parameters(
-        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
-    ) -> dict[str, Interval]:
-        return {"offset_rad": coefficient_interval(0, coefficients, covariance)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        shift = Range(-LARGEST_SHIFT, LARGEST_SHIFT, "the joint's zero is another one: mend it in the URDF")
-        return {"offset_rad": shift}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        offset = figures["offset_rad"].words("mrad", 1e3)
-        return f"set the zero of {where} anew: add {offset} to its reading"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_ENCODER_OFFSET])

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.knowledge import Expression, Range, Typical, exactly_as, not_at_all
-from ident.effects.sensing import OUTSIDE_URDF
-from ident.effects.typical_sizes import coefficient_interval, is_near, rated_torque, root_mean_square
+from ident.effects.intervals import coefficient_interval
+from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square
 from ident.motion.spectrum import mean_spectrum
 
 DELAYS = (0.002, 0.008, 0.02)  # [s]
-LARGEST_DELAY = 0.05  # [s]
 # What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
 TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
 # Samples of a stretch of which a spectrum is taken; from which share of the corner on torque that is smooth is gone.
@@ -34,20 +31,6 @@ class TorqueDelay(Effect):
     """
 
     id = "torque_delay"
-    scope = "arm"
-    rows = "all"
-    nonnegative: ClassVar[tuple[int, ...]] = (0,)
-    summary = "torque lags behind position on all joints alike; look at fast changes of torque"
-    shown_by = "chirp"
-    defining = ("delay_s",)
-    typical = Typical("delay_s", 0.15)
-    of_the_log = True
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all(OUTSIDE_URDF),
-        "mjcf": exactly_as(
-            "delay of the motor's force sensor: the log is late, not the motor; a logged ctrl goes earlier"
-        ),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         for j in range(session.n):
@@ -73,16 +56,6 @@ class TorqueDelay(Effect):
         doubt = 0.5 * max(run.motion.log_interval for run in session.runs) * share_of_steps(session)
         reach = float(np.hypot(found.high - found.value, doubt))
         return {"delay_s": Interval(found.value, found.value - reach, found.value + reach)}
-
-    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
-        return {"delay_s": Range(0.0, LARGEST_DELAY, "logs are late by some samples: mend the clocks first")}
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        delay = figures["delay_s"].words("ms", 1e3)
-        return f"shift the torque log earlier by {delay}, or mend the clocks: it is late at {where}"
-
-    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return np.array([LARGEST_DELAY])
 
 
 def share_of_steps(session: SessionContext) -> float:

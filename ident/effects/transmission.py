@@ -4,25 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant, delta_interval
-from ident.effects.knowledge import Doubt, Expression, Range, Typical, exactly_as, not_at_all
-from ident.effects.plausible import LARGEST_TORQUE_SHARE, joint_range
-from ident.effects.typical_sizes import (
+from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.intervals import (
     amplitude_interval,
     coefficient_interval,
-    coulomb_level,
+    delta_interval,
     exactly,
+    linear_interval,
+    phase_interval,
+)
+from ident.effects.knowledge import Expression, Range, not_at_all
+from ident.effects.plausible import LARGEST_TORQUE_SHARE, joint_range
+from ident.effects.typical_sizes import (
+    coulomb_level,
     friction_level,
     hardly_moves,
-    phase_interval,
     rated_torque,
     top_speed,
     travel,
+    usual_speed,
 )
 
 # Two joints whose velocities are this alike can't be told apart.
@@ -45,19 +50,7 @@ class JointCoupling(Effect):
     """
 
     id = "joint_coupling"
-    summary = "torque appears while another joint moves; look where this joint stands and the other moves"
-    shown_by = "jointwise"
-    parted_by: ClassVar[Mapping[str, str]] = {"link_inertial_error": "jointwise"}
-    defining = ("viscous_Nms_rad", "coulomb_Nm", "inertia_kgm2")
-    typical = Typical("coulomb_Nm", 0.3)
-    doubt = Doubt(exact=frozenset({"other_joint"}))
-    partner = "other_joint"
-    left_open = "whether the joints' sum or difference rubs is read from the sign of the viscous part"
     # The simulated arm's coupled inertia moves with both joints, of which the diagnosis tells the friction alone.
-    incomparable = frozenset({"inertia_kgm2"})
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "mjcf": not_at_all("a tendon couples both joints, the finding says torque on one; add the module's torque")
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         if session.n < 2:
@@ -97,12 +90,16 @@ class JointCoupling(Effect):
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
-        lone = variant.shape["mix"] == 0.0
+        lone, speed = variant.shape["mix"] == 0.0, usual_speed(session, _other(variant))
+        # This joint at rest, the other one at an even speed: its own direction, or that of the sum or difference.
+        drag = np.array([variant.shape["mix"] or 1.0, speed, 0.0])
         return {
             "viscous_Nms_rad": coefficient_interval(1, coefficients, covariance),
             "coulomb_Nm": coefficient_interval(0, coefficients, covariance),
             "inertia_kgm2": coefficient_interval(2, coefficients, covariance) if lone else exactly(0.0),
             "other_joint": exactly(float(_other(variant) + 1)),
+            "drag_Nm": linear_interval(drag[: len(coefficients)], coefficients, covariance),
+            "at_speed_rad_s": exactly(speed),
         }
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
@@ -116,11 +113,6 @@ class JointCoupling(Effect):
             "viscous_Nms_rad": Range(-most / speed, most / speed, reason),
             "inertia_kgm2": Range(-most / max(pull, 1e-6), most / max(pull, 1e-6), reason),
         }
-
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        other = round(figures["other_joint"].value)
-        level = figures["coulomb_Nm"].words("N m", size=True)
-        return f"compensate {where} while joint number {other} moves: it takes {level} of friction along"
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         coulomb, viscous = friction_level(session, joint)
@@ -157,18 +149,6 @@ class SpringTorque(Effect):
     """
 
     id = "spring_torque"
-    inertia_like = True
-    summary = "torque depends on the joint's angle like a spring's; look at one angle under different gravity"
-    shown_by = "poses"
-    parted_by: ClassVar[Mapping[str, str]] = {"gravity_misalignment": "poses", "link_inertial_error": "poses"}
-    defining = ("stiffness_Nm_rad",)
-    typical = Typical("stiffness_Nm_rad", 0.1)
-    doubt = Doubt(places={"rest_rad": 0.15})
-    open_law = True
-    formats: ClassVar[Mapping[str, Expression]] = {
-        "urdf": not_at_all("a joint has no spring; add the module's torque"),
-        "mjcf": exactly_as("stiffness and springref of the joint"),
-    }
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         low, high = travel(session, joint)
@@ -189,20 +169,23 @@ class SpringTorque(Effect):
         return {STRAIGHT: (0,), BENT: (0, 2, 3), PERIODIC: (0, 1)}[int(variant.shape["law"])]
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        found = []
-        for run in session.runs:
-            q = run.motion.q[:, joint]
-            x = q - variant.shape["centre_rad"]
-            if variant.shape["law"] == PERIODIC:
-                columns = [0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), np.ones_like(q)]
-            else:
-                columns = [x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else [])
-            found.append(np.stack(columns, axis=1))
-        return found
+        return [_spring(run.motion.q[:, joint], variant) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
+        ends = travel(session, joint)
+        pulls = (linear_interval(row, coefficients, covariance) for row in _spring(np.array(ends), variant))
+        return {
+            **self._at_rest(session, joint, variant, coefficients, covariance),
+            **dict(zip(("low_Nm", "high_Nm"), pulls, strict=True)),
+            **{f"at_{end}_rad": exactly(float(q)) for end, q in zip(("low", "high"), ends, strict=True)},
+        }
+
+    def _at_rest(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        """Stiffness at rest and the angle of rest."""
         centre = variant.shape["centre_rad"]
         if variant.shape["law"] == BENT:
             seen = travel(session, joint)
@@ -243,11 +226,6 @@ class SpringTorque(Effect):
             "rest_rad": Range(low - np.pi, high + np.pi, "the joint never comes near such a rest"),
         }
 
-    def action(self, where: str, figures: Mapping[str, Interval]) -> str:
-        stiffness = figures["stiffness_Nm_rad"].words("N m/rad")
-        rest = figures["rest_rad"].value
-        return f"look for a hose or cable that pulls {where} towards {rest:.2g} rad with {stiffness}, or model it"
-
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
         largest = max(LARGEST_SPRING_SHARE * rated_torque(session, joint), coulomb_level(session, joint))
         return np.full({STRAIGHT: 2, BENT: 4, PERIODIC: 3}[int(variant.shape["law"])], largest)
@@ -272,6 +250,14 @@ class SpringTorque(Effect):
         if form == "mjcf" and any(figures[name] for name in WAVE):
             return not_at_all("a joint's spring is a cubic, this one has two rests a turn; add the module's torque")
         return super().expressed(form, figures)
+
+
+def _spring(q: Float[Array, " T"], variant: Variant) -> Float[Array, "T k"]:
+    """Columns of a spring at angles: a line, a cubic about the middle of the range, or a wave with two rests a turn."""
+    x = q - variant.shape["centre_rad"]
+    if variant.shape["law"] == PERIODIC:
+        return np.stack([0.5 * np.cos(2 * q), 0.5 * np.sin(2 * q), np.ones_like(q)], axis=1)
+    return np.stack([x, np.ones_like(x)] + ([x**2, x**3] if variant.shape["law"] == BENT else []), axis=1)
 
 
 def _at_rest(coefficients: Float[Array, " 4"], reach: float) -> tuple[float, float]:

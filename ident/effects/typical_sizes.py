@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Interval, RunContext, SessionContext
+from ident.effects.context import RunContext, SessionContext
+from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.model.named_laws import JointStates, states_of
 
 # Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
@@ -37,6 +38,16 @@ def rated_torque(session: SessionContext, joint: int) -> float:
 def friction_states(run: RunContext, joint: int) -> JointStates:
     """A joint's states as laws of its friction see them."""
     return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
+
+
+def at_state(q: float = 0.0, dq: float = 0.0, load: float = 0.0) -> JointStates:
+    """One state at which a fitted law is evaluated for a sentence; the joint slides in the direction of its speed."""
+    return JointStates(*(np.array([value]) for value in (q, dq, load, float(np.sign(dq)))))
+
+
+def usual_speed(session: SessionContext, joint: int) -> float:
+    """Half of a joint's top speed, at which laws over speed are evaluated for sentences [rad/s]."""
+    return max(0.5 * top_speed(session, joint), 1e-6)
 
 
 def least_rest_speed(session: SessionContext, joint: int) -> float:
@@ -116,63 +127,9 @@ def high_passed(values: Float[Array, " T"], interval: float, corner: float) -> F
     return np.asarray(values - (sums[right] - sums[left]) / (right - left))
 
 
-def grid_interval(value: float, grid: Sequence[float]) -> Interval:
-    """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours."""
-    points = np.unique(np.asarray([*grid, value], dtype=float))
-    at = int(np.searchsorted(points, value))
-    if len(points) == 1:
-        return Interval(value, value / 2.0, value * 2.0)
-    down = points[at - 1] if at > 0 else value**2 / points[at + 1]
-    up = points[at + 1] if at + 1 < len(points) else value**2 / points[at - 1]
-    return Interval(value, float(np.sqrt(value * down)), float(np.sqrt(value * up)))
-
-
-def exactly(value: float) -> Interval:
-    """A figure that was not estimated."""
-    return Interval(value, value, value)
-
-
-def coefficient_interval(
-    index: int, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], scale: float = 1.0
-) -> Interval:
-    """Interval of one coefficient times a known factor."""
-    value = scale * float(coefficients[index])
-    reach = 1.96 * abs(scale) * float(np.sqrt(max(covariance[index, index], 0.0)))
-    return Interval(value, value - reach, value + reach)
-
-
-def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
-    """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
-    size = float(np.linalg.norm(coefficients))
-    along = coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
-    reach = 1.96 * float(np.sqrt(max(along @ covariance @ along, 0.0)))
-    return Interval(size, max(0.0, size - reach), size + reach)
-
-
 def wave(angle: Float[Array, " T"], cycles: float) -> Float[Array, "T 2"]:
     """Cosine and sine of an angle's multiple: the columns of a wave of any phase."""
     return np.stack([np.cos(cycles * angle), np.sin(cycles * angle)], axis=1)
-
-
-def wave_figures(
-    order: float, coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]
-) -> dict[str, Interval]:
-    """What is reported of a wave: its amplitude, its order and its phase."""
-    return {
-        "amplitude_Nm": amplitude_interval(coefficients, covariance),
-        "order": exactly(order),
-        "phase_rad": phase_interval(coefficients, covariance),
-    }
-
-
-def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
-    """Interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad]."""
-    size = float(np.hypot(*coefficients))
-    phase = float(np.arctan2(coefficients[1], coefficients[0]))
-    across = np.array([-np.sin(phase), np.cos(phase)])
-    spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
-    reach = min(np.pi, 1.96 * spread / size) if size > 0.0 else np.pi
-    return Interval(phase, phase - reach, phase + reach)
 
 
 def is_near(point: float, found: float, least: float) -> bool:

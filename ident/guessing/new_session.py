@@ -34,7 +34,7 @@ from ident.ownership import ELSEWHERE, require_plain
 from ident.recordings.columns import TIME
 from ident.recordings.lerobot import is_dataset
 from ident.recordings.load import METADATA, SUFFIXES
-from ident.recordings.session_toml import NAME
+from ident.recordings.session_toml import GUESSED, NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel
 from ident.telemetry.report import TelemetryReport
@@ -245,6 +245,8 @@ def write_text(guess: Guess) -> str:
             for joint, value in guess.settings[key].items():
                 reason = why.get(f"{key}.{joint}")
                 lines.append(f"{toml_key(joint)} = {value:g}" + (f"  # {_comment(reason.evidence)}" if reason else ""))
+            if key == "drive_gain_Nm_per_A":
+                lines.append(f"{GUESSED} = true  # until somebody has measured them")
     lines += ["", "# Further evidence:"]
     lines += [
         f"# {reason.what}: {_comment(f'{reason.guess}; {reason.evidence}')}"

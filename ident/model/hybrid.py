@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,9 +25,11 @@ from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
+from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.recordings.recording import Payload
 from ident.results import Result
-from ident.robot.arm import ArmModel
+from ident.robot.arm import STANDARD_GRAVITY, ArmModel
+from ident.robot.content import are_same
 from ident.robot.lumped import build_lumped_arm
 from ident.untrusted_files import read_text, read_toml
 
@@ -143,8 +145,10 @@ class HybridModel:
         record = _read_record(path)
         try:
             source = Path(record["robot"]["source"])
+            gravity = np.array(record["robot"].get("gravity_mps2", STANDARD_GRAVITY))
             robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
             nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
+            robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
             model = cls(
                 robot=robot,
                 nominal=nominal,
@@ -194,6 +198,7 @@ class HybridModel:
             "robot": {
                 "name": self.robot.name,
                 "source": str(self.robot.source or ""),
+                "gravity_mps2": self.robot.model.gravity.linear.tolist(),
                 "joints": list(self.joint_names),
                 "links": self.links,
                 "urdf_sha256": self.robot.digest,
@@ -213,13 +218,11 @@ class HybridModel:
         }
 
     def require_robot(self, arm: ArmModel, where: str | Path) -> None:
-        """Raises ModelError unless the model was fitted for this robot."""
-        if arm.name != self.robot.name or not set(self.joint_names) <= set(arm.joint_names):
-            raise ModelError(
-                where,
-                f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}",
-                "fit a model for this robot",
-            )
+        """Raises ModelError unless the model was fitted for this robot: the same joints, lengths and inertias."""
+        if not set(self.joint_names) <= set(arm.joint_names) or not are_same(self.robot, arm):
+            what = f"the model is of {self.robot.name!r} ({', '.join(self.joint_names)}), not of {arm.name!r}"
+            same = ": lengths or inertias differ" if arm.name == self.robot.name else ""
+            raise ModelError(where, what + same, "fit a model for this robot")
 
 
 def loss_torque(
@@ -268,6 +271,7 @@ class FitOptions:
         seed: Of the net.
         coupling: Two joints that share a shaft, as `5,6`; `5,-6` where they turn against each other. Empty for none.
         accept: Issues of the recordings whose refusal the user overruled.
+        smoother: `fast`, or `filterpy`: the same numbers by its general filter, at some hundred times the time.
     """
 
     links: int = FULL_ARM
@@ -278,15 +282,22 @@ class FitOptions:
     seed: int = 0
     accept: tuple[str, ...] = ()
     coupling: str = ""
+    smoother: str = "fast"
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
             ("--links", self.links, (LUMPED, FULL_ARM)),
             ("--inertia", self.inertia, ("nominal", "base", "consistent")),
             ("--net", self.net, ("default", "paper", "none")),
+            ("--smoother", self.smoother, ("fast", "filterpy")),
         ):
             if value not in allowed:
                 raise InputError(name, f"{value!r} is unknown", f"use one of: {', '.join(map(str, allowed))}")
+
+    @property
+    def motion(self) -> MotionSettings:
+        """How recordings become the motions that are fitted."""
+        return replace(USUAL_MOTION, smoother=self.smoother)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,9 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.model.block_sums import sum_blocks
-from ident.model.consistency import solve_bounded
+from ident.model.convex import solve_bounded
 from ident.model.coupling import NAMES as SHAFT_NAMES
 from ident.model.coupling import Coupling, Shaft
-from ident.model.frictionless import find_frictionless, held_figures, hold_at_zero
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -28,10 +27,10 @@ from ident.model.inertia import (
     base_prior,
     compute_condition,
     free_of,
-    lift_base,
     parameter_scale,
 )
-from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted, shortfall
+from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted
+from ident.model.joint_torque_sensors import find_frictionless, lossless_parameters
 from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
 from ident.model.named_laws import NamedLaw, named_torque
 from ident.model.shared_variance import USUAL_SPREAD
@@ -151,10 +150,11 @@ def identify(
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
-    held = held_figures(found, frictionless)
-    change, losses, figures = _bounded(
-        hold_at_zero(found, held), nominal, base, (mode, scale), _passive(found, nominal.n, named)
-    )
+    zero = lossless_parameters(found, frictionless)
+    bounds = _nonnegative(found, nominal.n, named), zero
+    change, solved = _within_bounds(found, nominal, base, mode, bounds)
+    own = nominal.n * found.per_joint
+    losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
     coupling = None if shaft is None else _coupling(shaft, found, figures)
     laws = _named(named, found, figures)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
@@ -172,7 +172,7 @@ def identify(
     inertias = () if mode == "nominal" else _inertia_figures(inertia, found)
     tied = tied_figures(found, base, nominal.joint_names, named)
     through = sums.through_reversals
-    lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in held)
+    lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
     return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws, lossless)
 
 
@@ -235,20 +235,17 @@ def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimat
     rank = found.rank
     own = np.linalg.inv(found.information[rank:, rank:])
     values = np.concatenate([np.zeros(rank), own @ found.score[rank:]])
-    through = own @ found.information[rank:, :rank]
-    off = np.linalg.inv(prior)
-    data = own @ found.meat[rank:, rank:] @ own
-    short = shortfall(np.diag(own), np.diag(data), np.diag(own))
+    through, off = own @ found.information[rank:, :rank], np.linalg.inv(prior)
     covariance = np.zeros_like(found.covariance)
     covariance[:rank, :rank] = off
-    covariance[rank:, rank:] = data * np.outer(short, short) + through @ off @ through.T
+    covariance[rank:, rank:] = own + through @ off @ through.T
     covariance += np.diag(found.wandering)
     fields = {**vars(found), "values": values, "covariance": covariance}
     return JointEstimate(**fields)
 
 
-def _passive(found: JointEstimate, joints: int, named: Sequence[NamedLaw]) -> Int[Array, " b"]:
-    """Positions of the figures that can't be negative: all losses but offsets, and named laws' as their kind says."""
+def _nonnegative(found: JointEstimate, joints: int, named: Sequence[NamedLaw]) -> Int[Array, " b"]:
+    """Positions of what can't be negative: all losses but offsets, and named laws' coefficients as their kind says."""
     bounded = [found.rank + found.per_joint * j + k for j in range(joints) for k in range(3)]
     first = found.rank + found.per_joint * joints
     for law in named:
@@ -257,48 +254,40 @@ def _passive(found: JointEstimate, joints: int, named: Sequence[NamedLaw]) -> In
     return np.array(bounded)
 
 
-def _bounded(
+def _within_bounds(
     found: JointEstimate,
     arm: ArmModel,
     base: BaseParameters,
-    how: tuple[str, Float[Array, " 10n"]],
-    bounded: Int[Array, " b"],
-) -> tuple[Float[Array, " 10n"], Float[Array, "n p"], Float[Array, " s"]]:
-    """Change of the inertial numbers, loss figures, and a mode's figures of named laws and a coupling."""
-    mode, scale = how
-    rank, per, size = base.rank, found.per_joint, len(found.values)
-    own = arm.n * per
-    if mode == "consistent":
-        scale = PRIOR_SHARE["consistent"] * scale
-        lift = np.zeros((size, 10 * arm.n + size - rank))
-        lift[:rank, : 10 * arm.n] = base.mapping * scale
-        lift[rank:, 10 * arm.n :] = np.eye(size - rank)
-        information = lift.T @ found.information @ lift
-        information[: 10 * arm.n, : 10 * arm.n] += np.eye(10 * arm.n)
-        solved = solve_bounded(
-            information, lift.T @ found.score, bounded - rank + 10 * arm.n, arm.inertial_parameters, scale
-        )
-        losses = solved[10 * arm.n :]
-        return scale * solved[: 10 * arm.n], losses[:own].reshape(arm.n, per), losses[own:]
-    values = found.values
-    if np.any(values[bounded] < 0.0):
-        values = _non_negative(found, base, mode, scale, bounded)
+    mode: Mode,
+    bounds: tuple[Int[Array, " b"], Int[Array, " z"]],
+) -> tuple[Float[Array, " 10n"], Float[Array, " m-r"]]:
+    """Change of the inertial numbers, and losses with all that stands behind them.
+
+    Args:
+        found: The estimate without bounds.
+        arm: The arm as its URDF describes it.
+        base: Its base parameters.
+        mode: `nominal`, `base` or `consistent`.
+        bounds: Positions among the estimate's parameters of those that can't be negative, and that are zero.
+    """
+    nonnegative, zero = bounds
+    rank, size = base.rank, len(found.values)
+    numbers = 0 if mode == "nominal" else 10 * arm.n
+    # Unknowns: changes of all inertial numbers in units of how far a URDF may be off, then the losses as they are.
+    unit = PRIOR_SHARE.get(mode, 0.0) * parameter_scale(arm)[:numbers]
+    lift = np.zeros((size, numbers + size - rank))
+    lift[:rank, :numbers] = base.mapping[:, :numbers] * unit
+    lift[rank:, numbers:] = np.eye(size - rank)
+    information = lift.T @ found.information @ lift
+    information[:numbers, :numbers] += np.eye(numbers)
+    kept = np.setdiff1d(np.arange(len(information)), zero - rank + numbers)
+    bounded = np.flatnonzero(np.isin(kept, nonnegative - rank + numbers))
+    links = arm.inertial_parameters if mode == "consistent" else None
+    solved = np.zeros(len(information))
+    solved[kept] = solve_bounded(information[np.ix_(kept, kept)], (lift.T @ found.score)[kept], bounded, links, unit)
     change = np.zeros(10 * arm.n)
-    if mode == "base":
-        change = lift_base(base, scale) @ values[:rank]
-    return change, values[rank : rank + own].reshape(arm.n, per), values[rank + own :]
-
-
-def _non_negative(
-    found: JointEstimate, base: BaseParameters, mode: str, scale: Float[Array, " 10n"], bounded: Array
-) -> Float[Array, " m"]:
-    rank = base.rank
-    if mode == "nominal":
-        losses = solve_bounded(found.information[rank:, rank:], found.score[rank:], bounded - rank)
-        return np.concatenate([np.zeros(rank), losses])
-    information = found.information.copy()
-    information[:rank, :rank] += base_prior(base, PRIOR_SHARE["base"] * scale)
-    return solve_bounded(information, found.score, bounded)
+    change[:numbers] = unit * solved[:numbers]
+    return change, solved[numbers:]
 
 
 def _transition(
@@ -342,7 +331,6 @@ def _loss_results(
         params=LossParameters(values[:, 0], values[:, 1], values[:, 2], values[:, 3], widths),
         joints=joints,
         covariance=covariance,
-        blocks=found.blocks,
         residual_rms=freeze(found.noise),
         at_bound=bound,
         dof=freeze(dof),

@@ -2,12 +2,13 @@
 
 All joints' torques are one weighted least-squares problem. Each joint is weighted by what one of its rows is worth
 (its residual, inflated by autocorrelation), each run by the joints' friction in it (see `run_effects`). The covariance
-of the figures adds up what was found to matter: noise that is correlated over time and between joints (scores of
-blocks; what the smoother leaves of encoder noise in the columns is in there too), friction that changes from run to
-run, and the limits of the prior. Rows near reversals are left out: friction there depends on what was before, and with
-them rotor inertia came out 10 % too low on arms whose friction is stick-slip.
+is that of generalised least squares with these variances, prior included, and friction that wanders over the session
+beside it. Student's t allows for variances that are themselves estimated. A sandwich of the blocks' scores in its place
+was measured: of twenty blocks it is too noisy, and held above the weights' own account it made intervals 1.2 to 1.3
+times too wide. Rows near reversals are left out: friction there depends on what was before, and with them rotor inertia
+came out 10 % too low on arms whose friction is stick-slip.
 
-Source: White 1980 and Liang and Zeger 1986 (block sandwich); Satterthwaite 1946 (degrees of freedom).
+Source: Kauermann and Carroll 2001 (what a fit takes from scores); Satterthwaite 1946 (degrees of freedom).
 """
 
 from __future__ import annotations
@@ -34,10 +35,8 @@ HUBER_KNEE = 1.345
 LEAST_COLUMN = 1e-6
 # Least eigenvalue of the columns of a joint's friction, scaled to length one, at which they count as told apart.
 LEAST_PARTED = 1e-7
-# Shares of a variance below this are rounding: figures that are told apart by the prior alone cancel to that.
-ROUNDING = 1e-9
-# Blocks' scores are never stretched by more than this to reach the weights' own account of the noise.
-LARGEST_SHORTFALL = 10.0
+# Columns of whose blocks' scores the fit leaves less than this share are no measure of it either.
+LEAST_LEFT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,6 @@ class JointEstimate:
         covariance: Their covariance, shape (m, m).
         dof: Degrees of freedom behind each standard deviation.
         information, score: Weighted normal equations of the data alone, without prior.
-        meat: Covariance of that score by the data.
         wandering: Variance of each figure that is left however many runs there are, as friction wanders over them.
         noise: Residual standard deviation of each joint, runs' changes taken out [N m].
         inflation: Rows that one independent row is worth.
@@ -65,7 +63,6 @@ class JointEstimate:
     dof: Float[Array, " m"]
     information: Float[Array, "m m"]
     score: Float[Array, " m"]
-    meat: Float[Array, "m m"]
     wandering: Float[Array, " m"]
     noise: Float[Array, " n"]
     inflation: Float[Array, " n"]
@@ -138,12 +135,12 @@ class JointProblem:
             if self.robust:
                 weight = self._robust_weights(values, weighted.effects)
                 sums = self._by_run(weight)
-            noise, inflation = self._noise(values, weighted.effects, weight)
+            noise, inflation = self._noise(values, bread, weighted.effects, weight)
             std = np.sqrt(np.diag(bread))
             if np.all(np.abs(values - before) <= SETTLED_SHARE * std):
                 break
         weighted = self._weigh(sums, values, noise * inflation, spread)
-        return self._result(sums, weighted, values, noise, inflation, weight)
+        return self._result(sums, weighted, values, noise, inflation)
 
     def _first_noise(self) -> Float[Array, " n"]:
         """Variance of what each joint's own least squares leave [N² m²]."""
@@ -157,12 +154,15 @@ class JointProblem:
         return noise
 
     def _by_run(self, weight: Float[Array, "b n"]) -> list[RunSums]:
-        starts = np.searchsorted(self.run, np.arange(len(self.labels)))  # blocks stand in the order of their runs
         gram, moment = (
-            np.add.reduceat(part * weight.reshape(*weight.shape, *[1] * (part.ndim - 2)), starts)
+            self._by_runs(part * weight.reshape(*weight.shape, *[1] * (part.ndim - 2)))
             for part in (self.gram, self.moment)
         )
         return [RunSums(gram[:, j], moment[:, j]) for j in range(self.n)]
+
+    def _by_runs(self, blocks: Float[Array, "b ..."]) -> Float[Array, "g ..."]:
+        """Sums of each run's blocks, which stand in the order of their runs."""
+        return np.add.reduceat(blocks, np.searchsorted(self.run, np.arange(len(self.labels))))
 
     def _weigh(self, sums: list[RunSums], values: Array, noise: Array, spread: Array) -> _Weighted:
         information, score = np.zeros((self.size, self.size)), np.zeros(self.size)
@@ -188,19 +188,30 @@ class JointProblem:
         squares = self.square[:, joint] - np.einsum("bp,bp->b", 2 * moment - through, own)
         return np.maximum(squares, 0.0), moment - through
 
-    def _noise(self, values: Array, effects: list[RunEffect], weight: Array) -> tuple[Array, Array]:
-        """Residual variance of each joint, and rows that one independent row is worth."""
+    def _noise(
+        self, values: Array, bread: Array, effects: list[RunEffect], weight: Array
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Residual variance of each joint, and rows that one independent row is worth.
+
+        The latter is how much larger the blocks' scores Xᵀe are than those of independent rows. Of the scores the fit
+        has taken a part: what is left of a block's is expected to have the covariance G − G C G in units of a row, C
+        the covariance of the joint's parameters in that block's run (`RunEffect.covariance_of_run`).
+        """
         noise, inflation = np.ones(self.n), np.ones(self.n)
         for j, effect in enumerate(effects):
+            index, gram, count = self.index(j), self.gram[:, j], weight[:, j]
             squares, scores = self._left(j, values, effect)
-            total = self.square[:, j].sum()
-            rows = max(1.0, (weight[:, j] * self.rows[:, j]).sum())
-            noise[j] = max((weight[:, j] * squares).sum(), 1e-12 * total, 1e-18) / rows
-            expected = noise[j] * np.einsum("b,bpp->p", weight[:, j], self.gram[:, j])
-            used = expected > LEAST_COLUMN * expected.max(initial=0.0)
-            ratio = ((weight[:, j, None] * scores) ** 2).sum(axis=0)[used] / expected[used]
+            total, rows = self.square[:, j].sum(), max(1.0, (count * self.rows[:, j]).sum())
+            noise[j] = max((count * squares).sum(), 1e-12 * total, 1e-18) / rows
+            known = effect.covariance_of_run(bread[np.ix_(index, index)], self._by_runs(gram * count[:, None, None]))
+            taken = np.einsum("bpq,bqp->bp", gram @ (known / effect.noise)[self.run], gram)
+            alone = np.einsum("bpp->bp", gram)
+            expected = noise[j] * (count[:, None] * np.maximum(alone - taken, 0.0)).sum(axis=0)
+            most = noise[j] * (count[:, None] * alone).sum(axis=0)
+            used = (most > LEAST_COLUMN * most.max(initial=0.0)) & (expected > LEAST_LEFT * most)
+            ratio = ((count[:, None] * scores) ** 2).sum(axis=0)[used] / expected[used]
             inflation[j] = max(1.0, float(np.median(ratio))) if used.any() else 1.0
-            # What the figures themselves took out of the residual.
+            # What the parameters themselves took out of the residual.
             worth = rows / inflation[j]
             noise[j] *= worth / max(worth - self.size / self.n, 0.1 * worth)
         return noise, inflation
@@ -214,29 +225,29 @@ class JointProblem:
         return weight
 
     def _result(
-        self, sums: list[RunSums], weighted: _Weighted, values: Array, noise: Array, inflation: Array, weight: Array
+        self, sums: list[RunSums], weighted: _Weighted, values: Array, noise: Array, inflation: Array
     ) -> JointEstimate:
-        scores = np.zeros((len(self.run), self.size))
         by_runs = np.zeros((self.size, self.size))
         for j, effect in enumerate(weighted.effects):
             index = self.index(j)
-            left = weight[:, j, None] * self._left(j, values, effect)[1]
-            scores[:, index] += effect.weigh_scores(left, sums[j], self.run)
             by_runs[np.ix_(index, index)] += effect.covariance_of_scores(sums[j])
         blocks = int(np.sum(self.rows.any(axis=1)))
-        # Each joint's figures take part in every block; a sandwich of few blocks is too small by that share.
-        by_blocks = scores.T @ scores * blocks / max(1.0, blocks - self.size / self.n)
         bread = _inverse(self._with_prior(weighted.information))
-        walk = self._wandering(weighted.effects)
-        covariance, dof = self._covariance(bread, by_blocks, by_runs, blocks, walk, self._freedom(weighted.effects))
+        walk, dof_of_walk = self._wandering(weighted.effects)
+        # Degrees of freedom of each variance by those of its parts: noise, runs' changes, prior and walk.
+        first = bread[:, : self.rank]
+        parts = [np.diag(bread @ by_runs @ bread), np.diag(first @ self.prior @ first.T), walk]
+        parts = [np.maximum(np.diag(bread) - parts[0] - parts[1], 0.0), *parts]
+        total = sum(parts, np.full(self.size, 1e-300))
+        free = (max(1.0, blocks - self.size / self.n), self._freedom(weighted.effects), np.inf, dof_of_walk)
+        shares = ((part / total) ** 2 / d for part, d in zip(parts, free, strict=True))
         return JointEstimate(
             values=values,
-            covariance=covariance,
-            dof=dof,
+            covariance=bread + np.diag(walk),
+            dof=1.0 / np.clip(sum(shares, np.zeros(self.size)), 1e-12, 1.0),
             information=weighted.information,
             score=weighted.score,
-            meat=by_blocks + by_runs,
-            wandering=walk[0],
+            wandering=walk,
             noise=np.sqrt(noise),
             inflation=inflation,
             spread=np.array([effect.spread for effect in weighted.effects]),
@@ -262,39 +273,6 @@ class JointProblem:
         for j, effect in enumerate(effects):
             free[self.index(j)[list(self.friction)]] = effect.dof
         return free
-
-    def _covariance(
-        self, bread: Array, by_blocks: Array, by_runs: Array, blocks: int, walk: tuple[Array, Array], of_runs: Array
-    ) -> tuple[Array, Array]:
-        """Covariance of the figures and the degrees of freedom of each one's variance.
-
-        A sandwich of few blocks can't be trusted to be large enough: where the weights' own account of the noise is
-        larger, that one counts.
-        """
-        first = bread[:, : self.rank]
-        from_prior = first @ self.prior @ first.T
-        from_blocks, from_runs = bread @ by_blocks @ bread, bread @ by_runs @ bread
-        short = shortfall(np.diag(bread - from_prior - from_runs), np.diag(from_blocks), np.diag(bread))
-        from_blocks = from_blocks * np.outer(short, short)
-        floor = ROUNDING * np.diag(bread)
-        parts = [np.maximum(np.diag(part), floor) for part in (from_blocks, from_runs, from_prior)]
-        parts.append(np.maximum(walk[0], floor))
-        total = sum(parts, np.zeros(self.size))
-        free = (max(1.0, blocks - self.size / self.n), of_runs, np.inf, walk[1])
-        dof = 1.0 / sum(((part / total) ** 2 / d for part, d in zip(parts, free, strict=True)), np.zeros(self.size))
-        return from_blocks + from_runs + from_prior + np.diag(walk[0]), np.maximum(dof, 1.0)
-
-
-def shortfall(own: Float[Array, " m"], found: Float[Array, " m"], scale: Float[Array, " m"]) -> Float[Array, " m"]:
-    """By how much standard deviations from few blocks are to be stretched to reach the weights' own.
-
-    Args:
-        own: Variances by the weights' own account of the noise.
-        found: Variances by the blocks' scores.
-        scale: Whole variances: what is smaller than their rounding is nothing.
-    """
-    real = np.maximum(found, ROUNDING * scale)
-    return np.sqrt(np.clip(own / real, 1.0, LARGEST_SHORTFALL**2))
 
 
 def estimate(sums: BlockSums, prior: Float[Array, "r r"], offset: bool = False, robust: bool = False) -> JointEstimate:

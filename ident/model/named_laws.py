@@ -141,7 +141,7 @@ class NamedLaw:
         kind = KINDS.get(self.effect)
         if kind is None:
             raise ValueError(f"{self.effect!r} is no law of a joint that a model carries")
-        names = (*kind.shape, *(name for name in kind.optional if name in self.shape))
+        names = (*kind.shape, *(name for name in kind.optional if self.shape.get(name)))
         kept = {name: float(self.shape[name]) for name in names}
         for name, value in kept.items():
             if not 0.0 < value < np.inf or (name == "exponent" and value > LARGEST_EXPONENT):

@@ -5,10 +5,10 @@
 Two presets. `paper` is the paper's net: 256-512-1024-512-256 tanh, dropout 0.5, Adam, mean square error, 100 epochs,
 70 % of the samples for training. `default` has about 1/100 of its parameters and a lower held-out error: a small net a
 joint that sees the joint's own speed, acceleration, direction of motion at two scales, and the rigid torque that the
-joint carries (itself a function of q, dq, ddq). It is solved for, not trained (see `drawn_units`); its shape is chosen
-on quarters of the recorded runs left out in turn (neighbouring samples are copies of each other, so a random split
-can't tell fitting from memorising), and it counts as far as it beats "no residual" in torque and energy there.
-Beyond the speeds, accelerations and loads of its training it says what it says at their edge (see `net_bounds`).
+joint carries (itself a function of q, dq, ddq). It is solved for, not trained (see `random_features`); its shape is
+chosen on quarters of the recorded runs left out in turn (neighbouring samples are copies of each other, so a random
+split can't tell fitting from memorising), and it counts as far as it beats "no residual" in torque and energy there.
+Beyond the speeds, accelerations and loads of its training its output is that at their edge (see `net_bounds`).
 
 Source: paper, eq. 4 and 6 and section 4.1.
 """
@@ -24,18 +24,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.drawn_units import solve_net, width_of
-from ident.model.held_back import hold_back
+from ident.model.folds import make_folds
 from ident.model.joint_nets import JointNets
 from ident.model.net_bounds import NetBounds
-from ident.model.net_gate import JointGate, judge_net
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
+from ident.model.net_shrinkage import JointGate, shrink_net
+from ident.model.random_features import solve_net, width_of
 from ident.untrusted_files import read_json, require_regular
 
 if TYPE_CHECKING:
@@ -151,6 +149,8 @@ class ResidualNet:
             # A file's options decide how much memory a net takes: its weights must be there before they are believed.
             if 4 * _count_weights(mean.shape[-1], len(scale), options) > size:
                 raise ValueError("its options speak of more weights than there are")
+            from safetensors.numpy import load_file
+
             arrays = load_file(weights)
             if not all(np.isfinite(values).all() for values in arrays.values()):
                 raise ValueError("a weight is not finite")
@@ -203,6 +203,9 @@ def _build(arrays: dict[str, Array], inputs: int, joints: int, options: NetOptio
 
 def _save_arrays(arrays: dict[str, Array], path: Path) -> None:
     """Writes arrays as safetensors; OSError where the system can't: the disk is full, say."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import save_file
+
     try:
         save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, path)
     except SafetensorError as error:
@@ -218,7 +221,7 @@ def fit_residual_net(
     checkpoint: Path | None = None,
     interval: float = 1.0,
 ) -> ResidualNet:
-    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_gate`).
+    """Fits a net to what a model leaves, as far as it helps on runs that it never saw (see `net_shrinkage`).
 
     Args:
         states: (q, dq, ddq, rigid torque) of every run, each of shape (T, n).
@@ -251,14 +254,14 @@ def fit_residual_net(
         mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
         dense, history = train_dense((x - mean) / std, y / scale, mask, options, progress, checkpoint)
         return ResidualNet(options, dense, freeze(mean), freeze(std), freeze(scale), history)
-    folds, groups = hold_back([len(part) for part in residuals], every, np.random.default_rng(options.seed))
+    folds, groups = make_folds([len(part) for part in residuals], every, np.random.default_rng(options.seed))
     bounds = NetBounds.of(np.stack(whole[1:]), mask > 0.0)
     x, strange = _features(whole, mask > 0.0, folds, bounds)
     mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
     inputs = (x - mean) / std, (strange - mean) / std
     network, unseen = _solve(inputs, y / scale, mask > 0.0, folds, options.seed, progress)
     run = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
-    gate = judge_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
+    gate = shrink_net(scale * unseen, y, mask > 0.0, interval * every * dq, groups, run)
     network = network.scaled([one.weight for one in gate])
     shaped = replace(options, hidden=(width_of(x.shape[-1]),), members=1)
     return ResidualNet(shaped, network, freeze(mean), freeze(std), freeze(scale), None, gate, bounds)

@@ -24,8 +24,10 @@ STEPS = 10
 # A run counts for how friction wanders if its data take away this share of what is unknown of it; and it takes so many.
 LEAST_KNOWN, LEAST_WALK = 0.5, 2
 # Variance that a walk gathers over the session, in variances of the independent changes: none, or of any order between
-# what is not seen and what hides the rest, all as likely before the data. (Half of all for none held too few starts.)
+# what is not seen and what hides the rest. Before the data, none is as likely as all others together: with no more than
+# the others' share each, intervals of Coulomb friction that never wandered were 1.5 times too wide, and held all of it.
 WALKS = np.array([0.0, *np.geomspace(0.03, 30.0, 19)])
+SURPRISE = -np.log(np.where(WALKS > 0.0, 0.5 / (len(WALKS) - 1), 0.5))
 TINY = 1e-30
 
 
@@ -73,10 +75,18 @@ class RunEffect:
         score = sums.score.sum(axis=0) - gained @ (sums.score @ self.columns).ravel()
         return information / self.noise, score / self.noise
 
-    def weigh_scores(self, scores: Float[Array, "b p"], sums: RunSums, run: Array) -> Float[Array, "b p"]:
-        """Xᵀ V⁻¹ e of blocks from their Xᵀ e."""
-        through = sums.information @ self.columns @ self.gain
-        return (scores - np.einsum("bpe,be->bp", through[run], scores @ self.columns)) / self.noise
+    def covariance_of_run(
+        self, known: Float[Array, "p p"], information: Float[Array, "g p p"]
+    ) -> Float[Array, "g p p"]:
+        """Covariance of a joint's parameters θ + D u_g in each run, by that of θ and by what the run says of u_g.
+
+        Args:
+            known: Covariance of θ.
+            information: Each run's XᵀX.
+        """
+        gain = self.columns @ self.gain @ self.columns.T
+        kept = np.eye(len(self.columns)) - gain @ information
+        return np.asarray(kept @ known @ kept.swapaxes(1, 2) + self.noise * gain)
 
     def covariance_of_scores(self, sums: RunSums) -> Float[Array, "p p"]:
         """Covariance of Xᵀ V⁻¹ y that comes from the runs' changes."""
@@ -161,7 +171,7 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
     Source: Patterson and Thompson 1971 (restricted likelihood); Ahmed, Natarajan and Rao 1974 (cosine transform).
     """
     shape = len(effects), 2
-    squares, dof, surprise = np.zeros((len(WALKS), *shape)), np.zeros(shape), np.zeros(len(WALKS))
+    squares, dof, surprise = np.zeros((len(WALKS), *shape)), np.zeros(shape), SURPRISE.copy()
     for j, effect in enumerate(effects):
         for e, (change, known) in enumerate(zip(effect.change.T, effect.known.T, strict=True)):
             told = known >= LEAST_KNOWN

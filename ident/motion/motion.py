@@ -6,7 +6,7 @@ otherwise the difference of two filters looks like delay or elasticity. `Motion.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -202,14 +202,6 @@ class Motion:
             return self
         return replace(self, lowpass=Lowpass.design(self.lowpass.rate, corner, self.settings))
 
-    def with_still(self, joints: Collection[int]) -> Motion:
-        """The same run where nothing that some joints do counts as motion: of their own torque nothing is used."""
-        if not joints:
-            return self
-        std = np.array(self.std)
-        std[1, list(joints)] = np.inf
-        return replace(self, std=freeze(std))
-
     def select(self, joints: tuple[str, ...]) -> Motion:
         """The same run of some joints only."""
         columns = [self.joints.index(name) for name in joints]
@@ -244,7 +236,7 @@ def prepare_run(
     rng: np.random.Generator | None = None,
 ) -> Motion:
     """Smooths one run and lays it on an even grid; with `rng`, a draw of encoder noise is taken along."""
-    states = smooth(run.time, run.position, levels)
+    states = smooth(run.time, run.position, levels, settings.smoother)
     rate = 1.0 / run.sample_interval
     grid = run.time[0] + np.arange(int(np.floor(run.duration * rate + 1e-6)) + 1) / rate
     even = len(grid) == len(run) and bool(np.max(np.abs(grid - run.time)) < 1e-3 / rate)

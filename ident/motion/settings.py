@@ -86,6 +86,7 @@ class MotionSettings(Settings):
         3.0, "1", "standard deviations of its speed below which a joint may be at rest", "law: one in 400"
     )
     rest_speed: float = number(2e-3, "rad/s or m/s", "and the least such speed", "chosen: beneath what anyone commands")
+    smoother: str = number("fast", "word", "what smooths: fast, or filterpy, its reference", "law: the same numbers")
 
 
 USUAL_MOTION = MotionSettings()

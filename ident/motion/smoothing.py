@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -333,7 +332,7 @@ def smooth(
     time: Float[Array, " T"],
     position: Float[Array, "T n"],
     levels: NoiseLevels,
-    method: Literal["fast", "filterpy"] = "fast",
+    method: str = "fast",
 ) -> Smoothed:
     """Smooths one run.
 

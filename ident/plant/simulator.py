@@ -27,6 +27,8 @@ COARSER = 2.0
 FILTER_RAD_S = 900.0
 # A softer loop filters more: its filter lies at this multiple of its bandwidth.
 FILTER_PER_BANDWIDTH = 11.25
+# Speed loops beyond this have no phase left: 42 degrees are lost in the filter, 37 in ticks and differences [rad/s].
+LARGEST_LOOP_RAD_S = 800.0
 # A controller that knows friction knows this share of it, and turns it round over this speed [rad/s].
 FED_FRICTION, FED_SPEED = 0.85, 0.02
 # Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
@@ -247,9 +249,16 @@ def mass_matrix(hardware: Hardware, q: Float[Array, " n"]) -> Float[Array, "n n"
 
 
 def controller_gains(hardware: Hardware) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Stiffness [N m/rad] and damping [N m s/rad] for the controller's bandwidth at a middling pose."""
+    """Stiffness [N m/rad] and damping [N m s/rad] for the controller's bandwidth at a middling pose.
+
+    Softer where the lightest that the motor ever feels (its rotor alone behind a spring, the link with all others free
+    else) would be driven faster than the loop's filter and ticks can follow.
+    """
     arm = hardware.arm
     pose = np.clip(np.full(arm.n, 0.6), arm.lower, arm.upper)
     inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
-    w = hardware.bandwidth
-    return w**2 * inertia, 2.0 * hardware.damping_ratio * w * inertia
+    w, drive = hardware.bandwidth, hardware.drive
+    damping = 2.0 * hardware.damping_ratio * w * inertia
+    lightest = np.where(drive.elastic, drive.rotor_inertia, least_link_inertia(hardware))
+    softer = np.minimum(1.0, LARGEST_LOOP_RAD_S * lightest / damping)
+    return softer**2 * w**2 * inertia, softer * damping

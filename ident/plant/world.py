@@ -1,11 +1,12 @@
 """A world: what a diagnosis has no right to know of the arm and sensors that made its recordings.
 
 A world holds one value of every property below; a `WorldRange` holds bounds or choices, from which worlds are drawn:
-uniformly, or uniformly in the logarithm where the bounds lie more than a decade apart.
+uniformly, or uniformly in the logarithm where the bounds lie far apart. Ranges are rows of `worlds.toml`.
 """
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -97,42 +98,12 @@ class World:
 
 
 SHORTEST_RUN_S = 3.0
-Bounds = tuple[float, float]
-Choices = tuple[Any, ...]
 # Log rates that controllers and drivers really have [Hz]; a drawn rate is the nearest of them.
 RATES_HZ = (30.0, 50.0, 62.5, 100.0, 125.0, 200.0, 240.0, 250.0, 333.0, 500.0, 1000.0)
 
-FULL_TABLE: dict[str, Bounds] = {
-    "encoder_noise_rad": (1e-6, 1e-3),
-    "encoder_bits": (12, 24),
-    "rate_hz": (30.0, 1000.0),
-    "jitter": (0.0, 0.2),
-    "lost": (0.0, 0.02),
-    "torque_noise": (5e-4, 0.03),
-    "coloured_share": (0.0, 0.9),
-    "corner_hz": (0.1, 30.0),
-    "load_growth": (0.0, 2.0),
-    "friction_spread": (0.0, 0.05),
-    "friction_drift": (0.0, 0.2),
-    "velocity_delay_s": (0.002, 0.02),
-    "bandwidth_hz": (2.0, 30.0),
-    "friction_scale": (0.3, 3.0),
-    "rotor_scale": (0.3, 3.0),
-    "gear_scale": (0.3, 3.0),
-    "runs": (1, 40),
-    "duration_s": (20.0, 3600.0),
-    "link_error": (0.0, 0.2),
-    "com_error_m": (0.0, 0.02),
-}
-"""Bounds of all that is a number: a world outside them is none that an arm lives in."""
-FULL_CHOICES: dict[str, Choices] = {
-    "encoder_at": ("motor", "link"),
-    "velocity": ("none", "differenced", "filtered", "true"),
-    "feed_forward": ("none", "rigid", "friction"),
-    "reference": ("smooth", "jerk", "acceleration"),
-    "copied_link": (False, True),
-}
-"""All that is chosen from a list; robots may be any."""
+_TABLES = tomllib.loads(Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8"))
+FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLES["full"].items()}
+"""Bounds of all that is a number, and choices of the rest: a world outside them is none that an arm lives in."""
 
 
 @dataclass(frozen=True)
@@ -142,26 +113,24 @@ class WorldRange:
     Attributes:
         name: Of the range.
         about: One line for a person.
-        numbers: Bounds by field of `World`; equal bounds fix a value.
-        choices: Possible values by field; repeated ones are more likely.
+        values: By field of `World`, two bounds of a number (equal ones fix it) or what is chosen from.
     """
 
     name: str
     about: str
-    numbers: Mapping[str, Bounds]
-    choices: Mapping[str, Choices]
+    values: Mapping[str, tuple[Any, ...]]
 
     def draw(self, rng: np.random.Generator) -> World:
         """Draws a world. The same generator draws the same place of every range, whatever the others."""
-        values: dict[str, Any] = {"name": self.name}
+        drawn: dict[str, Any] = {"name": self.name}
         for field in fields(World):
             place = float(rng.random())
-            if field.name in self.choices:
-                options = self.choices[field.name]
-                values[field.name] = options[min(int(place * len(options)), len(options) - 1)]
-            elif field.name in self.numbers:
-                values[field.name] = _between(field.name, self.numbers[field.name], place)
-        return World(**values)
+            options = self.values.get(field.name, ())
+            if options and _is_choice(field.name):
+                drawn[field.name] = options[min(int(place * len(options)), len(options) - 1)]
+            elif options:
+                drawn[field.name] = _between(field.name, options, place)
+        return World(**drawn)
 
     def with_values(self, name: str, values: Mapping[str, Any], where: str | Path) -> WorldRange:
         """This range with some fields fixed or bounded anew, as a world's file tells them.
@@ -169,19 +138,19 @@ class WorldRange:
         Raises:
             InputError: An unknown field, or a value outside the bounds of all worlds.
         """
-        numbers, choices = dict(self.numbers), dict(self.choices)
-        for key, value in values.items():
-            if key in FULL_TABLE:
-                numbers[key] = _checked_bounds(key, value, where)
-            elif key in FULL_CHOICES or key == "robot":
-                choices[key] = _checked_choices(key, value, where)
-            else:
-                known = ", ".join(["preset", "robot", *FULL_TABLE, *FULL_CHOICES])
+        for key in values:
+            if key not in FULL and key != "robot":
+                known = ", ".join(["preset", "robot", *FULL])
                 raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
-        return replace(self, name=name, about=f"from {Path(str(where)).name}", numbers=numbers, choices=choices)
+        checked = {key: _checked(key, value, where) for key, value in values.items()}
+        return replace(self, name=name, about=f"from {Path(str(where)).name}", values={**self.values, **checked})
 
 
-def _between(name: str, bounds: Bounds, place: float) -> float | int:
+def _is_choice(name: str) -> bool:
+    return name == "robot" or isinstance(FULL[name][0], str | bool)
+
+
+def _between(name: str, bounds: tuple[Any, ...], place: float) -> float | int:
     low, high = bounds
     decades = low > 0.0 and high / low > 5.0 and name != "encoder_bits"
     value = low * (high / low) ** place if decades else low + place * (high - low)
@@ -193,28 +162,39 @@ def _between(name: str, bounds: Bounds, place: float) -> float | int:
     return float(f"{value:.4g}")
 
 
-def _checked_bounds(key: str, value: Any, where: str | Path) -> Bounds:
-    pair = value if isinstance(value, list) else [value, value]
+def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
+    """Bounds or choices of a field from what a file says of it."""
+    options = tuple(value) if isinstance(value, list) else (value,)
+    if _is_choice(key):
+        allowed = FULL.get(key)
+        if not options or any(one not in allowed if allowed else not isinstance(one, str) for one in options):
+            listed = ", ".join(map(str, allowed)) if allowed else "names of robots"
+            raise InputError(where, f"{key} = {value!r}", f"choose from: {listed}")
+        return options
+    low, high = FULL[key]
+    pair = options if isinstance(value, list) else options * 2
     numeric = len(pair) == 2 and all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in pair)
     if not numeric or not pair[0] <= pair[1]:
         raise InputError(where, f"{key} = {value!r}", "give a number, or two in order: [low, high]")
-    low, high = FULL_TABLE[key]
     if pair[0] < low or pair[1] > high:
         raise InputError(where, f"{key} = {value!r}", f"choose between {low:g} and {high:g}")
-    return pair[0], pair[1]
+    return pair
 
 
-def _checked_choices(key: str, value: Any, where: str | Path) -> Choices:
-    options = tuple(value) if isinstance(value, list) else (value,)
-    allowed = FULL_CHOICES.get(key)
-    wrong = [one for one in options if (one not in allowed if allowed else not isinstance(one, str))]
-    if not options or wrong:
-        listed = ", ".join(map(str, allowed)) if allowed else "names of robots"
-        raise InputError(where, f"{key} = {value!r}", f"choose from: {listed}")
-    return options
+def _preset(name: str) -> WorldRange:
+    own = dict(_TABLES["presets"][name])
+    about, sound = own.pop("about"), own.pop("sound", False)
+    values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
+    return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
 
 
-def read_world_file(path: Path, presets: Mapping[str, WorldRange]) -> WorldRange:
+PRESETS: dict[str, WorldRange] = {name: _preset(name) for name in _TABLES["presets"]}
+"""Ranges by name: what goes together in real cells, and `any`, where nothing does."""
+GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
+"""Lists by name; a check takes the worlds of a list in turn."""
+
+
+def read_world_file(path: Path) -> WorldRange:
     """A range of worlds from a TOML file: fields of `World`, and `preset`, the range that it starts from.
 
     A list of two numbers is a pair of bounds; a list of words is a choice.
@@ -224,6 +204,72 @@ def read_world_file(path: Path, presets: Mapping[str, WorldRange]) -> WorldRange
     """
     values = read_toml(path, "give a TOML file of a world")
     preset = values.pop("preset", "any")
-    if not isinstance(preset, str) or preset not in presets:
-        raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(presets)}")
-    return presets[preset].with_values(path.stem, values, path)
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(PRESETS)}")
+    return PRESETS[preset].with_values(path.stem, values, path)
+
+
+def find_world(name: str | Path) -> WorldRange:
+    """A range by its preset's name or from a TOML file.
+
+    Raises:
+        InputError: Neither.
+    """
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
+    path = Path(name)
+    if path.suffix == ".toml" or path.is_file():
+        return read_world_file(path)
+    listed = ", ".join(PRESETS)
+    raise InputError("--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}")
+
+
+def find_worlds(text: str) -> tuple[WorldRange, ...]:
+    """Ranges of a comma-separated list of presets, files and groups; `-NAME` takes one out of what stands before.
+
+    Raises:
+        InputError: An unknown name, or nothing left.
+    """
+    chosen: list[WorldRange] = []
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        if part.startswith("-"):
+            gone = find_world(part[1:]).name
+            chosen = [one for one in chosen if one.name != gone]
+        else:
+            chosen += [find_world(name) for name in GROUPS.get(part, (part,))]
+    if not chosen:
+        raise InputError("--worlds", f"{text!r} names no world", f"choose from: {', '.join([*GROUPS, *PRESETS])}")
+    return tuple(chosen)
+
+
+def settle(
+    worlds: WorldRange,
+    seed: int,
+    robot: str | None = None,
+    runs: int | None = None,
+    run_duration: float | None = None,
+    rate: float | None = None,
+    velocity: bool | None = None,
+) -> World:
+    """Draws the world of one session; what the user asks for beside it holds.
+
+    Args:
+        worlds: Where from.
+        seed: Of the session.
+        robot, runs, rate: Instead of the world's own, where given; the rate in Hz.
+        run_duration: Rough duration of a run [s].
+        velocity: Whether there is a velocity channel.
+    """
+    world = worlds.draw(np.random.default_rng([seed, 6]))
+    world = replace(
+        world,
+        robot=world.robot if robot is None else robot,
+        runs=world.runs if runs is None else runs,
+        rate_hz=world.rate_hz if rate is None else rate,
+    )
+    if run_duration is not None:
+        world = replace(world, duration_s=run_duration * world.runs)
+    if velocity is not None:
+        own = world.velocity if world.velocity != "none" else "true"
+        world = replace(world, velocity=own if velocity else "none")
+    return world

@@ -12,6 +12,8 @@ from ident.arrays import Array, Float, Int
 from ident.recordings.columns import Table, joint_of
 from ident.recordings.recording import Severity, TelemetryIssue
 
+# Channels that a recording may lack.
+OPTIONAL = ("velocity", "acceleration", "position_command", "velocity_command", "effort_command")
 MOST_CELLS = 0.5  # a row with half of its cells unreadable is no sample
 # Dropped rows leave gaps. One in a thousand is a logger's hiccup; one in ten leaves no continuous motion.
 FEW_ROWS, MANY_ROWS = 1e-3, 0.1
@@ -109,10 +111,11 @@ def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Tab
         columns: Native name -> values.
         source: The file, for messages.
     """
+    columns, unused = drop_empty(columns, source)
     # Temperature is often logged more slowly than the rest: its empty cells are filled later, not refused.
     watched = [name for name in columns if not name.endswith("/temperature")]
     if not watched or all(np.isfinite(columns[name]).all() for name in watched):
-        return Table(columns)
+        return Table(columns, unused)
     missing = np.column_stack([~np.isfinite(columns[name]) for name in watched])
     lost = missing.mean(axis=1) >= MOST_CELLS
     cells = np.argwhere(missing & ~lost[:, None])
@@ -127,7 +130,20 @@ def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Tab
         missing_cells=cells,
     )
     kept = {name: without_infinity(values[~lost]) for name, values in columns.items()}
-    return Table(kept, describe_damage(damage))
+    return Table(kept, (*unused, *describe_damage(damage)))
+
+
+def drop_empty(
+    columns: Mapping[str, Float[Array, " T"]], source: Path
+) -> tuple[dict[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]:
+    """Leaves out columns that nobody needs and that hold no number: drivers log interfaces that the arm lacks."""
+    needless = [name for name in columns if name.rpartition("/")[2] in OPTIONAL and np.isnan(columns[name]).all()]
+    if not needless:
+        return dict(columns), ()
+    joints = tuple(dict.fromkeys(joint_of(name) for name in needless))
+    evidence = f"{source.name}: no number in {', '.join(needless[:3])}{', …' if len(needless) > 3 else ''}; not used"
+    note = TelemetryIssue("missing_channel", joints, "note", evidence, "none needed")
+    return {name: values for name, values in columns.items() if name not in needless}, (note,)
 
 
 def without_infinity(values: Float[Array, " T"]) -> Float[Array, " T"]:

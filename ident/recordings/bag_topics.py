@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
+from ident.recordings.ros_messages import Bag, Record
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import MOST_PLACES
 
@@ -28,7 +27,6 @@ SEPARATOR = ":"
 # Fields that name the places of the arrays beside them.
 NAMING = ("name", "names", "joint_names", "interface_names", "motor_names")
 TORQUES = ("/effort", "/current")
-TYPES = get_typestore(Stores.ROS2_HUMBLE)
 
 
 @dataclass
@@ -77,18 +75,10 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Topic]:
         RecordingError: Not a bag, or a damaged one.
     """
     found: dict[str, Topic] = defaultdict(Topic)
-    deaf: set[str] = set()
     try:
-        with AnyReader([path], default_typestore=TYPES) as reader:
-            connections = [one for one in reader.connections if wanted is None or one.topic in wanted]
-            for connection, receipt, raw in reader.messages(connections) if connections else ():
-                if connection.topic in deaf:
-                    continue
-                try:
-                    message = reader.deserialize(raw, connection.msgtype)
-                except Exception:  # a type that nobody defines: told by its absence from the columns
-                    deaf.add(connection.topic)
-                    continue
+        with Bag(path) as bag:
+            connections = [one for one in bag.connections if wanted is None or one.topic in wanted]
+            for connection, receipt, message in bag.messages(connections) if connections else ():
                 _take(found[connection.topic], message, receipt)
     except Exception as error:  # sqlite, struct, zstandard, lz4, YAML and the reader each raise their own
         reason = (str(error).splitlines() or [type(error).__name__])[0]
@@ -96,48 +86,41 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Topic]:
     return {name: topic for name, topic in found.items() if topic.names}
 
 
-def _take(topic: Topic, message: Any, receipt: int) -> None:
+def _take(topic: Topic, message: Record, receipt: int) -> None:
     fields = list(_numbers(message, "", ()))
     names = tuple(name for name, _ in fields)
     if not topic.names:
         topic.names = names
     if names != topic.names or not names:
         return
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    seconds = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
-    topic.stamps.append(seconds)
+    header = message.get("header")
+    stamp = header.get("stamp", {}) if isinstance(header, dict) else {}
+    topic.stamps.append(int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nanosec", 0)))
     topic.receipts.append(receipt)
     topic.rows.append([value for _, value in fields])
 
 
-def _numbers(message: Any, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
+def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
     """Every number of a message with its dotted name; headers, texts and large arrays are passed over."""
-    fields = [name for name in message.__dataclass_fields__ if not name.startswith("__")]
-    naming = [name for name in fields if name in NAMING and _is_names(message, name)]
-    own = tuple(getattr(message, naming[0])) if naming else labels
-    for name in fields:
-        value = getattr(message, name)
+    own = next((tuple(message[name]) for name in message if name in NAMING and _is_names(message[name])), labels)
+    for name, value in message.items():
         if name != "header" and name not in NAMING:
             yield from _flat(value, f"{prefix}{name}", own)
 
 
-def _is_names(message: Any, name: str) -> bool:
-    values = getattr(message, name)
+def _is_names(values: Any) -> bool:
     return isinstance(values, list) and bool(values) and all(isinstance(value, str) for value in values)
 
 
 def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
-    if isinstance(value, bool | int | float | np.number):
+    if isinstance(value, np.generic):
         yield name, float(value)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.ndim == 1 and len(value) <= MOST_PLACES:
-        own = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
-        yield from ((f"{name}.{label}", float(one)) for label, one in zip(own, value, strict=True))
-    elif isinstance(value, list) and value and hasattr(value[0], "__dataclass_fields__") and len(value) <= MOST_PLACES:
+    elif isinstance(value, dict):
+        yield from _numbers(value, f"{name}.", labels)
+    elif isinstance(value, np.ndarray | list) and len(value) <= MOST_PLACES:
         own = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
         for label, one in zip(own, value, strict=True):
-            yield from _numbers(one, f"{name}.{label}.", ())
-    elif hasattr(value, "__dataclass_fields__"):
-        yield from _numbers(value, f"{name}.", labels)
+            yield from _flat(one, f"{name}.{label}", ())
 
 
 def join_topics(topics: dict[str, Topic], leading: set[str]) -> dict[str, Float[Array, " T"]]:

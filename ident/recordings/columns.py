@@ -144,7 +144,8 @@ def assemble(name: str, table: Table, session_file: SessionFile, source: Path, f
     channels, issues = _channels(columns, joints, source)
     for channel in ANGLES:
         if channel in channels and session_file.angle_factor != 1.0:
-            channels[channel] = session_file.angle_factor * channels[channel]
+            zero = session_file.angle_zero if channel in ("position", "position_command") else 0.0
+            channels[channel] = session_file.angle_factor * (channels[channel] - zero)
     if session_file.with_effort:
         channels["effort"] = _effort(columns, joints, session_file, source)
     else:

@@ -10,6 +10,7 @@ with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -23,8 +24,8 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, assemble, native_names
-from ident.recordings.parquet import column_numbers
-from ident.recordings.recording import Recording
+from ident.recordings.parquet import column_numbers, open_parquet
+from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import spread_list
 from ident.untrusted_files import read_json
@@ -40,6 +41,8 @@ CHANNEL_OF = {
 }
 ENDINGS = (".pos", ".vel", ".effort", ".torque", ".current", "_pos", "_vel")
 BEGINNINGS = ("main_", "follower_")
+# Two turns: no joint of an arm turns farther [rad].
+MOST_RADIANS = 12.6
 EPISODE, CLOCK = "episode_index", "timestamp"
 REMEDY = "give the folder of a LeRobot data set, with meta/ and data/ in it"
 
@@ -59,10 +62,23 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     files = sorted((path / "data").rglob("*.parquet"))
     if not files:
         raise RecordingError(path, "has no Parquet file below data/", REMEDY)
-    for file in files:
+    notes: tuple[TelemetryIssue, ...] = ()
+    for number, file in enumerate(files):
         columns = load_columns(file, features)
+        if number == 0 and session_file.angle_factor == 1.0 and _in_degrees(columns, file):
+            session_file = replace(session_file, angle_factor=math.radians(1.0))
+            what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
+            notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)
         settings = _with_clock(columns, session_file) if session_file.columns else _usual_names(columns, session_file)
-        yield from _episodes(file, columns, settings)
+        for run in _episodes(file, columns, settings):
+            yield run.replace(issues=(*run.issues, *notes))
+            notes = ()
+
+
+def _in_degrees(columns: Mapping[str, Any], file: Path) -> bool:
+    """Whether positions are larger than any joint turns in radians."""
+    own = [name for name in columns if name.startswith("observation.state.")]
+    return any(np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) > MOST_RADIANS for name in own)
 
 
 def load_features(path: Path) -> Mapping[str, Any]:
@@ -84,10 +100,8 @@ def load_columns(file: Path, features: Mapping[str, Any]) -> dict[str, pa.Chunke
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
     """
-    import pyarrow.parquet as pq  # slow to load
-
     try:
-        with pq.ParquetFile(file) as opened:
+        with open_parquet(file) as opened:
             table = opened.read()
         found: dict[str, pa.ChunkedArray | pa.Array] = {}
         for name in table.column_names:

@@ -97,6 +97,8 @@ def load_parts(
             path=path,
             metadata=dict(settings.metadata),
             effort_kind=settings.effort_kind,
+            gravity=settings.gravity,
+            guessed_gains=dict(settings.drive_gain) if settings.guessed else {},
             notes=(*notes, *clock_notes),
         )
         notes, before = [], runs[-1:]

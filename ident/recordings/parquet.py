@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,10 +18,13 @@ from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import list_length, spread_arrays, spread_list
-from ident.untrusted_files import read_arrays
+from ident.untrusted_files import read_arrays, require_regular, require_unpacked
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
+
+# How an ISO 8601 time ends that says its zone.
+ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
 
 
 def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
@@ -29,11 +33,8 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
     Raises:
         RecordingError: Not a Parquet file, no rows, or a column that holds no numbers.
     """
-    import pyarrow.parquet as pq  # slow to load, and text tables need none
-
     try:
-        # Not read_table: that loads all of pyarrow's data sets, at half a second.
-        with pq.ParquetFile(path) as file:
+        with open_parquet(path) as file:
             lists = _lists(file)
             names = tuple(spread for name in file.schema_arrow.names for spread in lists.get(name, (name,)))
             chosen = native_names(names, session_file, path)
@@ -53,6 +54,22 @@ def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[st
         raise RecordingError(path, "has no rows", "give a table with samples")
     columns = {native: column_numbers(cells[names[i]], names[i], path) for i, native in chosen.items()}
     return screen_cells(columns, path), names
+
+
+def open_parquet(path: Path) -> pq.ParquetFile:
+    """A Parquet file whose numbers are in proportion to its size: constants pack without end.
+
+    Raises:
+        RecordingError: No plain file.
+        ValueError: It unpacks to more than any recording; pyarrow raises its own where it is none.
+    """
+    import pyarrow.parquet as pq  # slow to load, and text tables need none
+
+    size = require_regular(path, "give a table", RecordingError)
+    file = pq.ParquetFile(path)  # not read_table: that loads all of pyarrow's data sets, at half a second
+    groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
+    require_unpacked(size, 8 * sum(one.column(j).num_values for one in groups for j in range(one.num_columns)))
+    return file
 
 
 def _lists(file: pq.ParquetFile) -> dict[str, list[str]]:
@@ -78,11 +95,14 @@ def column_numbers(column: pa.ChunkedArray | pa.Array, name: str, where: str | P
         RecordingError: It holds no numbers.
     """
     try:
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            column = column.cast(pa.timestamp("ns", "UTC" if ZONE.search(str(column[0])) else None))  # ISO 8601
         if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
             nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
         # A cast loads all of Arrow's functions, at a tenth of a second.
-        return as_numbers(column if pa.types.is_float64(column.type) else column.cast(pa.float64()))
+        # Unsafe, as nanoseconds since 1970 need more than 53 bits: a float rounds them to a quarter of a microsecond.
+        return as_numbers(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
     except (pa.ArrowException, ValueError, TypeError) as error:
         raise RecordingError(
             f"{where}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
@@ -155,6 +175,9 @@ def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarr
     if "joints" not in arrays:
         raise RecordingError(path, "has no array joints", "add the names: joints = ['joint_1', …]")
     joints = [str(name) for name in np.atleast_1d(arrays["joints"])]
+    twice = next((name for name in joints if joints.count(name) > 1), None)
+    if twice is not None:
+        raise RecordingError(f"{path}, array joints", f"names {twice!r} twice", "give each joint one column")
     columns = {TIME: np.atleast_1d(arrays[TIME])} if TIME in arrays else {}
     for channel in CHANNELS:
         if channel not in arrays:

@@ -167,6 +167,8 @@ class Session:
         notes: What the reader found about the session as a whole.
         effort_kind: What session.toml says the effort is: ``joint_torque`` (gravity is in it), or
             ``gravity_compensated``; None where it says nothing.
+        gravity: Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the URDF's.
+        guessed_gains: Drive gains that nobody measured, by joint [N m/A].
     """
 
     name: str
@@ -178,6 +180,8 @@ class Session:
     metadata: dict[str, Any] = field(default_factory=dict)
     notes: tuple[TelemetryIssue, ...] = ()
     effort_kind: str | None = None
+    gravity: tuple[float, float, float] | None = None
+    guessed_gains: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "runs", tuple(self.runs))

@@ -9,21 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import TelemetryIssue
+from ident.recordings.ros_messages import Bag
 from ident.recordings.session_toml import SessionFile
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = ("position", "velocity", "effort")
-# Bags written before Humble carry no message definitions; JointState has not changed since.
-TYPES = get_typestore(Stores.ROS2_HUMBLE)
 
 
 @dataclass
@@ -68,16 +64,13 @@ def _read_streams(path: Path, topic: str) -> Mapping[tuple[str, ...], Stream]:
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(path, "is empty (0 bytes)", "record the bag again")
     try:
-        with _open(path) as reader:
-            read = reader.deserialize if isinstance(reader, AnyReader) else TYPES.deserialize_cdr
-            connections = _joint_state_connections(reader, path, topic)
-            for connection, receipt, raw in reader.messages(connections):
-                message: Any = read(raw, connection.msgtype)
-                stream = streams[tuple(message.name)]
-                stream.stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
+        with Bag(path) as bag:
+            for _, receipt, message in bag.messages(_joint_state_connections(bag, path, topic)):
+                stream, stamp = streams[tuple(message["name"])], message["header"]["stamp"]
+                stream.stamps.append(int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]))
                 stream.receipts.append(receipt)
                 for name in FIELDS:
-                    stream.values[name].append(getattr(message, name))
+                    stream.values[name].append(message[name])
     except RecordingError:
         raise
     except MemoryError:
@@ -93,12 +86,7 @@ def _read_streams(path: Path, topic: str) -> Mapping[tuple[str, ...], Stream]:
     return streams
 
 
-def _open(path: Path) -> Reader | AnyReader:
-    """A bag of ROS 2, or of ROS 1 by its ending; JointState is the same in both."""
-    return AnyReader([path]) if path.suffix.lower() == ".bag" else Reader(path)
-
-
-def _joint_state_connections(reader: Reader | AnyReader, path: Path, topic: str) -> list[Any]:
+def _joint_state_connections(reader: Bag, path: Path, topic: str) -> list[Any]:
     found = [connection for connection in reader.connections if connection.topic == topic]
     usable = [connection for connection in found if connection.msgtype == JOINT_STATE]
     if usable:

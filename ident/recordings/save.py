@@ -72,6 +72,8 @@ def session_settings(session: Session) -> dict[str, Any]:
         settings["robot"] = session.robot
     if session.effort_kind is not None:
         settings["effort_kind"] = session.effort_kind
+    if session.gravity is not None:
+        settings["gravity_mps2"] = list(session.gravity)
     if session.payload is not None:
         settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}
     return settings

@@ -14,20 +14,52 @@ from ident.recordings.recording import Payload
 from ident.untrusted_files import read_toml
 
 NAME = "session.toml"
-KEYS = (
-    "angle_unit",
-    "columns",
-    "drive_gain_Nm_per_A",
-    "effort_kind",
-    "effort_sign",
-    "payload",
-    "robot",
-    "sample_rate_hz",
-    "time_unit",
-)
 # Seconds in what a file's time may be counted in.
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Beside the drive gains that nobody measured.
+GUESSED = "guessed"
 EFFORT_KINDS = ("joint_torque", "gravity_compensated")
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of the file, as the reference shows it.
+
+    Attributes:
+        unit: Of its value; a kind of value where it has no unit.
+        default: What counts where it is left out.
+        meaning: What it says.
+        example: A line of the file.
+    """
+
+    unit: str
+    default: str
+    meaning: str
+    example: str
+
+
+JOINT = "joint_2 = "
+KEYS = {
+    "angle_unit": Key("", "rad", "Unit of all angles and their derivatives: rad or deg.", 'angle_unit = "deg"'),
+    "columns": Key("names", "names of ros2_control", "Foreign name or 1-based number -> native name.", '1 = "time"'),
+    "counts_per_turn": Key(
+        "counts", "angles are read", "Positions are encoder counts; the middle is zero.", "counts_per_turn = 4096"
+    ),
+    "drive_gain_Nm_per_A": Key(
+        "N m/A", "effort is read", "Joint -> torque for each ampere; guessed = true: unmeasured.", JOINT + "14.87"
+    ),
+    "effort_kind": Key(
+        "", "found", f"Is gravity in the effort: {' or '.join(EFFORT_KINDS)}.", 'effort_kind = "joint_torque"'
+    ),
+    "effort_sign": Key("1 or -1", "1", "Joint -> factor on the recorded torque.", JOINT + "-1"),
+    "gravity_mps2": Key(
+        "m/s²", "the URDF's", "Gravity in the base's frame, as the arm is mounted.", "gravity_mps2 = [9.81, 0, 0]"
+    ),
+    "payload": Key("kg, m", "none", "Known body at the flange: mass_kg, com_m (of the last link).", "mass_kg = 2.6"),
+    "robot": Key("", "--robot", "Name or URDF path, from the file on.", 'robot = "ur10e.urdf"'),
+    "sample_rate_hz": Key("Hz", "the time column", "Rate of tables without a time column.", "sample_rate_hz = 125"),
+    "time_unit": Key("", "s", f"Unit of the time column: {', '.join(TIME_UNITS)}.", 'time_unit = "ms"'),
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +77,10 @@ class SessionFile:
         with_effort: Whether a torque is needed; without, the recording's effort is zero.
         time_factor: What recorded times are multiplied with to be seconds.
         angle_factor: What recorded angles and their derivatives are multiplied with to be radians.
+        angle_zero: What is taken off recorded positions before; counts have their zero in the middle of a turn.
         effort_kind: Whether gravity is in the effort, one of `EFFORT_KINDS`; None where the file says nothing.
+        gravity: Gravity in the base's frame [m/s²]; None for the URDF's.
+        guessed: Whether the drive gains are nobody's measurement.
         metadata: Everything else in the file.
     """
 
@@ -57,10 +92,13 @@ class SessionFile:
     robot: str | None = None
     sample_rate_hz: float | None = None
     angle_factor: float = 1.0
+    angle_zero: float = 0.0
     effort_kind: str | None = None
     time_factor: float = 1.0
     metadata: Mapping[str, Any] = field(default_factory=dict)
     with_effort: bool = True
+    gravity: tuple[float, float, float] | None = None
+    guessed: bool = False
 
     @property
     def where(self) -> str:
@@ -86,11 +124,17 @@ def load_session_file(path: Path) -> SessionFile:
         guess = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.75)
         if key not in KEYS and guess:
             raise RecordingError(path, f"unknown key {key!r}", f"did you mean {guess[0]!r}?")
+    guessed = _table(data, "drive_gain_Nm_per_A", path).pop(GUESSED, False)
+    if not isinstance(guessed, bool):
+        raise RecordingError(path, f"[drive_gain_Nm_per_A] {GUESSED} = {guessed!r}", "write true or false")
     gains = _numbers(data, "drive_gain_Nm_per_A", path)
     signs = _numbers(data, "effort_sign", path)
     for joint, sign in signs.items():
         if sign not in (1.0, -1.0):
             raise RecordingError(path, f"[effort_sign] {joint} = {sign:g}", "a sign is 1 or -1")
+    counts = _positive(data, "counts_per_turn", path, "number")
+    if counts is not None and "angle_unit" in data:
+        raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
     return SessionFile(
         path=path,
         columns=_columns(data, path),
@@ -98,10 +142,13 @@ def load_session_file(path: Path) -> SessionFile:
         effort_sign=signs,
         payload=_payload(data, path),
         robot=_robot(data, path),
-        sample_rate_hz=_rate(data, path),
-        angle_factor=_angle_factor(data, path),
+        sample_rate_hz=_positive(data, "sample_rate_hz", path, "rate [Hz]"),
+        angle_factor=_angle_factor(data, path) if counts is None else math.tau / counts,
+        angle_zero=0.0 if counts is None else counts / 2.0,
         effort_kind=_effort_kind(data, path),
         time_factor=_time_factor(data, path),
+        gravity=_three(data["gravity_mps2"], path, "gravity_mps2", "base") if "gravity_mps2" in data else None,
+        guessed=guessed,
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
 
@@ -149,13 +196,17 @@ def _payload(data: dict[str, Any], path: Path) -> Payload | None:
         return None
     table = _table(data, "payload", path)
     mass = _number(table.get("mass_kg"), path, "[payload] mass_kg")
-    centre = table.get("com_m", [0.0, 0.0, 0.0])
     if mass < 0:
         raise RecordingError(path, f"[payload] mass_kg = {mass:g}", "a mass is not negative")
-    if not isinstance(centre, list) or len(centre) != 3:
-        raise RecordingError(path, f"[payload] com_m = {centre!r}", "give three numbers [m], frame of the last link")
-    x, y, z = (_number(value, path, "[payload] com_m") for value in centre)
-    return Payload(mass, (x, y, z))
+    return Payload(mass, _three(table.get("com_m", [0.0, 0.0, 0.0]), path, "[payload] com_m", "last link"))
+
+
+def _three(values: Any, path: Path, key: str, frame: str) -> tuple[float, float, float]:
+    """A vector in a frame."""
+    if not isinstance(values, list) or len(values) != 3:
+        raise RecordingError(path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
+    x, y, z = (_number(value, path, key) for value in values)
+    return x, y, z
 
 
 def _robot(data: dict[str, Any], path: Path) -> str | None:
@@ -167,13 +218,13 @@ def _robot(data: dict[str, Any], path: Path) -> str | None:
     return str(beside) if robot and robot.endswith((".urdf", ".xml")) and beside.is_file() else robot
 
 
-def _rate(data: dict[str, Any], path: Path) -> float | None:
-    if "sample_rate_hz" not in data:
+def _positive(data: dict[str, Any], key: str, path: Path, what: str) -> float | None:
+    if key not in data:
         return None
-    rate = _number(data["sample_rate_hz"], path, "sample_rate_hz")
-    if rate <= 0:
-        raise RecordingError(path, f"sample_rate_hz = {rate:g}", "give a positive rate [Hz]")
-    return rate
+    found = _number(data[key], path, key)
+    if found <= 0:
+        raise RecordingError(path, f"{key} = {found:g}", f"give a positive {what}")
+    return found
 
 
 def _angle_factor(data: dict[str, Any], path: Path) -> float:

@@ -10,12 +10,15 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from ident.errors import RecordingError
-from ident.recordings.arrow import as_numbers
-from ident.recordings.bad_cells import Damage, describe_damage
-from ident.recordings.columns import Table, native_names
+from ident.recordings.bad_cells import Damage, describe_damage, drop_empty
+from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.dialect import TextLayout, ends_within_cell, sniff
+from ident.recordings.parquet import column_numbers
+from ident.recordings.recording import TelemetryIssue
 from ident.recordings.session_toml import SessionFile
 
+# What the cells of a time are: numbers, or ISO 8601 without and with a zone.
+CLOCKS = (pa.float64(), pa.timestamp("ns"), pa.timestamp("ns", "UTC"))
 BLOCK_BYTES = 1 << 24  # a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
 
 
@@ -37,21 +40,31 @@ def read_text_table(path: Path, session_file: SessionFile) -> tuple[Table, tuple
     if not chosen:
         return Table({}), layout.names
     data = _content(path, layout)
-    try:
-        columns = _read_fast(data, layout, chosen)
-    except pa.ArrowInvalid:
-        columns = None
+    columns = None
+    for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
+        try:
+            columns = _read_fast(data, layout, chosen, clock)
+            break
+        except pa.ArrowInvalid:
+            continue
+    unused: tuple[TelemetryIssue, ...] = ()
+    if columns is not None:
+        columns, unused = drop_empty(columns, path)
+        chosen = {index: native for index, native in chosen.items() if native in columns}
     if columns is None or not all(np.isfinite(values).all() for values in columns.values()):
         from ident.recordings.bad_text import read_damaged  # slow to load, and few tables need it
 
-        return read_damaged(path, data, layout, chosen), layout.names
+        damaged = read_damaged(path, data, layout, chosen)
+        return Table(damaged.columns, (*unused, *damaged.issues)), layout.names
     rows = len(next(iter(columns.values())))
     if not rows:
         raise RecordingError(path, "has a header and no rows", "give a table with samples")
     if ends_within_cell(path, layout):
         damage = Damage(path, "row", (), (), rows, truncated_row=rows)
-        return Table({name: values[:-1] for name, values in columns.items()}, describe_damage(damage)), layout.names
-    return Table(columns), layout.names
+        return Table(
+            {name: values[:-1] for name, values in columns.items()}, (*unused, *describe_damage(damage))
+        ), layout.names
+    return Table(columns, unused), layout.names
 
 
 def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
@@ -62,8 +75,17 @@ def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
     return re.sub(rb"^ +| +$", b"", re.sub(rb" {2,}", b" ", data), flags=re.MULTILINE)
 
 
-def _read_fast(data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, str]) -> dict[str, np.ndarray]:
-    """Arrow's own reader, straight to float columns; raises `ArrowInvalid` at the first bad cell or row."""
+def _read_fast(
+    data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, str], clock: pa.DataType
+) -> dict[str, np.ndarray]:
+    """Arrow's own reader, straight to columns of floats; raises `ArrowInvalid` at the first bad cell or row.
+
+    Args:
+        data: The file's bytes.
+        layout: How it is written.
+        chosen: Index of the column -> native name.
+        clock: What the cells of the time are, one of `CLOCKS`.
+    """
     positions = [f"f{index}" for index in range(len(layout.names))]
     wanted = [positions[index] for index in chosen]
     table = pacsv.read_csv(
@@ -71,9 +93,15 @@ def _read_fast(data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, st
         read_options=pacsv.ReadOptions(column_names=positions, skip_rows=layout.first_line, block_size=BLOCK_BYTES),
         parse_options=pacsv.ParseOptions(delimiter=layout.separator),
         convert_options=pacsv.ConvertOptions(
-            column_types=dict.fromkeys(wanted, pa.float64()),
+            column_types={
+                position: clock if native == TIME else pa.float64()
+                for position, native in zip(wanted, chosen.values(), strict=True)
+            },
             include_columns=wanted,
             decimal_point=layout.decimal,
         ),
     )
-    return {native: as_numbers(table.column(name)) for name, native in zip(wanted, chosen.values(), strict=True)}
+    return {
+        native: column_numbers(table.column(name), native, "time")
+        for name, native in zip(wanted, chosen.values(), strict=True)
+    }

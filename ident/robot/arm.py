@@ -23,6 +23,7 @@ from ident.robot.xacro_files import SUFFIX, expand
 from ident.untrusted_files import read_text
 
 THREADS = 2
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +124,12 @@ class ArmModel:
     @property
     def joint_axes(self) -> Float[Array, "n 3"]:
         """Axis of each joint in its own frame, unit length."""
-        return self._chain[2]
+        return self.chain[2]
 
     @property
     def sliding_joints(self) -> Bool[Array, " n"]:
         """Which joints are prismatic."""
-        return self._chain[3]
+        return self.chain[3]
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -172,7 +173,7 @@ class ArmModel:
         columns: Sequence[int] | None = None,
     ) -> Float[Array, "T n k"]:
         """Y with τ = Y π, π the `inertial_parameters`; all of its columns, or those asked for."""
-        return compute_regressor(*self._chain, q, dq, ddq, columns)
+        return compute_regressor(*self.chain, q, dq, ddq, columns)
 
     def derivatives(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
@@ -229,11 +230,11 @@ class ArmModel:
         model.armature = np.array(inertia, dtype=float)
         return self._with_model(model)
 
-    def forward_dynamics(
-        self, q: Float[Array, " n"], dq: Float[Array, " n"], tau: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
-        """Joint accelerations of one state under joint torques [rad/s²]."""
-        return np.asarray(pin.aba(self.model, self._data, q, dq, tau))
+    def forward_dynamics(self, q: Array, dq: Array, tau: Array) -> Float[Array, "*T n"]:
+        """Joint accelerations of one state or of T states under joint torques [rad/s²]."""
+        states = [np.asfortranarray(np.atleast_2d(np.asarray(values, dtype=float)).T) for values in (q, dq, tau)]
+        found = np.reshape(pin.abaInParallel(1, self._pool, *states), states[0].shape)  # few: a thread would wake late
+        return np.ascontiguousarray(found.T).reshape(np.shape(q))
 
     def locked(self, joints: Sequence[str], positions: Sequence[float] | None = None) -> ArmModel:
         """The arm with some joints fixed, at the given positions or at neutral: the exact reduction.
@@ -273,7 +274,7 @@ class ArmModel:
         """Orientation and place [m] of some links in the base frame, for T positions at once."""
         frames = {frame.name: frame for frame in self.model.frames if frame.type == pin.FrameType.BODY}
         joints = {name: int(frames[name].parentJoint) for name in links}
-        poses = compute_joint_poses(*self._chain[:4], np.asarray(q, dtype=float), sorted(set(joints.values())))
+        poses = compute_joint_poses(*self.chain[:4], np.asarray(q, dtype=float), sorted(set(joints.values())))
         found = {}
         for name, joint in joints.items():
             (turn, origin), placed = poses[joint], frames[name].placement
@@ -319,8 +320,8 @@ class ArmModel:
         return pin.ModelPool(self.model, THREADS)
 
     @cached_property
-    def _chain(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Joint placements, axes and gravity as plain arrays, for the compiled regressor."""
+    def chain(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Joint placements, axes, which joints slide, and gravity, as plain arrays."""
         model, n = self.model, self.n
         rotations = np.array([model.jointPlacements[i].rotation for i in range(1, n + 1)])
         offsets = np.array([model.jointPlacements[i].translation for i in range(1, n + 1)])

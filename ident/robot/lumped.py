@@ -198,7 +198,7 @@ def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) 
             rpy = tuple(_turned(rpy, p.offset[1]))
         parts.append(_joint_text(names[i], i, xyz, rpy, p.sign[i], limit))
         parts.append(_link_text(i, mass, com, moments))
-    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source)
+    return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(arm.model.gravity.linear)
 
 
 def _turned(rpy: tuple[float, ...], angle: float) -> Array:

@@ -11,12 +11,19 @@ from ident.errors import InputError
 DEEPEST = 64
 
 
+def require_no_entities(text: str, where: str | Path, remedy: str, error: type[InputError]) -> None:
+    """Raises for an XML text that defines entities: they read other files or grow without end."""
+    if "<!ENTITY" in text:
+        raise error(where, "it defines entities, which no robot needs", remedy)
+
+
 def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError]) -> ET.Element:
     """The root element of an XML text.
 
     Raises:
-        InputError: Not XML, or nested deeper than readers of robots can follow.
+        InputError: Not XML, with entities of its own, or nested deeper than readers of robots can follow.
     """
+    require_no_entities(text, where, remedy, error)
     try:
         root = ET.fromstring(text)
     except ET.ParseError as failed:

@@ -1,137 +1,325 @@
-"""What an expression in a xacro file may do: compute with figures and texts, in little time and memory.
+"""Our own evaluator of xacro's expressions: a whitelist over their syntax trees; Python's `eval` never sees them.
 
-The package that expands xacro files evaluates their expressions as Python. Its own guards miss names within
-comprehensions, leave Python's functions to `$(eval …)`, and bound neither time nor memory.
+Values are numbers, texts, truth values, None, and lists, tuples and tables of these. A dot looks up a key of a table,
+never an attribute of an object; a call runs one of the functions below; every intermediate value is bounded in size.
 """
 
 from __future__ import annotations
 
 import ast
-import builtins
+import math
+import operator
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
-# Of Python's own functions those that reach nothing beyond their arguments.
-HARMLESS = frozenset(
-    ("abs", "all", "any", "bool", "dict", "divmod", "enumerate", "filter", "float", "int", "len", "list")
-)
-HARMLESS |= {"map", "max", "min", "range", "round", "set", "sorted", "str", "sum", "tuple", "zip"}
-# Methods that give the attributes of their arguments by their text, and those that fill up to any length.
-BY_TEXT = frozenset(("format", "format_map"))
-FILLING = frozenset(("ljust", "rjust", "center", "zfill", "expandtabs", "to_bytes"))
-# Larger powers than angles and lengths ever need take memory and time without end.
-LARGEST_POWER = 16
-# Numbers of more bits, and texts and lists of more parts, are in no description.
-MOST_BITS, MOST_PARTS = 1024, 20_000
-# Loops within one expression: each may run over `MOST_PARTS`.
-MOST_LOOPS = 1
+# Longest expression; numbers of more bits, and texts and lists of more parts, are in no description.
+LONGEST, MOST_BITS, MOST_PARTS = 4096, 1024, 20_000
+# Nodes evaluated within one expression; deepest tree; largest exponent.
+MOST_STEPS, DEEPEST, LARGEST_POWER = 100_000, 100, 16
+# Digits that `round` keeps, before and after the point.
+MOST_DIGITS = 300
+
+Lookup = Callable[[str], Any]
+Functions = Mapping[str, Callable[..., Any]]
 
 
 class HarmfulExpression(Exception):
-    """An expression or a file's name in a description that a description has no need of."""
+    """An expression or a file's name that no description of a robot needs."""
 
 
-def make_harmless(text: str) -> str:
-    """The same expression, its multiplications, powers and remainders by functions that look at sizes first.
+def require_plain(value: Any) -> Any:
+    """Passes a value on if it is plain data of not too many parts all in all.
 
     Raises:
-        HarmfulExpression: It names something private, or one of Python's functions that reach beyond their arguments;
-            or it could take any time.
-        SyntaxError: It is no expression.
+        HarmfulExpression: It is, or holds, an object of another kind, a number of too many digits, or too many parts.
     """
-    told = repr(text.strip()[:80])
-    tree = ast.parse(text.strip(), mode="eval")
-    loops = 0
-    for node in ast.walk(tree):
-        name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
-        reaches = isinstance(node, ast.Name) and hasattr(builtins, name) and name not in HARMLESS
-        private = "__" if isinstance(node, ast.Name) else "_"
-        if name.startswith(private) or name in BY_TEXT | FILLING or reaches:
-            raise HarmfulExpression(f"{name!r} has no place in a description's expression {told}")
-        loops += isinstance(node, ast.comprehension)
-        if isinstance(node, ast.Lambda | ast.LShift | ast.NamedExpr) or loops > MOST_LOOPS:
-            raise HarmfulExpression(f"{told} could take any time")
-        if isinstance(node, ast.FormattedValue) and node.format_spec is not None:
-            raise HarmfulExpression(f"a format in {told}: use round()")
-    return ast.unparse(_Bounded().visit(tree))
+    left, count = [value], 0
+    while left:
+        one = left.pop()
+        count += len(one) if isinstance(one, str) else 1
+        if count > MOST_PARTS:
+            raise HarmfulExpression("an expression grows beyond any description")
+        if type(one) is int and one.bit_length() > MOST_BITS:
+            raise HarmfulExpression("a number of too many digits")
+        if isinstance(one, dict):
+            left += [*one.keys(), *one.values()][: MOST_PARTS + 1]
+        elif type(one) in (list, tuple):
+            left += one[: MOST_PARTS + 1]
+        elif type(one) not in (int, float, str, bool, type(None)):
+            raise HarmfulExpression(f"a value of the kind {type(one).__name__}")
+    return value
 
 
-class _Bounded(ast.NodeTransformer):
-    """Puts the functions below in the place of operators."""
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        self.generic_visit(node)
-        name = OPERATORS.get(type(node.op))
-        if name is None:
-            return node
-        return ast.Call(ast.Name(name, ast.Load()), [node.left, node.right], [])
-
-
-def bounded_times(a: Any, b: Any) -> Any:
-    """a * b."""
-    if isinstance(a, int) and isinstance(b, int):
-        if a.bit_length() + b.bit_length() > MOST_BITS:
-            raise HarmfulExpression("a product of too many digits")
-    elif _parts(a) * _parts(b) > MOST_PARTS:
-        raise HarmfulExpression("a text or list of too many parts")
+def _times(a: Any, b: Any) -> Any:
+    parts = [len(one) if isinstance(one, str | list | tuple) else None for one in (a, b)]
+    for count, other in ((parts[0], b), (parts[1], a)):
+        if count is not None and (not isinstance(other, int) or count * other > MOST_PARTS):
+            raise HarmfulExpression("a text or list of too many parts")
     return a * b
 
 
-def _parts(value: Any) -> int:
-    """Length of a text or list, or how many times one is repeated."""
-    return int(value) if isinstance(value, int) else len(value) if hasattr(value, "__len__") else 1
-
-
-def bounded_power(a: Any, b: Any) -> Any:
-    """a ** b."""
+def _power(a: Any, b: Any) -> Any:
     if not isinstance(b, int | float) or abs(b) > LARGEST_POWER:
         raise HarmfulExpression(f"a power that is no number up to {LARGEST_POWER}")
-    if isinstance(a, int) and a.bit_length() * abs(b) > MOST_BITS:
-        raise HarmfulExpression("a power of too many digits")
     return a**b
 
 
-def bounded_remainder(a: Any, b: Any) -> Any:
-    """a % b of numbers."""
+def _remainder(a: Any, b: Any) -> Any:
     if not isinstance(a, int | float):
         raise HarmfulExpression("% of a text: use str() and +")
     return a % b
 
 
-def bounded_range(*bounds: int) -> range:
-    """A range of not too many parts."""
+def _range(*bounds: int) -> list[int]:
     found = range(*bounds)
-    if found and abs(found[-1] - found[0]) // abs(found.step) >= MOST_PARTS:
+    if len(found) > MOST_PARTS:
         raise HarmfulExpression("a range of too many parts")
-    return found
+    return list(found)
 
 
-def require_small(value: Any) -> Any:
-    """Passes a value on if it has not too many parts all in all; what holds itself has no end of them."""
-    left, count = [value], 0
-    while left:
-        one = left.pop()
-        count += len(one) if isinstance(one, str | bytes) else 1
-        if count > MOST_PARTS:
-            raise HarmfulExpression("an expression grows beyond any description")
-        if isinstance(one, int) and one.bit_length() > MOST_BITS:
-            raise HarmfulExpression("a number of too many digits")
-        if isinstance(one, Mapping):
-            left += [*one.keys(), *one.values()]
-        elif isinstance(one, list | tuple | set | frozenset):
-            left += list(one)[:MOST_PARTS]
-    return value
+def _round(value: Any, digits: int = 0) -> Any:
+    if abs(digits) > MOST_DIGITS:
+        raise HarmfulExpression("round to too many digits")
+    return round(value, digits) if digits else round(value)
 
 
-OPERATORS: dict[type[ast.operator], str] = {
-    ast.Mult: "bounded_times",
-    ast.Pow: "bounded_power",
-    ast.Mod: "bounded_remainder",
-}
-# What expressions find by these names.
+def _replace(text: str, old: str, new: str) -> str:
+    if len(text) * (len(new) + 1) > MOST_PARTS:
+        raise HarmfulExpression("a text of too many parts")
+    return text.replace(old, new)
+
+
+def _tokenize(text: str, separators: str = ",; ", skip_empty: bool = True) -> list[str]:
+    for one in separators[1:]:
+        text = text.replace(one, separators[0])
+    return [part for part in text.split(separators[0]) if part or not skip_empty]
+
+
+def _fatal(*words: Any) -> None:
+    raise HarmfulExpression("the description itself says: " + " ".join(map(str, words)))
+
+
+MATHEMATICS = "acos asin atan atan2 ceil copysign cos cosh degrees exp fabs floor fmod hypot isfinite isnan log log10"
+MATHEMATICS += " log2 pow radians sin sinh sqrt tan tanh"
+CONSTANTS: dict[str, Any] = {name: getattr(math, name) for name in ("pi", "e", "tau", "inf", "nan")}
+CONSTANTS |= {"true": True, "false": False}
+# What a call may run. Each reaches nothing beyond its arguments, in time and memory that grow with their sizes.
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "bounded_times": bounded_times,
-    "bounded_power": bounded_power,
-    "bounded_remainder": bounded_remainder,
-    "range": bounded_range,
+    **{name: getattr(math, name) for name in MATHEMATICS.split()},
+    **{one.__name__: one for one in (abs, all, any, bool, dict, float, int, len, list, max, min, sorted, str, tuple)},
+    "enumerate": lambda values: [*enumerate(values)],
+    "range": _range,
+    "reversed": lambda values: [*reversed(values)],
+    "round": _round,
+    "sum": lambda values: sum(values),
+    "zip": lambda *lists: [*zip(*lists, strict=False)],
+    "tokenize": _tokenize,
+    "dotify": dict,
+    "fatal": _fatal,
+    **dict.fromkeys(("message", "warning", "error"), lambda *words: ""),
 }
+# Methods of texts and tables, by the kind of their object.
+METHODS: dict[tuple[type, str], Callable[..., Any]] = {
+    **{(str, name): getattr(str, name) for name in ("endswith", "lower", "split", "startswith", "strip", "upper")},
+    (str, "replace"): _replace,
+    (dict, "get"): dict.get,
+    (dict, "items"): lambda table: [*table.items()],
+    (dict, "keys"): lambda table: [*table],
+    (dict, "values"): lambda table: [*table.values()],
+}
+# Names whose dotted members are the same functions and constants.
+NAMESPACES = ("math", "python", "xacro")
+OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: _times,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: _remainder,
+    ast.Pow: _power,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
+}
+
+
+def evaluate(text: str, lookup: Lookup, functions: Functions, check_time: Callable[[], None]) -> Any:
+    """The value of an expression.
+
+    Args:
+        text: The expression, without its `${` and `}`.
+        lookup: The value of a property; raises KeyError for a name that is none.
+        functions: Further functions that it may call, beside `FUNCTIONS`.
+        check_time: Raises where the description has taken too long.
+
+    Raises:
+        HarmfulExpression: It holds what no description needs.
+        SyntaxError: It is no expression.
+    """
+    if len(text) > LONGEST:
+        raise HarmfulExpression("an expression of too many characters")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        tree = ast.parse(text.strip(), mode="eval")
+    try:
+        return _Evaluator(lookup, {**FUNCTIONS, **functions}, check_time).value(tree.body)
+    except HarmfulExpression as error:
+        raise HarmfulExpression(f"{error} in {text.strip()[:80]!r}") from None
+
+
+class _Evaluator(ast.NodeVisitor):
+    """Walks down one syntax tree; holds the variable of its comprehension, its depth and its steps."""
+
+    def __init__(self, lookup: Lookup, functions: Functions, check_time: Callable[[], None]) -> None:
+        self.lookup, self.functions, self.check_time = lookup, functions, check_time
+        self.local: dict[str, Any] = {}
+        self.depth = self.steps = 0
+
+    def value(self, node: ast.AST) -> Any:
+        """The value of one node."""
+        self.depth, self.steps = self.depth + 1, self.steps + 1
+        if self.depth > DEEPEST or self.steps > MOST_STEPS:
+            raise HarmfulExpression("too many steps")
+        self.check_time()
+        found = require_plain(self.visit(node))
+        self.depth -= 1
+        return found
+
+    def generic_visit(self, node: ast.AST) -> Any:
+        raise HarmfulExpression(f"{type(node).__name__} has no place")
+
+    def visit_Constant(self, node: ast.Constant) -> Any:
+        return node.value
+
+    def visit_Name(self, node: ast.Name) -> Any:
+        if node.id in self.local:
+            return self.local[node.id]
+        try:
+            return self.lookup(node.id)
+        except KeyError:
+            if node.id in CONSTANTS:
+                return CONSTANTS[node.id]
+            raise HarmfulExpression(f"no property {node.id!r}") from None
+
+    def visit_Attribute(self, node: ast.Attribute) -> Any:
+        """`table.key`, `namespace.property`, `math.pi`."""
+        names = _names(node)
+        if names[0] not in self.local:
+            try:
+                return self.lookup(".".join(names))
+            except KeyError:
+                if len(names) == 2 and names[0] in NAMESPACES and names[1] in CONSTANTS:
+                    return CONSTANTS[names[1]]
+        table = self.value(node.value)
+        if not isinstance(table, dict) or node.attr not in table:
+            raise HarmfulExpression(f"no key {node.attr!r}")
+        return table[node.attr]
+
+    def visit_Call(self, node: ast.Call) -> Any:
+        given = [self.value(one) for one in node.args]
+        if any(one.arg is None for one in node.keywords):
+            raise HarmfulExpression("** has no place")
+        keywords = {str(one.arg): self.value(one.value) for one in node.keywords}
+        names = _names(node.func)
+        if len(names) == 1 or (len(names) == 2 and names[0] in NAMESPACES):
+            function = self.functions.get(names[-1])
+            if function is None or (keywords and names[-1] != "dict"):
+                raise HarmfulExpression(f"a call of {names[-1]!r} has no place")
+            return function(*given, **keywords)
+        if not isinstance(node.func, ast.Attribute) or keywords:
+            raise HarmfulExpression("a call of a value has no place")
+        owner = self.value(node.func.value)
+        method = METHODS.get((dict if isinstance(owner, dict) else type(owner), node.func.attr))
+        if method is None:
+            raise HarmfulExpression(f"a call of {node.func.attr!r} has no place")
+        return method(owner, *given)
+
+    def visit_Subscript(self, node: ast.Subscript) -> Any:
+        owner = self.value(node.value)
+        if not isinstance(node.slice, ast.Slice):
+            return owner[self.value(node.slice)]
+        ends = (node.slice.lower, node.slice.upper, node.slice.step)
+        return owner[slice(*(None if one is None else self.value(one) for one in ends))]
+
+    def visit_BinOp(self, node: ast.BinOp) -> Any:
+        return self.operator(node.op)(self.value(node.left), self.value(node.right))
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> Any:
+        return self.operator(node.op)(self.value(node.operand))
+
+    def visit_Compare(self, node: ast.Compare) -> Any:
+        left, found = self.value(node.left), True
+        for sign, other in zip(node.ops, node.comparators, strict=True):
+            right = self.value(other)
+            found = self.operator(sign)(left, right)
+            if not found:
+                break
+            left = right
+        return found
+
+    def operator(self, sign: ast.AST) -> Callable[..., Any]:
+        found = OPERATORS.get(type(sign))
+        if found is None:
+            raise HarmfulExpression(f"{type(sign).__name__} has no place")
+        return found
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> Any:
+        for one in node.values:
+            found = self.value(one)
+            if bool(found) is isinstance(node.op, ast.Or):
+                break
+        return found
+
+    def visit_IfExp(self, node: ast.IfExp) -> Any:
+        return self.value(node.body if self.value(node.test) else node.orelse)
+
+    def visit_List(self, node: ast.List | ast.Tuple) -> Any:
+        found = [self.value(one) for one in node.elts]
+        return found if isinstance(node, ast.List) else tuple(found)
+
+    visit_Tuple = visit_List
+
+    def visit_Dict(self, node: ast.Dict) -> Any:
+        if None in node.keys:
+            raise HarmfulExpression("** has no place")
+        return {self.value(key): self.value(one) for key, one in zip(node.keys, node.values, strict=True) if key}
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> Any:
+        parts = [one.value if isinstance(one, ast.FormattedValue) else one for one in node.values]
+        if any(isinstance(one, ast.FormattedValue) and (one.format_spec or one.conversion >= 0) for one in node.values):
+            raise HarmfulExpression("a format: use round()")
+        return "".join(str(self.value(one)) for one in parts)
+
+    def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> Any:
+        """One loop over a list, worked out here: no frame, no generator."""
+        loop = node.generators[0]
+        if len(node.generators) > 1 or loop.is_async or not isinstance(loop.target, ast.Name) or self.local:
+            raise HarmfulExpression("more than one loop")
+        found = []
+        for item in self.value(loop.iter):
+            self.local = {loop.target.id: item}
+            if all(self.value(test) for test in loop.ifs):
+                found.append(self.value(node.elt))
+        self.local = {}
+        return found
+
+    visit_GeneratorExp = visit_ListComp
+
+
+def _names(node: ast.AST) -> list[str]:
+    """`a.b.c` as its names; ["", …] where its root is no name."""
+    tail: list[str] = []
+    while isinstance(node, ast.Attribute):
+        tail, node = [node.attr, *tail], node.value
+    return [node.id if isinstance(node, ast.Name) else "", *tail]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NotRequired
+from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
@@ -10,12 +10,13 @@ ByJoint = dict[str, float]
 
 
 class SessionStampRecord(TypedDict):
-    """A session that a result was made from: its path, its hash, its first and last time [s]."""
+    """A session that a result was made from: its path, its hash, its first and last time [s], its files' hashes."""
 
     path: str
     sha256: str
     first: float | None
     last: float | None
+    runs: NotRequired[list[str]]
 
 
 class ProvenanceRecord(TypedDict):
@@ -43,6 +44,7 @@ class IntervalRecord(TypedDict):
     value: float
     low: float
     high: float
+    open: NotRequired[Literal["low", "high", "both"]]
 
 
 class MeanStdRecord(TypedDict):

@@ -45,6 +45,8 @@ ChangeRecord = TypedDict(
         "joints": list[str],
         "probability": float,
         "class": list[str],
+        "class_probability": float,
+        "class_shares": dict[str, float],
         "action": str,
         "parameters": dict[str, IntervalRecord],
         "elsewhere": list[OtherPlaceRecord],
@@ -63,11 +65,23 @@ class ComparedHeldoutRecord(TypedDict):
 
 
 class StillJointRecord(TypedDict):
-    """A joint that stood still in one of the sets, or in both: of its own torque nothing is told."""
+    """A joint that stood still in a set: of its own torque only what exceeds its static friction shows."""
 
     joint: str
     when: Literal["before", "after", "before and after"]
     reason: str
+
+
+class SamplesUsedRecord(TypedDict):
+    """What a joint's samples are to the comparison, as shares: rows in motion, holds, stretches near turns."""
+
+    joint: str
+    in_motion: float
+    at_rest: float
+    holds: int
+    turning: float
+    left_out: float
+    why: str
 
 
 class ArmComparisonRecord(TypedDict):
@@ -85,5 +99,6 @@ class ArmComparisonRecord(TypedDict):
     friction_run_spread: ByJoint
     not_testable: list[NotTestableRecord]
     provenance: ProvenanceRecord
+    samples_used: NotRequired[list[SamplesUsedRecord]]
     still: NotRequired[list[StillJointRecord]]
     reservations: NotRequired[list[dict[str, Any]]]

@@ -43,6 +43,7 @@ class PlaceRecord(TypedDict):
     p_value: float
     share_of_time: NotRequired[float]
     energy_J: NotRequired[float | None]
+    beyond_noise_Nm: NotRequired[float | None]
 
 
 class FindingHeldoutRecord(TypedDict):
@@ -68,6 +69,8 @@ FindingRecord = TypedDict(
         "joints": list[str],
         "probability": float,
         "class": list[str],
+        "class_probability": float,
+        "class_shares": dict[str, float],
         "rivals": NotRequired[dict[str, float]],
         "parameters": dict[str, IntervalRecord],
         "heldout": FindingHeldoutRecord,
@@ -139,6 +142,7 @@ class DiagnosisRecord(TypedDict):
     nearest: NotRequired[dict[str, Any] | None]
     outside_score: NotRequired[float]
     leftover: NotRequired[dict[str, float]]
+    tuned_links: NotRequired[dict[str, dict[str, Any]]]
     detectable: NotRequired[list[DetectableRecord]]
     until: NotRequired[dict[str, Any]]
     baseline: NotRequired[dict[str, dict[str, Any]]]

@@ -33,6 +33,7 @@ class PatchRecord(TypedDict):
     structure: dict[str, dict[str, Any]]
     provenance: ProvenanceRecord
     heldout: NotRequired[dict[str, Any]]
+    written: NotRequired[dict[str, str]]
     merged: NotRequired[dict[str, Any]]
 
 
@@ -49,6 +50,8 @@ class ExportRecord(TypedDict):
     provenance: ProvenanceRecord
     merged: NotRequired[dict[str, Any]]
     torque_rmse_Nm: NotRequired[dict[str, dict[str, float]]]
+    heldout: NotRequired[dict[str, Any]]
+    written: NotRequired[dict[str, str]]
 
 
 class CheckRecord(TypedDict):
@@ -70,6 +73,7 @@ class VerificationRecord(TypedDict):
     robot: str
     joints: list[str]
     passed: bool
+    in_sample: bool
     checks: list[CheckRecord]
     provenance: ProvenanceRecord
 
@@ -124,8 +128,6 @@ class BlindRecord(TypedDict):
     calibration: list[dict[str, Any]]
     coverage: dict[str, dict[str, float | int | None]]
     baselines: dict[str, dict[str, float | None]]
-    ranks: dict[str, dict[str, Any]]
-    class_sets: dict[str, Any]
     worlds: dict[str, list[dict[str, Any]]]
     worst_stratum: dict[str, Any] | None
     efficiency: dict[str, dict[str, float | int | None]]

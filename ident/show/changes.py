@@ -9,9 +9,10 @@ from rich.console import Console
 
 from ident.console import styled
 from ident.diagnosis.change.result import ArmChange, ArmComparison
+from ident.errors import plural
 from ident.show.panels import draw_bars
-from ident.show.report.numbers import fixed, percent, plural, significant
-from ident.show.report.words import effect_name, join_words, parameter_name
+from ident.show.report.numbers import fixed, percent, significant
+from ident.show.report.words import effect_name, join_words, parameters_in_words
 from ident.show.silence import group_silent
 
 if TYPE_CHECKING:
@@ -68,9 +69,10 @@ def print_comparison(console: Console, comparison: ArmComparison) -> None:
     for one in comparison.reservations:
         told = f"  not told: {effect_name(one.effect)} in {join_words(one.joints)}: {one.reason}"
         console.print(told, soft_wrap=True, highlight=False)
-    if spread := describe_spread(comparison.run_spread):
-        console.print(f"  {spread}", soft_wrap=True, highlight=False)
-    for line in describe_still(record):
+    for words in (describe_spread(comparison.run_spread), describe_lone_runs([side.runs for side in comparison.sides])):
+        if words:
+            console.print(f"  {words}", soft_wrap=True, highlight=False)
+    for line in (*describe_used(record), *describe_still(record)):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
     for line in group_silent(without_still(record)):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
@@ -78,7 +80,8 @@ def print_comparison(console: Console, comparison: ArmComparison) -> None:
 
 def describe_still(record: Mapping[str, Any]) -> list[str]:
     """Joints that stood still, a line each."""
-    return [f"nothing is told of {one['joint']}: {one['reason']}" for one in record.get("still", ())]
+    shows = "only torque beyond its static friction shows"
+    return [f"of {one['joint']} {shows}: {one['reason']}" for one in record.get("still", ())]
 
 
 def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -91,17 +94,12 @@ def describe_change(change: ArmChange) -> str:
     """One change in one line: where, what, how large, how sure, how much it explains."""
     rivals = [effect_name(name) for name in change.estimate.rivals[1:]]
     open_between = f"; can't be told from {join_words(rivals)}" if rivals else ""
-    figures = []
-    for name, value in change.estimate.parameters.items():
-        words, unit = parameter_name(name)
-        ends = f"[{significant(value.low, 3)}, {significant(value.high, 3)}]"
-        figures.append(f"{words} {significant(value.value, 3)} {ends} {unit}".strip())
     parts = [
         f"{name} {fixed(before)} → {fixed(change.rms_after[name])} N m" for name, before in change.rms_before.items()
     ]
     where = "" if change.effect in OF_THE_ARM else f"{places_of(change.to_dict())}: "
     return (
-        f"{where}{effect_name(change.effect)}{open_between}; {', '.join(figures)}; "
+        f"{where}{effect_name(change.effect)}{open_between}; {parameters_in_words(change.estimate.parameters)}; "
         f"error in the later set {', '.join(parts)} ({percent(change.shrink)} of what can be closed)"
     )
 
@@ -110,6 +108,24 @@ def describe_spread(spread: Mapping[str, float]) -> str:
     """How much friction differs from run to run of one set."""
     parts = [f"{joint} {percent(share)}" for joint, share in spread.items()]
     return f"friction differs from run to run of one set by: {', '.join(parts)}" if parts else ""
+
+
+def describe_used(record: Mapping[str, Any]) -> list[str]:
+    """Joints whose friction is known in less than half of their samples, a line each: what the others are."""
+    return [
+        f"samples of {one['joint']}: {percent(one['in_motion'])} in motion, {percent(one['at_rest'])} at rest "
+        f"({plural(one['holds'], 'hold')}, each one observation), {percent(one['turning'])} near stops and turns, "
+        f"{percent(one['left_out'])} left out ({one['why']})"
+        for one in record.get("samples_used", ())
+        if one["in_motion"] < 0.5
+    ]
+
+
+def describe_lone_runs(runs: Sequence[int]) -> str:
+    """What a set of a single run leaves open; nothing where both have more."""
+    if min(runs, default=2) > 1:
+        return ""
+    return "of a single run nothing is known of what runs differ by: a usual spread is assumed; record three or more"
 
 
 def draw_comparison(comparison: ArmComparison) -> Figure:

@@ -4,42 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions
+from rich.measure import Measurement
 from rich.table import Table
 
 from ident.console import styled
-from ident.errors import visible
+from ident.errors import plural, visible
 from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
-    import numpy as np
-
     from ident.model.evaluation import SessionScore
     from ident.recordings.recording import TelemetryIssue
     from ident.telemetry.report import JointEffort
 
+# As wide as a table would like to be [columns].
+WIDEST = 10_000
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 
-def ladder_table(score: SessionScore) -> Table:
-    """Energy error and torque RMSE of every rung, in the shape of the paper's table 1."""
-    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
-    table = Table(title=f"{score.name}: {len(score.runs)} runs{payload}", title_justify="left")
-    table.add_column("model")
-    table.add_column("")
-    for joint in [*score.joints, "total"]:
-        table.add_column(joint, justify="right")
-    rows = zip(score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True)
-    for rung, mean, std, rmse in rows:
-        table.add_row(rung_name(rung), "energy error [J]", *_pairs(mean, std))
-        table.add_row("", "torque RMSE [N m]", *[f"{value:.2f}" for value in rmse], end_section=True)
-    return table
+@dataclass(frozen=True, eq=False)
+class LadderTable:
+    """Energy and torque error of every rung: as the paper's table 1 where a line holds it, else a joint a line."""
 
+    score: SessionScore
 
-def _pairs(mean: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray) -> list[str]:
-    return [f"{a:.2f} ± {b:.2f}" for a, b in zip(mean, std, strict=True)]
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        wide = self._wide()
+        fits = Measurement.get(console, options.update(width=WIDEST), wide).maximum <= options.max_width
+        yield wide if fits else self._tall()
+
+    def _begin(self, *columns: str) -> Table:
+        score = self.score
+        payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+        table = Table(title=f"{score.name}: {plural(len(score.runs), 'run')}{payload}", title_justify="left")
+        for column, justify in zip(columns, ("left", "left", *["right"] * len(columns)), strict=False):
+            table.add_column(column, justify=justify)  # type: ignore[arg-type]
+        return table
+
+    def _rows(self) -> Iterator[tuple[str, list[str], list[str]]]:
+        """Each rung with its energy errors and torque errors, joint by joint and in all."""
+        score = self.score
+        for rung, mean, std, rmse in zip(
+            score.rungs, score.energy_mean, score.energy_std, score.rmse_mean, strict=True
+        ):
+            pairs = [f"{a:.2f} ± {b:.2f}" for a, b in zip(mean, std, strict=True)]
+            yield rung_name(rung), pairs, [f"{value:.2f}" for value in rmse]
+
+    def _wide(self) -> Table:
+        table = self._begin("model", "", *self.score.joints, "total")
+        for rung, energy, torque in self._rows():
+            table.add_row(rung, "energy error [J]", *energy)
+            table.add_row("", "torque RMSE [N m]", *torque, end_section=True)
+        return table
+
+    def _tall(self) -> Table:
+        table = self._begin("model", "joint", "energy error [J]", "torque RMSE [N m]")
+        for rung, energy, torque in self._rows():
+            for joint, *cells in zip([*self.score.joints, "total"], energy, torque, strict=True):
+                table.add_row(rung, joint, *cells, end_section=joint == "total")
+                rung = ""
+        return table
 
 
 def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
+from ident.errors import plural
 from ident.results import Result
-from ident.show.console import ladder_table, print_effort, print_issues
+from ident.show.console import LadderTable, print_effort, print_issues
 from ident.show.palette import MEASURED, rung_colours
 from ident.show.panels import as_text, draw_bars, panel
 
@@ -71,7 +72,7 @@ def _tell_evaluation(result: Evaluation) -> str:
     def write(console: Console) -> None:
         console.print(result.model)
         for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
-            console.print(ladder_table(one))
+            console.print(LadderTable(one))
 
     return as_text(write)
 
@@ -86,7 +87,7 @@ def _draw_evaluation(result: Evaluation) -> Figure:
 
 def _tell_fit(result: FitResults) -> str:
     from ident.model.identification import describe
-    from ident.model.net_gate import describe_gate
+    from ident.model.net_shrinkage import describe_gate
 
     lines = [result.loss.summary(), *describe(result.identified)]
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
@@ -110,11 +111,11 @@ def _tell_inspection(result: Inspection) -> str:
     def write(console: Console) -> None:
         for report in result.reports:
             session = report.session
-            size = f"{len(session.runs)} runs, {session.samples} samples, {session.duration:.1f} s"
+            size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
             console.print(f"{session.name}: {size}")
             print_effort(console, report.effort)
             print_issues(console, report.issues)
-            console.print("fit for use" if report.is_fit else "not fit for use")
+            console.print(report.verdict)
 
     return as_text(write)
 

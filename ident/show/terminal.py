@@ -11,11 +11,18 @@ from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
 from ident.diagnosis.result import Diagnosis, Finding
-from ident.diagnosis.until import RepeatedLooks
+from ident.diagnosis.sequential import RepeatedLooks
+from ident.errors import plural
 from ident.show.limits import describe_limits
-from ident.show.report.diagnosis_verdict import describe_reservations, describe_unnamed, first_action, is_small
+from ident.show.report.diagnosis_verdict import (
+    describe_reservations,
+    describe_unnamed,
+    first_action,
+    is_small,
+    order_of,
+)
 from ident.show.report.numbers import pair, significant
-from ident.show.report.words import axis_name, interval_words
+from ident.show.report.words import axis_name, interval_words, parameters_in_words
 from ident.show.silence import group_silent
 from ident.show.timeline import Curve, Mark
 
@@ -39,7 +46,8 @@ TUNED_COLOUR, NAMED_COLOUR = "#d55e00", "#009e73"
 def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     """Verdict, findings, and what could not be judged."""
     facts = diagnosis.session
-    console.print(f"{diagnosis.robot}: {facts['runs']} runs, {facts['samples']} samples, {facts['duration_s']:.0f} s")
+    runs = plural(int(facts["runs"]), "run")
+    console.print(f"{diagnosis.robot}: {runs}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
     for issue in diagnosis.telemetry:
         if issue.severity != "note":
             console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
@@ -48,15 +56,15 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     if diagnosis.verdict == "none_of_catalogue" and diagnosis.findings:
         words = MOSTLY_UNNAMED
     console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
-    for finding in diagnosis.findings:
+    if action := first_action(record):
+        console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)
+    for finding, told in zip(diagnosis.findings, record["findings"], strict=True):
         console.print(describe(finding, int(facts["runs"])), soft_wrap=True, highlight=False)
-        console.print(f"    do: {finding.action}", soft_wrap=True, highlight=False, markup=False)
+        console.print(f"    do: {order_of(told, record)}", soft_wrap=True, highlight=False, markup=False)
     for line in describe_reservations(record):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
     if unnamed := describe_unnamed(record):
         console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
-    if diagnosis.verdict in ("not_testable", "none_of_catalogue") and (action := first_action(record)):
-        console.print(f"  do: {action}", soft_wrap=True, highlight=False, markup=False)
     for name, gap in diagnosis.gap.items():
         left = f", explainable by {gap.unexplained} but unnamed" if gap.unexplained else ""
         console.print(f"  {name}: {gap.rms:.3f} N m against {gap.noise_floor:.3f} of noise{left}")
@@ -78,10 +86,9 @@ def describe(finding: Finding, runs: int) -> str:
     """One finding in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
     estimate = finding.estimate
     name = estimate.group.effect.id
-    rivals = f"; can't be told from {', '.join(estimate.rivals[1:])}" if len(estimate.rivals) > 1 else ""
-    figures = ", ".join(
-        f"{key} {value.value:.3g} [{value.low:.3g}, {value.high:.3g}]" for key, value in estimate.parameters.items()
-    )
+    others = ", ".join(f"{one} {share:.0%}" for one, share in list(estimate.shares.items())[1:])
+    rivals = f"; one of its class {estimate.class_probability:.0%}: {others}" if others else ""
+    figures = parameters_in_words(estimate.parameters)
     before, after = finding.energy_std if runs > 1 else (None, None)
     energy = f"energy error {pair(finding.energy_before, before)} → {pair(finding.energy_after, after)} J"
     return (

@@ -12,6 +12,7 @@ from ident.telemetry.report import TelemetryReport
 # All that a telemetry check refuses for.
 ACCEPTABLE = (
     "clipped_effort",
+    "columns_swapped",
     "effort_gravity_compensated",
     "effort_is_model",
     "effort_not_torque",
@@ -19,6 +20,7 @@ ACCEPTABLE = (
     "effort_spike",
     "garbage_cells",
     "insufficient_excitation",
+    "joints_locked",
     "nan_cells",
     "repeated_session",
     "time_gap",

@@ -93,7 +93,7 @@ def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
     return np.concatenate([getattr(motion, name) for motion in motions])
 
 
-def _terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
+def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
     """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
     dq = states.dq[rows, joint]
     return np.column_stack(
@@ -113,7 +113,7 @@ def fit_signed(
         rows: States to use.
         spring: Whether a spring of either sign may explain what grows with the joint's angle.
     """
-    tau, table = sign * states.tau[rows, joint], _terms(states, joint, rows)
+    tau, table = sign * states.tau[rows, joint], joint_terms(states, joint, rows)
     table[:, 0] -= table[:, 0].mean()
     size = np.linalg.norm(table, axis=0)
     # Columns that are zero but for rounding would get coefficients without meaning.
@@ -130,22 +130,29 @@ def fit_signed(
     return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
 
 
+def jackknife(table: Float[Array, "T k"], target: Float[Array, " T"], pieces: int) -> tuple[float, float]:
+    """The first coefficient of a least-squares fit, and its error by leaving out one piece of the rows at a time."""
+    steps = np.arange(len(table)) * pieces // len(table)
+    whole = np.column_stack([table, target])
+    each = np.stack([whole[steps == k].T @ whole[steps == k] for k in range(pieces)])
+    found, *parts = (
+        float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
+        for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
+    )
+    return found, float(np.sqrt((pieces - 1) / pieces * np.sum((np.array(parts) - np.mean(parts)) ** 2)))
+
+
 def _surely_off(states: States, joint: int) -> bool:
     """Whether gravity's coefficient is out of range however it is drawn: strong friction that varies can hide it.
 
     Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
     """
-    held, pieces = states.settings, states.settings.pieces
-    terms, steps = _terms(states, joint), np.arange(len(states.q)) * pieces // len(states.q)
+    held = states.settings
+    terms = joint_terms(states, joint)
     bare = [terms, np.ones(len(terms))]
     for columns in (bare, [*bare, states.q[:, joint]]):
-        table = np.column_stack([*columns, states.tau[:, joint]])
-        each = np.stack([table[steps == k].T @ table[steps == k] for k in range(pieces)])
-        whole, *parts = (
-            float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
-            for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
-        )
-        doubt = held.sure * np.sqrt((pieces - 1) / pieces * np.sum((np.array(parts) - np.mean(parts)) ** 2))
+        whole, error = jackknife(np.column_stack(columns), states.tau[:, joint], held.pieces)
+        doubt = held.sure * error
         size = abs(whole)
         if size + doubt > held.scale_low and size - doubt < held.scale_high:
             return False

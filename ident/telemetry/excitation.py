@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.errors import RecordingError
+from ident.errors import RecordingError, plural
 from ident.numerics import factor_by_pivots
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue
@@ -71,7 +71,8 @@ class Amount:
         """Whether there are enough blocks for held-out splits."""
         if self._blocks >= FEWEST_BLOCKS:
             return []
-        what = f"{self._seconds:.1f} s in {self._runs} runs give {self._blocks} blocks of {SHORTEST_BLOCK_S} s"
+        blocks = f"{plural(self._blocks, 'block')} of {SHORTEST_BLOCK_S} s"
+        what = f"{self._seconds:.1f} s in {plural(self._runs, 'run')} give {blocks}"
         remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
         return [TelemetryIssue("too_few_runs", (), "fatal", f"{self._name}: {what}", remedy)]
 
@@ -128,7 +129,8 @@ def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
     table = arm.regressor(q[step], dq[step], ddq[step])
     spread = tau.std(axis=0)
     # Without this, the shoulder's torque would drown what the wrist tells.
-    table = (table / np.maximum(spread, 1e-3 * spread.max())[:, None]).reshape(-1, 10 * arm.n)
+    least = 1e-3 * float(spread.max()) or 1.0  # a torque may be all zeros
+    table = (table / np.maximum(spread, least)[:, None]).reshape(-1, 10 * arm.n)
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.

@@ -14,12 +14,15 @@ from ident.robot.arm import ArmModel
 from ident.telemetry.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.telemetry.channels import check_clipping, check_commands, drop_stuck
 from ident.telemetry.clock import mend_clock_jumps, mend_jitter, mend_order, split_at_gaps
-from ident.telemetry.effort import check_effort, collect_states
+from ident.telemetry.effort import States, check_effort, collect_states
 from ident.telemetry.effort_kind import judge_effort, mend_effort_kind
 from ident.telemetry.excitation import Amount
 from ident.telemetry.motion import mend_time_base, mend_time_unit, mend_velocity
+from ident.telemetry.mount import mend_mount
+from ident.telemetry.permuted import check_order
 from ident.telemetry.repeated import find_repeated
-from ident.telemetry.report import TelemetryReport
+from ident.telemetry.report import TelemetryReport, as_mounted
+from ident.telemetry.scale import check_absent, check_gains, check_rating, check_scales, compare_gains
 from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.telemetry.spikes import mend_absurd, mend_channel_spikes
 
@@ -48,11 +51,14 @@ def inspect_sessions(
     """Checks sessions that are to be used together: whether there is enough motion is asked of all of them at once."""
     # The checks' matrices are small: threads of the linear algebra only get into each other's way.
     with threadpool_limits(limits=1, user_api="blas"):
-        reports = [inspect_alone(session, arm, settings) for session in sessions]
+        reports: list[TelemetryReport] = []
+        for session in sessions:
+            reports.append(inspect_alone(session, arm, settings))
+            arm = arm if arm is None else as_mounted(arm, reports[-1].session)
         amount = Amount(settings=settings.excitation)
         for report in reports:
             amount.take(report.session, report.arm)
-        also = (*amount.issues(), *find_repeated(sessions))
+        also = (*amount.issues(), *find_repeated(sessions), *compare_gains(sessions))
         first = replace(reports[0], issues=(*reports[0].issues, *also))
         return (first, *reports[1:])
 
@@ -61,15 +67,23 @@ def inspect_alone(
     session: Session, arm: ArmModel | None, settings: TelemetrySettings = USUAL_TELEMETRY
 ) -> TelemetryReport:
     """All checks but those that ask for the amount of data."""
-    issues = list(session.issues())
+    issues, absent = list(session.issues()), list[str]()
     if arm is not None:
         session, matching = match_joints(session, arm.joint_names)
         issues += matching
         absent = [name for name in arm.joint_names if name not in session.joints]
-        arm = (arm.locked(absent) if absent else arm).with_payload(session.payload)
+        arm = as_mounted((arm.locked(absent) if absent else arm).with_payload(session.payload), session)
     session = _without_empty(session.replace(runs=[_without_nan(run) for run in session.runs]))
     if not session.samples:
         return TelemetryReport(session, tuple(issues), arm)
+
+    def mount(found: Session) -> tuple[Session, list[TelemetryIssue]]:
+        nonlocal arm
+        if arm is None:
+            return found, []
+        arm, turned = mend_mount(found, arm)
+        return (found.replace(gravity=tuple(arm.model.gravity.linear.tolist())) if turned else found), turned
+
     steps: tuple[Mending, ...] = (
         mend_absurd,
         mend_order,
@@ -79,6 +93,8 @@ def inspect_alone(
         lambda found: mend_degrees(found, arm),
         mend_spikes,
         lambda found: mend_wraps(found, arm),
+        # Before the torque is held against the model in any other way.
+        mount,
         # Before gravity and inertia are held against each other for the time base.
         lambda found: mend_effort_kind(found, arm),
         lambda found: mend_time_base(found, arm),
@@ -98,8 +114,19 @@ def inspect_alone(
     if arm is None:
         return TelemetryReport(session, tuple(issues), arm)
     states = collect_states(session, arm, settings.effort)
-    issues += check_effort(session, arm, states) if states is not None else []
+    issues += check_gains(session)
+    if states is not None:
+        issues += _check_torque(session, arm, states, absent)
+        if not any(issue.severity == "fatal" for issue in issues):
+            issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
     return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
+
+
+def _check_torque(session: Session, arm: ArmModel, states: States, absent: list[str]) -> list[TelemetryIssue]:
+    """What the torque is: each question is asked only where the ones before it left the torque its meaning."""
+    found = check_absent(session, states, absent) if absent else []
+    found += check_rating(session, arm) or check_order(session, arm, states)
+    return found if any(issue.severity == "fatal" for issue in found) else found + check_effort(session, arm, states)
 
 
 def _without_empty(session: Session) -> Session:

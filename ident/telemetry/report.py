@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.recordings.save import write_session
@@ -15,6 +17,8 @@ from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.telemetry/1"
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
+# What a recording may be used under, but not without a word.
+DOUBTFUL = ("torque_scale", "guessed_gains", "mounting")
 # These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
 TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
@@ -70,6 +74,14 @@ class TelemetryReport:
         """Whether the recordings may be fitted."""
         return not self.fatal
 
+    @property
+    def verdict(self) -> str:
+        """The same in words; never fit without a word where every size found rests on a doubtful one."""
+        doubts = [issue.issue for issue in self.issues if issue.issue in DOUBTFUL and issue.severity == "warning"]
+        if not self.is_fit:
+            return "not fit for use"
+        return f"to be used with care: {', '.join(dict.fromkeys(doubts))}" if doubts else "fit for use"
+
     def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
         """The issues of one kind."""
         return tuple(found for found in self.issues if found.issue == issue)
@@ -107,7 +119,14 @@ class TelemetryReport:
         }
 
     def mend(self, folder: str | Path) -> None:
-        """Writes the mended session as a folder of Parquet runs."""
+        """Writes the mended session as a folder of Parquet runs.
+
+        Raises:
+            RecordingError: Nothing is left of a run.
+        """
+        if not all(len(run) for run in self.session.runs):
+            where = str(self.session.path or self.session.name)
+            raise RecordingError(where, "nothing that can be used is left of it", "record it again")
         write_session(self.session, folder)
 
 
@@ -133,6 +152,11 @@ class Inspection(Result):
             "sessions": [report.to_dict() for report in self.reports],
             "provenance": self.provenance.to_dict(),
         }
+
+
+def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
+    """The arm under the gravity that a session has been found, or said, to be recorded under."""
+    return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
 
 
 def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:

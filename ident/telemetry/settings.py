@@ -38,6 +38,12 @@ class EffortSettings(Settings):
     scale_high: float = number(
         4.0, "1", "and the largest", "calibrated: 1.84 with an unknown payload of 2.6 kg; N mm lie at 1000"
     )
+    scale_off: float = number(
+        0.07,
+        "1",
+        "by how much the model's torque must be off to be told",
+        "chosen: the shipped arm's joints lie within 6 %",
+    )
     heavy_share: float = number(
         0.2,
         "1",

@@ -13,7 +13,7 @@ from ident.robot.arm import ArmModel
 from ident.telemetry.excitation import STATES, Amount
 from ident.telemetry.inspection import inspect_alone
 from ident.telemetry.repeated import Repeats
-from ident.telemetry.report import TelemetryReport
+from ident.telemetry.report import TelemetryReport, as_mounted
 from ident.telemetry.settings import USUAL_TELEMETRY, TelemetrySettings
 
 
@@ -49,6 +49,7 @@ class _Check:
         with threadpool_limits(limits=1, user_api="blas"):
             self._repeats.take(part)
             report = inspect_alone(part, self._arm, self._settings)
+            self._arm = as_mounted(self._arm, report.session)  # later parts are held against the same arm
             self._amount.take(report.session, report.arm)
         self._last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
         where = str(part.path or part.name)

@@ -125,10 +125,10 @@ def date_of(session: FoundSession, first: float | None) -> str:
     own = session.path / NAME
     told = load_session_file(own).metadata.get("date") if own.is_file() else None
     if isinstance(told, datetime | date):
-        return told.isoformat()
+        return _in_utc(told)
     if isinstance(told, str):
         try:
-            return datetime.fromisoformat(told).isoformat()
+            return _in_utc(datetime.fromisoformat(told))
         except ValueError:
             raise InputError(own, f"date = {told!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
     named = _date_in(session.name)
@@ -136,6 +136,13 @@ def date_of(session: FoundSession, first: float | None) -> str:
         return named
     moment = first if first is not None and first > EPOCH else session.newest
     return datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat(timespec="seconds")
+
+
+def _in_utc(moment: datetime | date) -> str:
+    """ISO; a moment with a zone as UTC without one, so that all dates can be put in order."""
+    if isinstance(moment, datetime) and moment.tzinfo is not None:
+        moment = moment.astimezone(UTC).replace(tzinfo=None)
+    return moment.isoformat()
 
 
 def _date_in(name: str) -> str | None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ident.show.report.numbers import plural, significant
+from ident.errors import plural
+from ident.show.report.numbers import significant
 from ident.show.report.page import Section, write_report
 from ident.show.report.provenance import FactsSection
 from ident.show.report.words import effect_name

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from ident.errors import plural
 from ident.ownership import begin_folder
 from ident.results import Result
 from ident.watching.alarms import LEVEL, Alarm, Point, find_changes
@@ -116,9 +117,10 @@ class Watch(Result):
     def summary(self) -> str:
         """What is new, and what has changed."""
         count = sum(len(arm.sessions) for arm in self.arms)
-        lines = [f"{len(self.arms)} arms, {count} sessions, {len(self.fresh)} of them new"]
+        lines = [f"{plural(len(self.arms), 'arm')}, {plural(count, 'session')}, {len(self.fresh)} of them new"]
         unfit = [row for arm in self.arms for row in arm.sessions if row["status"] != "done"]
         lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
+        lines += [f"{name}: waits: it was written to a moment ago (--settle says how long)" for name in self.waiting]
         lines += [tell_odd(one) for arm in self.arms for one in arm.odd]
         lines += [tell_alarm(alarm) for alarm in self.alarms]
         lines += [] if self.alarms else ["no alarm"]

@@ -15,6 +15,7 @@ from plan.experiment.around import surroundings_of
 from plan.experiment.design import Tell
 from plan.experiment.question import ask
 from plan.experiment.result import Excitation
+from plan.geometry.tool import place_payload
 
 
 def excite(
@@ -55,7 +56,8 @@ def excite(
     """
     arm = load_robot(robot, ())
     around = surroundings_of(arm, None if scene is None else Path(scene), floor, top_speed)
-    arm = arm.with_payload(around.payload)
+    if around.payload is not None:
+        arm = arm.with_payload(place_payload(arm, around.payload, around.payload_link))
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     question = ask(arm, separate, joint, record, gather_effects(catalogue))
     kind: Any = shapes

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.api.fitting import load_model
-from ident.files import atomic_write
+from ident.files import write_record
 from ident.model.hybrid import HybridModel
+from ident.ownership import remove_own_file
 from plan.errors import MethodError, SceneError
 from plan.planners import METHODS, Budget, default_budget, make_planner
 from plan.planners.base import Planner, Progress
@@ -127,10 +127,12 @@ def _with_goal(opened: OpenedTask, budget: Budget, seed: int) -> tuple[PlanningP
 def save_outputs(
     opened: OpenedTask, result: PlanResult, json_file: Path | None, picture: Path | None, rrd: Path | None
 ) -> None:
-    """Writes what was asked for; pictures only of a motion."""
-    if json_file is not None:
-        result.save(json_file)
+    """Writes what was asked for; pictures only of a motion, and none of an earlier one is left in their place."""
+    write_record(json_file, result.to_dict())
     if result.splines is None or result.stands:
+        for path in (picture, rrd):
+            if path is not None:
+                remove_own_file(path)
         return
     if picture is not None:
         from plan.show.pictures import draw_motion, save_figure
@@ -143,9 +145,14 @@ def save_outputs(
 
 
 def save_motion(result: PlanResult, out: Path | None, rate: float) -> str | None:
-    """Writes the motion for a controller; what was written, in words, or nothing."""
-    if out is None or result.splines is None or not result.solved:
+    """Writes the motion for a controller; what was written, in words, or nothing.
+
+    Where there is no motion, one of an earlier run is removed: a controller would take it for this task's.
+    """
+    if out is None:
         return None
+    if result.splines is None or not result.solved:
+        return f"no motion: that of an earlier run is removed from {out}" if remove_own_file(out) else None
     execution = execute(result, rate)
     execution.save(out)
     longer = f", {execution.longer:.3f} s longer than planned to start and end at rest" if execution.longer else ""
@@ -175,9 +182,7 @@ def compare_task(
 
 def save_comparison(opened: OpenedTask, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:
     """Writes the record, and a folder with pictures and the best plan."""
-    if json_file is not None:
-        with atomic_write(json_file) as part:
-            part.write_text(json.dumps(comparison.to_dict(), indent=1) + "\n", encoding="utf-8")
+    write_record(json_file, comparison.to_dict())
     best = comparison.best()
     if out is None:
         return

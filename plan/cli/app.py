@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import json
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ident.console import make_console
+from ident.cli.shared import JsonFile, console, make_app
+from ident.files import write_record
 from ident.ownership import check_outputs
 from ident.process import run_command
 from plan.show.console import print_comparison, print_result, progress_bar
 
-app = typer.Typer(
-    name="plan",
-    help="Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-console = make_console()
+app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
+# Exit status where a task has no plan: neither done nor anybody's fault.
+NO_PLAN = 3
 
 SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_default=False)]
 ModelFolder = Annotated[
@@ -41,25 +39,7 @@ Inside = Annotated[
     typer.Option("--stay-inside", help="Keep positions, speeds and accelerations where the model was fitted."),
 ]
 Reserve = Annotated[bool, typer.Option(help="Set torque aside for what the model's intervals leave open.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
-Seed = Annotated[int, typer.Option(help="Seed of all randomness.")]
-
-
-def _tell_version(asked: bool) -> None:
-    if asked:
-        from importlib.metadata import version
-
-        print(f"plan (armgap) {version('armgap')}")
-        raise typer.Exit
-
-
-@app.callback()
-def plan(
-    version: Annotated[
-        bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
-    ] = False,
-) -> None:
-    """Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm."""
+Seed = Annotated[int, typer.Option(help="Seed of all randomness.", min=0)]
 
 
 @app.command()
@@ -91,6 +71,7 @@ def solve(
     rate: Annotated[float, typer.Option(help="Rate of that file [Hz].")] = 250.0,
 ) -> None:
     """Finds one trajectory and certifies it."""
+    began, before = time.perf_counter(), time.process_time()
     from plan.problem.task_file import load_task
 
     task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is told at once
@@ -112,11 +93,15 @@ def solve(
     with progress_bar(console, method) as progress:
         result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
     result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
+    spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
+    result = replace(result, seconds=spent, cpu_seconds=time.process_time())
     save_outputs(opened, result, json_file, picture, rrd)
     written = save_motion(result, out, rate)
     print_result(console, result)
     if written is not None:
         console.print(written, soft_wrap=True, highlight=False)
+    if not result.solved:
+        raise typer.Exit(NO_PLAN)
 
 
 @app.command()
@@ -190,7 +175,8 @@ def excite(
         Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
     ] = None,
     minutes: Annotated[
-        float | None, typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1)
+        float | None,
+        typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1, max=240),
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
     shapes: Shapes = None,
@@ -209,7 +195,7 @@ def excite(
     """The next motion to record: what tells two effects apart, in the fewest minutes."""
     from plan.api.exciting import excite as find_motion
     from plan.experiment.console import print_excitation
-    from plan.experiment.result import MOTION_KIND, save_record
+    from plan.experiment.result import MOTION_KIND
 
     check_outputs([robot, diagnosis, catalogue, scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
     with progress_bar(console, "excite") as progress:
@@ -230,7 +216,7 @@ def excite(
         )
     if out is not None:
         found.write(out)
-    save_record(found, json_file)
+    write_record(json_file, found.to_dict())
     print_excitation(console, found)
     console.print(
         "nothing written: give --out FOLDER for the motion's files" if out is None else f"motion written to {out}"

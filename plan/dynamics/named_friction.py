@@ -1,25 +1,21 @@
-"""Friction laws that a diagnosis named, as planners need them: their torque's slopes, its symbols, its extremes.
+"""Friction laws that a diagnosis named, as planners need them: their torque's slopes and extremes.
 
 The laws themselves are `ident.model.named_laws`; here each is differentiated by the joint's position, speed and load.
-Moduli have corners: derivatives are those of either side, and the symbols round them over the width of the sign.
+Moduli have corners: derivatives are those of either side.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.model.named_laws import JointStates, NamedLaw, Shape
-from ident.model.residual_net import LOAD_ROUNDING
 
 # Least speed that a power is taken of where it is differentiated: a bend below one is endless at rest [rad/s].
 LEAST_SPEED = 1e-9
-# Added to a squared speed that a root is drawn from in symbols [rad²/s²].
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,37 +97,6 @@ def law_slopes(
     found, figures = SLOPES[law.effect](at, law.shape), _figures(law)
     by_speed = found.by_speed @ figures + turning * (found.by_slip @ figures)
     return found.by_position @ figures, by_speed, found.by_load @ figures
-
-
-def law_symbols(law: NamedLaw, q: Any, dq: Any, load: Any, slip: Any, width: Any) -> Any:
-    """A law's torque in CasADi's symbols, moduli rounded: smooth everywhere.
-
-    Args:
-        law: Fitted.
-        q, dq, load: States of its joint, a row of nodes.
-        slip: Its direction.
-        width: Over which the direction turns [rad/s].
-    """
-    import casadi as ca
-
-    speed = ca.sqrt(dq * dq + width * width + ROUNDING)
-    size = ca.sqrt(load * load + LOAD_ROUNDING**2)
-    shape, figures = law.shape, _figures(law)
-    if law.effect == "stribeck_friction":
-        columns = [slip * ca.exp(-((speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
-    elif law.effect == "nonlinear_viscous_friction":
-        size = ca.sqrt(speed * speed + shape.get("knee_rad_s", 0.0) ** 2)
-        columns = [slip * speed * size ** (shape["exponent"] - 1.0)]
-    elif law.effect == "load_dependent_friction":
-        both, gain = slip * size, slip * slip * load
-        columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
-        if shape["terms"] == 4:
-            columns += [slip * load * load / shape["load_Nm"], dq * size]
-    elif law.effect == "position_dependent_friction":
-        columns = [slip * ca.cos(shape["order"] * q), slip * ca.sin(shape["order"] * q)]
-    else:
-        columns = [0.5 * slip * slip, 0.5 * speed]
-    return sum(float(figure) * column for figure, column in zip(figures, columns, strict=True))
 
 
 def law_range(

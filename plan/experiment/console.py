@@ -6,6 +6,7 @@ from rich.console import Console
 
 from ident.console import styled
 from ident.effects.informative_motions import describe_motion
+from ident.errors import plural
 from plan.experiment.result import Excitation, minutes_to_odds, odds_of
 from plan.geometry.scene import limits_of_proof
 
@@ -24,7 +25,7 @@ def print_excitation(console: Console, found: Excitation) -> None:
         told = f"if it is {true}, no motion tells: {' and '.join(rivals)} can fit as well"
         console.print(styled((told, "bold"), f": {set_up}"), soft_wrap=True)
     words = describe_motion(found.programme.family, found.joint)
-    length = f"{found.duration / 60:.1f} min in {len(found.runs)} runs"
+    length = f"{found.duration / 60:.1f} min in {plural(len(found.runs), 'run')}"
     console.print(styled((words, "bold"), f": {length}; {_aim(found, effects)}"), soft_wrap=True)
     figures = ", ".join(f"{name} {value:.3g}" for name, value in found.programme.figures.items())
     console.print(f"  {figures}", highlight=False, soft_wrap=True)
@@ -40,6 +41,8 @@ def print_excitation(console: Console, found: Excitation) -> None:
     clear = "nothing was looked at" if found.clearance is None else f"{1000 * found.clearance:.0f} mm, proven"
     around = " and ".join(["itself", *found.obstacles]) if found.obstacles else "itself; no obstacle was named"
     console.print(f"  distance of the arm from {around}: {clear}", soft_wrap=True)
+    for one in found.carried:
+        console.print(f"  carried: {one['name']} on {one['link']}", soft_wrap=True, highlight=False)
     for line in limits_of_proof(found.shapes, found.unchecked):
         console.print(f"  {line}", soft_wrap=True)
 

@@ -12,7 +12,7 @@ from ident.effects.informative_motions import setup_for
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
-from plan.experiment.distance import View, look
+from plan.experiment.distance import PredictedDesign, look
 from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
 from plan.experiment.indistinguishable import LONGEST_MINUTES
@@ -92,6 +92,7 @@ def excite(
         unchecked=feasible.scene.unchecked,
         shapes=feasible.scene.shapes,
         obstacles=tuple(box.name for box in feasible.scene.obstacles),
+        carried=feasible.carried,
         set_up=setup_for(question.ids, question.asked),
         evaluations=0 if question.tellable == () else evaluations,
         seconds=time.perf_counter() - began,
@@ -136,7 +137,7 @@ def _draws(feasible: Feasibility, question: Question, seed: int) -> list[Program
 
 def _best_at_length(
     programmes: Sequence[Programme], eye: Eye, feasible: Feasibility, question: Question, minutes: float | None
-) -> tuple[Programme, list[ReferenceMotion], View]:
+) -> tuple[Programme, list[ReferenceMotion], PredictedDesign]:
     """The programme that tells most a minute at its full length: a few trial runs flatter some families."""
     found = []
     for programme in programmes:
@@ -179,12 +180,14 @@ def _proven(programme: Programme, count: int, feasible: Feasibility) -> list[Ref
     raise RobotError(feasible.limits.arm.name, "no motion found that fits", "check its limits and collision geometry")
 
 
-def _random_view(eye: Eye, question: Question, runs: Sequence[ReferenceMotion], rng: np.random.Generator) -> View:
+def _random_view(
+    eye: Eye, question: Question, runs: Sequence[ReferenceMotion], rng: np.random.Generator
+) -> PredictedDesign:
     """What random motion through via points of the same length would tell."""
     count = len(runs)
     duration = max(duration_of(list(runs)) / count, 1.0)
     return look(eye, random_runs(eye.arm, count, duration, rng), question.effects, question.told)
 
 
-def _sizes(view: View) -> dict[str, str]:
+def _sizes(view: PredictedDesign) -> dict[str, str]:
     return {one.effect.id: one.sized.source if one.sized else f"not seen: {one.silent}" for one in view.candidates}

@@ -50,7 +50,7 @@ class TrueModel:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PredictedDesign:
     """Whitened sums of a motion's columns, the tuned ones taken out.
 
     Attributes:
@@ -143,7 +143,7 @@ def look(
     runs: Sequence[ReferenceMotion],
     effects: Sequence[tuple[Effect, int]] = (),
     told: Mapping[str, Told] | None = None,
-) -> View:
+) -> PredictedDesign:
     """What the diagnosis would see of effects in some runs.
 
     Args:
@@ -170,7 +170,7 @@ def look(
         for j in joints:
             gram += _gram(rows, layout, columns, j, size) / eye.noise[j] ** 2
     rest, base = _take_out(gram, layout, eye.baseline.prior)
-    return View(rest, base, tuple(candidates), layout.tuned)
+    return PredictedDesign(rest, base, tuple(candidates), layout.tuned)
 
 
 def _prepare(

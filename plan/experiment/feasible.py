@@ -10,8 +10,9 @@ from ident.trajectories.limits import MotionLimits, thin
 from ident.trajectories.reference import ReferenceMotion
 from plan.errors import SceneError
 from plan.geometry.arm_shapes import StandIn
-from plan.geometry.scene import Carried, Scene
+from plan.geometry.scene import Scene
 from plan.geometry.srdf import read_disabled
+from plan.geometry.tool import record_carried
 from plan.problem.task_file import Surroundings
 
 # Links keep this distance [m]: an arm under test doesn't follow its commands to the millimetre.
@@ -37,15 +38,17 @@ class Feasibility:
 
     def __init__(self, arm: ArmModel, stand_in: StandIn | None = None, around: Surroundings | None = None) -> None:
         self.limits = MotionLimits(arm)
+        self.carried: tuple[dict[str, object], ...] = ()
         if around is None:
             self.scene = Scene.build(arm, stand_in=stand_in)
             return
         _narrow(self.limits, around)
+        self.carried = record_carried(arm, around.attached, around.payload, around.payload_link)
         self.scene = Scene.build(
             arm,
             around.obstacles,
             stand_in=stand_in,
-            carried=Carried(arm.links[-1], around.attached, around.touches) if around.attached else None,
+            carried=around.attached,
             disabled=None if around.srdf is None else read_disabled(around.srdf, arm),
         )
 

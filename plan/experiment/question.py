@@ -17,7 +17,7 @@ from ident.effects.informative_motions import family_for
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.untrusted_files import read_json, require_finite
-from plan.experiment.distance import View
+from plan.experiment.distance import PredictedDesign
 from plan.experiment.indistinguishable import widen
 from plan.experiment.sizes import Told
 
@@ -61,7 +61,7 @@ class Question:
         """The effects without their joints."""
         return tuple(effect for effect, _ in self.effects)
 
-    def distances(self, view: View) -> dict[tuple[str, str], float]:
+    def distances(self, view: PredictedDesign) -> dict[tuple[str, str], float]:
         """All that must be large [nats]: nothing where the base parameters are asked for."""
         if self.aim == "identify":
             return {}
@@ -71,7 +71,7 @@ class Question:
         """Those distances that motion can make large; all where it can make none large [nats]."""
         return [value for pair, value in distances.items() if not self.tellable or pair in self.tellable]
 
-    def score(self, view: View) -> float:
+    def score(self, view: PredictedDesign) -> float:
         """What the search makes large: the smallest distance; the information on a single model's parameters."""
         if len(self.effects) < 2:
             return view.information()

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.files import atomic_folder, atomic_write
+from ident.files import atomic_folder
 from ident.results import Result
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 from plan.experiment.programme import Programme, duration_of
@@ -70,6 +70,7 @@ class Excitation(Result):
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
         obstacles: Names of what stands around the arm.
+        carried: What it carries, and the frame on which each of it hangs.
     """
 
     SHOWN_BY = "plan.show.results"
@@ -95,6 +96,7 @@ class Excitation(Result):
     unchecked: tuple[Unchecked, ...] = ()
     shapes: ArmShapes = NO_SHAPES
     obstacles: tuple[str, ...] = ()
+    carried: tuple[dict[str, object], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -132,6 +134,7 @@ class Excitation(Result):
             },
             "joints": list(self.noise),
             "obstacles": list(self.obstacles),
+            "carried": list(self.carried),
             "unchecked_pairs": [pair.to_dict() for pair in self.unchecked],
             **self.shapes.to_dict(),
             "distance": {
@@ -160,13 +163,6 @@ class Excitation(Result):
             for name, run in zip(file_names(self.runs), self.runs, strict=True):
                 pacsv.write_csv(command_table(run, tuple(self.noise)), part / name)
             (part / RECORD_NAME).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
-
-
-def save_record(found: Excitation, path: Path | None) -> None:
-    """Writes the JSON record where one is asked for."""
-    if path is not None:
-        with atomic_write(path) as part:
-            part.write_text(json.dumps(found.to_dict(), indent=1) + "\n", encoding="utf-8")
 
 
 def _keyed(distances: Distances) -> dict[str, float]:

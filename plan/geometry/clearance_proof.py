@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from plan.geometry.scene import Scene
 from plan.spline import Splines
 
@@ -21,6 +21,8 @@ FINEST = 1e-6
 NEAR = 0.2
 # How far below the smallest distance seen the proven clearance may lie [m].
 SLACK = 2e-4
+# A smallest distance nearer than this to what was asked for is not proven to lie above it [m].
+CLOSEST = 2e-5
 
 
 @dataclass(frozen=True)
@@ -52,17 +54,28 @@ class Clearance:
         return self.proven > 0.0
 
 
-def prove_clearance(scene: Scene, splines: Splines, samples: int = 200) -> Clearance:
-    """Smallest distance along the first of a batch of motions, proven for every instant."""
+def prove_clearance(
+    scene: Scene, splines: Splines, wanted: Bool[Array, " P"] | None = None, samples: int = 200, asked: float = 0.0
+) -> Clearance:
+    """Smallest distance of the wanted pairs along the first of a batch of motions, proven for every instant.
+
+    Args:
+        scene: Shapes and pairs.
+        splines: The motion.
+        wanted: Pairs to look at; all if None.
+        samples: Places at which a first guess of the smallest distance is taken.
+        asked: What is to be proven if it can be; where less than the slack is left above it, the walk is finer [m].
+    """
     total = float(splines.total[0])
-    if len(scene.pairs) == 0:
+    wanted = np.ones(len(scene.pairs), dtype=bool) if wanted is None else wanted
+    if not wanted.any():
         return Clearance(1.0, 1.0, 0.0, "nothing to hit", 0)
     times = np.linspace(0.0, total, samples)
-    seen, when, name = _least(scene, splines, times)
+    seen, when, name = _least(scene, splines, times, wanted)
     checks, since = samples, 0.0
     while seen > 0.0:
-        target = max(seen - SLACK, 0.5 * seen)
-        least, where, worst, count = _walk(scene, splines, target, since)
+        target = max(seen - SLACK, 0.5 * seen, asked if seen > asked + CLOSEST else 0.0)
+        least, where, worst, count = _walk(scene, splines, target, since, wanted)
         checks += count
         if least >= target:
             return Clearance(float(target), min(seen, least), when, name, checks)
@@ -71,21 +84,32 @@ def prove_clearance(scene: Scene, splines: Splines, samples: int = 200) -> Clear
     return Clearance(min(seen, 0.0), seen, when, name, checks)
 
 
-def _least(scene: Scene, splines: Splines, times: Float[Array, " T"]) -> tuple[float, float, str]:
+def _least(
+    scene: Scene, splines: Splines, times: Float[Array, " T"], wanted: Bool[Array, " P"]
+) -> tuple[float, float, str]:
     """Smallest distance at some times [m], when, and of which pair; the start is looked at inside of meshes too."""
     positions = splines.at(times)[0]
-    distances = scene.distances(positions[0])
+    distances = np.where(wanted, scene.distances(positions[0]), np.inf)
     pair = int(np.argmin(distances))
     seen, when, which = float(distances[pair]), float(times[0]), pair
     for time, q in zip(times[1:], positions[1:], strict=True):
-        distances = scene.near_distances(q, max(seen, 0.0), 0.0)
+        distances = _distances(scene, q, max(seen, 0.0), 0.0, wanted)
         pair = int(np.argmin(distances))
         if distances[pair] < seen:
             seen, when, which = float(distances[pair]), float(time), pair
     return seen, when, scene.pair_name(which)
 
 
-def _walk(scene: Scene, splines: Splines, target: float, since: float) -> tuple[float, float, int, int]:
+def _distances(
+    scene: Scene, q: Float[Array, " n"], target: float, near: float, wanted: Bool[Array, " P"]
+) -> Float[Array, " P"]:
+    """Distances of the wanted pairs, exact where they come near the target [m]; infinite of the others."""
+    return np.where(wanted, scene.near_distances(q, np.where(wanted, target, -np.inf), near), np.inf)
+
+
+def _walk(
+    scene: Scene, splines: Splines, target: float, since: float, wanted: Bool[Array, " P"]
+) -> tuple[float, float, int, int]:
     """Walks along the motion in safe steps from a time on [s]; stops at the first place closer than the target.
 
     Returns:
@@ -99,7 +123,7 @@ def _walk(scene: Scene, splines: Splines, target: float, since: float) -> tuple[
     while True:
         section = min(int(np.searchsorted(knots, t, side="right")) - 1, len(rates) - 1)
         q: Float[Array, " n"] = splines.at(np.array([t]))[0][0]
-        distances = scene.near_distances(q, target, NEAR)
+        distances = _distances(scene, q, target, NEAR, wanted)
         count += 1
         if distances.min() < least:
             least, where, worst = float(distances.min()), t, int(np.argmin(distances))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+import struct
 from pathlib import Path
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.untrusted_files import require_regular
+from ident.untrusted_files import require_regular, require_unpacked
 from plan.errors import SceneError
 
 CLOUDS = (".ply", ".pcd", ".npy", ".csv", ".xyz", ".txt")
 # A file of more is no cloud of one cell, but of a building [bytes].
 LARGEST = 400_000_000
+MOST_LINES = 1000  # of a header
 AXES = ("x", "y", "z")
 REMEDY = "give three columns of numbers, x, y and z in metres"
 
@@ -28,9 +31,10 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
     """
     if path.suffix.lower() not in CLOUDS:
         raise SceneError(path, "no point cloud that can be read", f"give one of: {', '.join(CLOUDS)}")
-    require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
+    size = require_regular(path, "give the path of a point cloud, from the scene file on", SceneError, LARGEST)
     readers = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": read_array}
     try:
+        require_unpacked(size, _announced(path))
         points = np.asarray(readers.get(path.suffix.lower(), read_table)(path), dtype=float)
     except SceneError:
         raise
@@ -46,6 +50,24 @@ def read_points(path: Path) -> Float[Array, "k 3"]:
         what = some if len(bad) == 1 else f"{some}, nor are {len(bad) - 1} others"
         raise SceneError(path, what, "leave points without a reading out of the file")
     return points
+
+
+def _announced(path: Path) -> int:
+    """What the header of a .ply or .pcd says is in the file, in eight bytes a number; 0 for others."""
+    rows, total, last = 1, 0, {".ply": b"end_header", ".pcd": b"DATA"}.get(path.suffix.lower())
+    if last is None:
+        return 0
+    with path.open("rb") as file:
+        for line in itertools.islice(file, MOST_LINES):
+            word, *rest = line.split() or [b""]
+            if word == b"element":
+                rows = int(rest[1])
+            elif word in (b"property", b"POINTS", b"WIDTH"):
+                total += 8 * abs(rows if word == b"property" else int(rest[0]))
+            elif word == last:
+                packed = struct.unpack("<II", file.read(8)) if rest == [b"binary_compressed"] else (0, 0)
+                return total + packed[1]
+    raise ValueError("a header without an end")
 
 
 def _read_ply(path: Path) -> Array:

@@ -13,6 +13,7 @@ from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import build_tree, compile_bodies
 from plan.geometry.sweep import ALL, gaps_of_states
+from plan.geometry.tool import CARRIED
 
 # A pair of links that overlaps in most positions is an overlap of the shapes, not of the arm.
 ALWAYS = 0.5
@@ -51,16 +52,16 @@ def link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, int
         for k, b in enumerate(links[i + 1 :], start=i + 1):
             if a.joint == b.joint:
                 continue
-            if b.body - a.body <= 1:
+            if abs(b.body - a.body) <= 1:
                 unchecked.append(unchecked_pair(links, (i, k), "neighbours along the arm"))
-            elif lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
+            elif max(a.body, b.body) < CARRIED and lengths[a.joint + 1 : b.joint].sum() < HUB and b.joint - a.joint > 1:
                 unchecked.append(unchecked_pair(links, (i, k), "their joints meet in one point"))
             else:
                 pairs.append((i, k))
     return pairs, unchecked
 
 
-def names_of(links: Sequence[Box], pair: tuple[int, int]) -> frozenset[str]:
+def names_of_pair(links: Sequence[Box], pair: tuple[int, int]) -> frozenset[str]:
     return frozenset((links[pair[0]].name, links[pair[1]].name))
 
 

@@ -17,7 +17,6 @@ from plan.geometry.solids import Solid, hull_points
 MOST_TRIANGLES = 100_000
 # Corners closer than this share of the mesh's size are one: STL files repeat each corner for each triangle.
 MERGED = 1e-7
-SHOWN_EDGES = 3
 
 
 def read_mesh(path: Path, scale: Float[Array, " 3"], hull: bool) -> tuple[Solid, Float[Array, " 3"]]:

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, Int, freeze
-from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, StandIn, arm_shapes
@@ -23,54 +22,21 @@ from plan.geometry.link_pairs import (
     drop_always,
     find_standing,
     link_pairs,
-    names_of,
+    names_of_pair,
     unchecked_pair,
 )
+from plan.geometry.margins import Margins
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
 from plan.geometry.solids import CLOSED, Solid
 from plan.geometry.sweep import ALL, gaps_of_states, least_of_states, nearest_of_states, sweep
+from plan.geometry.tool import Carried, allowed_touches, place_carried
 from plan.spline import Splines
 
+# Why a pair is dropped that could hit: the shapes, as they are known here, do so nearly everywhere.
+OVERLAP = "their shapes overlap in most positions"
 # Compiled gaps fall short of the distance by some millimetres: so far beyond a target Coal is asked [m].
 SHARP = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Carried:
-    """What the arm's last link carries.
-
-    Attributes:
-        link: That link.
-        boxes: Shapes in its frame.
-        touches: Links that they may touch.
-    """
-
-    link: str
-    boxes: tuple[Box, ...]
-    touches: tuple[str, ...] = ()
-
-    def placed(self, arm: ArmModel, links: Sequence[Box]) -> list[Box]:
-        """The shapes in the frame of the joint that carries them.
-
-        Raises:
-            RobotError: A link that they may touch is none of the arm's.
-        """
-        unknown = [name for name in self.touches if name not in {box.name for box in links}]
-        if unknown:
-            known = ", ".join(dict.fromkeys(box.name for box in links))
-            raise RobotError(arm.source or arm.name, f"touches: no link {unknown[0]!r} with a shape", f"links: {known}")
-        frame = arm.model.frames[arm.model.getFrameId(self.link, pin.FrameType.BODY)]
-        turn, place = frame.placement.rotation, frame.placement.translation
-        last = max(box.body for box in links)
-        return [
-            Box(b.name, frame.parentJoint, turn @ b.rotation, turn @ b.centre + place, b.half, last + 1, b.solid)
-            for b in self.boxes
-        ]
-
-    def allowed(self) -> dict[frozenset[str], str]:
-        """Pairs that may touch."""
-        return {frozenset((b.name, name)): "it may touch what is carried" for b in self.boxes for name in self.touches}
 
 
 def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: Sequence[str] = ()) -> list[str]:
@@ -80,7 +46,10 @@ def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: 
     reasons: dict[str, list[str]] = {}
     for pair in unchecked:
         reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
-    return lines + [f"not checked ({reason}): {'; '.join(pairs)}" for reason, pairs in reasons.items()]
+    return lines + [
+        f"{'warning: ' * (reason == OVERLAP)}not checked ({reason}): {'; '.join(pairs)}"
+        for reason, pairs in reasons.items()
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +77,7 @@ class Scene:
         obstacles: Sequence[Box] = (),
         self_collision: bool = True,
         stand_in: StandIn | None = None,
-        carried: Carried | None = None,
+        carried: Sequence[Carried] = (),
         disabled: Mapping[frozenset[str], str] | None = None,
     ) -> Scene:
         """Sets up the pairs: link against link unless they are neighbours, and every link against every obstacle.
@@ -118,25 +87,25 @@ class Scene:
             obstacles: Shapes fixed to the world.
             self_collision: Whether link pairs are checked.
             stand_in: What stands in for links that the URDF gives no shape.
-            carried: What the last link carries.
+            carried: What the arm carries.
             disabled: Pairs of links to leave out, by name, with the reason.
 
         Raises:
             RobotError: A link has no shape and nothing stands in.
         """
         shapes = arm_shapes(arm, stand_in)
-        links = shapes.boxes if carried is None else (*shapes.boxes, *carried.placed(arm, shapes.boxes))
+        links = place_carried(arm, shapes.boxes, carried)
         pairs, unchecked = link_pairs(arm, links)
-        left_out = {**(disabled or {}), **({} if carried is None else carried.allowed())}
+        left_out = {**(disabled or {}), **allowed_touches(carried)}
         unchecked += [
-            unchecked_pair(links, pair, left_out[key]) for pair in pairs if (key := names_of(links, pair)) in left_out
+            unchecked_pair(links, pair, left_out[k]) for pair in pairs if (k := names_of_pair(links, pair)) in left_out
         ]
-        pairs = [pair for pair in pairs if names_of(links, pair) not in left_out]
+        pairs = [pair for pair in pairs if names_of_pair(links, pair) not in left_out]
         if not self_collision:
             unchecked += [unchecked_pair(links, pair, "self-collision is not asked for") for pair in pairs]
             pairs = []
         kept, always = drop_always(arm, links, pairs)
-        unchecked += [unchecked_pair(links, pair, "their shapes overlap in most positions") for pair in always]
+        unchecked += [unchecked_pair(links, pair, OVERLAP) for pair in always]
         moving = [i for i, box in enumerate(links) if box.joint > 0]
         standing = find_standing(arm, links, obstacles)
         unchecked += [Unchecked((links[i].name, obstacles[k].name), "it stands there") for k, i in standing]
@@ -162,8 +131,12 @@ class Scene:
 
     def pair_name(self, pair: int) -> str:
         """The two shapes of a pair, in words."""
+        return " and ".join(self.names_of(pair))
+
+    def names_of(self, pair: int) -> tuple[str, str]:
+        """Names of the two shapes of a pair, the one farther from the base first."""
         first, second = self.pairs[pair]
-        return f"{self.boxes[second].name} and {self.boxes[first].name}"
+        return self.boxes[second].name, self.boxes[first].name
 
     def gaps(
         self, q: Float[Array, "T n"], beyond: float = 1e9, wanted: Bool[Array, "T P"] | None = None
@@ -186,21 +159,38 @@ class Scene:
             pieces[row] = piece
         return self.proximity.gradients(q, pairs, pieces)
 
-    def separation(self, q: Float[Array, "T n"]) -> Float[Array, " T"]:
-        """Smallest gap at each position [m]; a metre where there is nothing to hit."""
-        found = least_of_states(*self._world, self._between, self._moving, self._tree, _rows(q))
-        return np.asarray(found)
+    @cached_property
+    def own(self) -> Bool[Array, " P"]:
+        """Which pairs are of the arm itself and what it carries; the others are with the world."""
+        return np.asarray(self.pairs[:, 0] < self._links)
 
-    def sweep(self, splines: Splines, margin: float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
-        """Smallest gap along each trajectory and the mean shortfall from the margin, both [m].
+    def by_body(self, pairs: Float[Array, " P"]) -> Float[Array, " c"]:
+        """Numbers of the pairs of links, then for each moving link the least of its pairs with the world."""
+        world = np.full(len(self._moving), np.inf)
+        np.minimum.at(world, np.searchsorted(self._moving, self.pairs[~self.own, 1]), pairs[~self.own])
+        return np.concatenate([pairs[self.own], world])
 
-        Skips ahead where shapes are far apart; where a gap is at the margin, no step changes it by more than 2 mm.
+    def separation(self, q: Float[Array, "T n"], margins: Margins | float = 0.0) -> Float[Array, " T"]:
+        """Smallest gap at each position beyond its pair's margin [m]; a metre where there is nothing to hit."""
+        bodies = self._between, self._moving, self._tree
+        return np.asarray(least_of_states(*self._world, *bodies, _rows(q), self._kept(margins)))
+
+    def sweep(self, splines: Splines, margins: Margins | float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+        """Smallest gap along each trajectory beyond its pair's margin, and the mean shortfall from it, both [m].
+
+        Skips ahead where shapes are far apart; where a gap is at its margin, no step changes it by more than 2 mm.
         """
         if len(self.pairs) == 0:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
         parts = (splines.points, splines.slopes, splines.durations)
-        found = sweep(*self._world, self._between, self._moving, self._tree, self._sweep_levers, parts, float(margin))
+        bodies = self._between, self._moving, self._tree, self._sweep_levers
+        found = sweep(*self._world, *bodies, parts, self._kept(margins))
         return np.minimum(found[:, 0], 1.0), found[:, 1]
+
+    def _kept(self, margins: Margins | float) -> Float[Array, " c"]:
+        if isinstance(margins, Margins):
+            return margins.bodies
+        return np.full(len(self._between) + len(self._moving), float(margins))
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
@@ -211,7 +201,7 @@ class Scene:
                 found[pair] = -found[pair]
         return found
 
-    def near_distances(self, q: Float[Array, " n"], target: float, near: float) -> Float[Array, " P"]:
+    def near_distances(self, q: Float[Array, " n"], target: float | Array, near: float) -> Float[Array, " P"]:
         """Exact signed distance of the pairs near a target, lower bounds of the others' [m].
 
         What has thousands of pieces takes Coal milliseconds. There the compiled gap, which is never above the distance,
@@ -219,14 +209,15 @@ class Scene:
 
         Args:
             q: Position [rad].
-            target: Distance that is asked about [m].
+            target: Distance that is asked about, of all pairs or of each; minus infinity for those not of interest [m].
             near: How far beyond it exact distances are wanted [m].
         """
         if len(self._pieced) == 0:
             return self.proximity.near_distances(q, target + near)
-        known, beyond = np.full(len(self.pairs), -np.inf), np.full(len(self.pairs), target + near)
-        gaps = gaps_of_states(*self._world, self.pairs[self._pieced], self._tree, _rows(q[None]), target + near, ALL)[0]
-        known[self._pieced], beyond[self._pieced] = gaps, target + min(near, SHARP)
+        known, beyond = np.full(len(self.pairs), -np.inf), np.zeros(len(self.pairs)) + target + near
+        pieced = self.pairs[self._pieced]
+        gaps = gaps_of_states(*self._world, pieced, self._tree, _rows(q[None]), float(np.max(beyond)), ALL)[0]
+        known[self._pieced], beyond[self._pieced] = gaps, beyond[self._pieced] - near + min(near, SHARP)
         return self.proximity.near_distances(q, beyond, known)
 
     def tight(self, q: Float[Array, " n"], pair: int) -> tuple[Float[Array, " 3"], list[Box]]:

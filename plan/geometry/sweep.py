@@ -265,13 +265,14 @@ def _extent(body, rot, at, bodies, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type: ignore[no-untyped-def]
-    """Smallest gap at every position, a metre at most, shape (T,) [m].
+def least_of_states(chain, bodies, links, room, pairs, moving, tree, q, margins):  # type: ignore[no-untyped-def]
+    """Smallest gap beyond its margin at every position, a metre at most, shape (T,) [m].
 
     Args:
         chain, bodies, links, room, tree, q: As in `gaps_of_states`.
         pairs: Pairs of links.
         moving: Links that are checked against the world.
+        margins: Taken off the gaps of the pairs of links, and of the moving links against the world [m].
     """
     n, rot, at = q.shape[1], room[0], room[1]
     frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
@@ -282,16 +283,18 @@ def least_of_states(chain, bodies, links, room, pairs, moving, tree, q):  # type
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
         least = FAR
         for p in range(pairs.shape[0]):
-            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR))
-        for m in moving:
-            least = world_gap(m, root, tree, rot, at, bodies, least, hints[m], seen[m])
+            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR) - margins[p])
+        for k in range(len(moving)):
+            m, margin = moving[k], margins[pairs.shape[0] + k]
+            gap = world_gap(m, root, tree, rot, at, bodies, least + margin, hints[m], seen[m])
+            least = min(least, gap - margin)
         out[t] = least
     return out
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, margin):  # type: ignore[no-untyped-def]
-    """Smallest gap along each trajectory, skipping ahead as far as the gap and the top speed allow.
+def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, margins):  # type: ignore[no-untyped-def]
+    """Smallest gap beyond its margin along each trajectory, skipping as far as gap and top speed allow.
 
     Args:
         chain, bodies, links, room, tree: As in `gaps_of_states`.
@@ -299,10 +302,10 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
         moving: Links that are checked against the world, each as a whole.
         levers: Most that a gap can change for a unit of each joint, of the pairs and then of the moving links [m/rad].
         splines: Knots, velocities there, and section durations.
-        margin: Gap that counts as violated below [m].
+        margins: Gap that counts as violated below, of the pairs and then of the moving links [m].
 
     Returns:
-        Smallest gap seen [m] and the mean of max(margin − gap, 0) over time [m], shape (B, 2).
+        Smallest gap − margin seen [m] and the mean over time of the worst max(margin − gap, 0) [m], shape (B, 2).
     """
     points, slopes, h = splines
     batch, sections, n = points.shape[0], points.shape[1] - 1, points.shape[2]
@@ -338,9 +341,10 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                         else:
                             low, link = 0, moving[p - between]
                             gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], seen[link])
+                        gap -= margins[p]
                         worst = min(worst, gap)
                         # The gap reaches its margin no sooner than this, from either side.
-                        spare = max(abs(gap - margin), FINE)
+                        spare = max(abs(gap), FINE)
                         ahead_p = _ahead(
                             link,
                             low,
@@ -357,11 +361,11 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                             bodies,
                             reach,
                         )
-                        clear[p] = t + (ahead_p if gap > margin else min(max(ahead_p, SHORTEST * coarse), coarse))
+                        clear[p] = t + (ahead_p if gap > 0.0 else min(max(ahead_p, SHORTEST * coarse), coarse))
                     ahead = min(ahead, clear[p])
                 least = min(least, worst)
                 step = ahead - t
-                violation += max(margin - worst, 0.0) * step
+                violation += max(-worst, 0.0) * step
                 if t >= duration:
                     break
                 t = min(t + step, duration)

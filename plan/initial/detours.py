@@ -19,7 +19,7 @@ from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
-from plan.initial.rrt import Path, TreeOptions, connect, prune
+from plan.initial.rrt import Path, TreeOptions, connect, is_free, prune
 from plan.problem.problem import PlanningProblem
 
 DIRECTIONS = 8
@@ -123,7 +123,7 @@ def find_seeds(
     Args:
         problem: Task; its scene's obstacles shape the midplane.
         rng: Source of randomness.
-        options: How the trees grow; the margin is the problem's unless given.
+        options: How the trees grow; the margins are the problem's unless given.
         seconds: Processor time after which no further way is looked for [s].
     """
     started = time.process_time()
@@ -147,7 +147,7 @@ def iterate_seeds(
     problem: PlanningProblem, rng: np.random.Generator, options: TreeOptions | None = None
 ) -> Iterator[Seed]:
     """The nine ways one by one, each looked for when it is asked for."""
-    options, tip = options or TreeOptions(margin=problem.margin), _Tip(problem.scene.arm)
+    options, tip = options or TreeOptions(margins=problem.margins), _Tip(problem.scene.arm)
     for rays in zip(*midplane_of(problem), strict=True):
         for label, target in rays:
             seed = _find_seed(problem, tip, label, target, rng, options)
@@ -206,7 +206,7 @@ def _reach(
             continue
         if np.any(q < problem.limits.lower) or np.any(q > problem.limits.upper):
             outside += 1
-        elif problem.scene.separation(q[None])[0] <= options.margin:
+        elif not is_free(problem.scene, q[None], options.margins):
             blocked += 1
         else:
             found.append(q)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
+from plan.geometry.margins import Margins
 from plan.geometry.scene import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TreeOptions:
     """How the trees grow.
 
@@ -18,13 +19,13 @@ class TreeOptions:
         step: Longest edge, by the largest joint difference [rad].
         resolution: Distance at which edges are checked [rad]; the final motion is checked without gaps.
         nodes: Most nodes of both trees, and most positions that are drawn.
-        margin: Clearance that every node and edge keeps [m].
+        margins: Clearance that every node and edge keeps, of each pair or of all [m].
     """
 
     step: float = 0.35
     resolution: float = 0.04
     nodes: int = 4000
-    margin: float = 0.0
+    margins: Margins | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,16 +75,16 @@ class _Tree:
         return found
 
 
-def is_free(scene: Scene, q: Float[Array, "T n"], margin: float) -> bool:
-    """Whether all positions keep the margin."""
-    return bool(scene.separation(q).min() > margin)
+def is_free(scene: Scene, q: Float[Array, "T n"], margins: Margins | float) -> bool:
+    """Whether all positions keep the margins."""
+    return bool(scene.separation(q, margins).min() > 0.0)
 
 
 def edge_is_free(scene: Scene, a: Float[Array, " n"], b: Float[Array, " n"], options: TreeOptions) -> bool:
     """Whether the straight line between two positions keeps the margin, at the given resolution."""
     count = int(np.ceil(np.abs(b - a).max() / options.resolution)) + 1
     share = np.linspace(0.0, 1.0, count + 1)[1:, None]
-    return is_free(scene, a + share * (b - a), options.margin)
+    return is_free(scene, a + share * (b - a), options.margins)
 
 
 def connect(
@@ -105,7 +106,7 @@ def connect(
         rng: Source of randomness.
     """
     for name, q in (("start", start), ("target", goal)):
-        if not is_free(scene, q[None], options.margin):
+        if not is_free(scene, q[None], options.margins):
             return Path(np.empty((0, len(start))), 0, f"the {name} of this search is in collision")
     trees = _Tree(start, options.nodes), _Tree(goal, options.nodes)
     swapped = False

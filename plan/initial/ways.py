@@ -39,7 +39,7 @@ def iterate_ways(
     Yields:
         The task from one initial trajectory after the other, each with its label.
     """
-    options = TreeOptions(margin=problem.margin)
+    options = TreeOptions(margins=problem.margins)
     blocked = len(problem.scene.pairs) > 0 and not edge_is_free(problem.scene, problem.start, problem.goal, options)
     if blocked:
         way = _any_way(problem, rng)
@@ -78,8 +78,8 @@ def follow_closely(problem: PlanningProblem, way: Float[Array, "V n"]) -> Planni
         even = np.linspace(0.0, total, count + 1)
         near = np.stack([np.interp(even, stamps, column) for column in points.T], axis=1)
         splines = Splines(near[None], np.full((1, count), total / count))
-        found.append((-float(problem.scene.sweep(splines, problem.margin)[0][0]), splines))
-        if -found[-1][0] >= problem.margin:
+        found.append((-float(problem.scene.sweep(splines, problem.margins)[0][0]), splines))
+        if -found[-1][0] >= 0.0:
             break
     splines = min(found, key=lambda pair: pair[0])[1]
     for factor in SLOWER if problem.objective == "time" else (1.0,):
@@ -107,7 +107,7 @@ def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array,
 def _drawn_way(
     problem: PlanningProblem, rng: np.random.Generator, nodes: int, reach: float
 ) -> Float[Array, "V n"] | None:
-    options = TreeOptions(margin=problem.margin, nodes=nodes)
+    options = TreeOptions(margins=problem.margins, nodes=nodes)
     ends = np.stack([problem.start, problem.goal])
     low = np.maximum(problem.limits.lower, ends.min(axis=0) - reach)
     high = np.minimum(problem.limits.upper, ends.max(axis=0) + reach)
@@ -119,7 +119,7 @@ def _drawn_way(
 
 def _bent(problem: PlanningProblem, rng: np.random.Generator, label: str) -> PlanningProblem:
     """The straight line bent by a random amount, most in its middle."""
-    count = max(problem.via_count, 3)
+    count = max(problem.via_count, 3) if problem.grows else problem.via_count
     shares = np.arange(1, count + 1) / (count + 1)
     bend: Array = rng.normal(size=problem.n) * BEND
     vias = straight(problem.start, problem.goal, count) + np.sin(np.pi * shares)[:, None] * bend

@@ -147,20 +147,20 @@ class LocalModel:
             return ConstraintRows.none(self.size)
         coefficients = self.split(x)[0]
         even = (np.arange(PLACES) + 0.5) / PLACES
-        bound = self.problem.margin + NEAR
-        gaps = scene.gaps(self.grid.positions(coefficients, even), bound)
-        shares, pairs, found = _dips(even, gaps, bound)
+        margins, far = self.problem.margins.pairs, self.problem.margins.asked + NEAR
+        gaps = scene.gaps(self.grid.positions(coefficients, even), far) - margins
+        shares, pairs, found = _dips(even, gaps, NEAR)
         if len(shares) == 0:
             return ConstraintRows.none(self.size)
         # Between two places the arm moves by centimetres: each dip is looked at more closely, and its bottom watched.
-        dips = np.flatnonzero(found < self.problem.margin + CLOSE)
+        dips = np.flatnonzero(found < CLOSE)
         if len(dips):
             windows = np.clip(shares[dips, None] + CLOSER / PLACES, 0.0, 1.0)
             closer, place = np.unique(windows, return_inverse=True)
             wanted = np.zeros((len(closer), gaps.shape[1]), dtype=bool)
             wanted[place.reshape(windows.shape), pairs[dips, None]] = True
-            gaps = scene.gaps(self.grid.positions(coefficients, closer), bound, wanted)
-            fine = _dips(closer, gaps, bound)
+            gaps = scene.gaps(self.grid.positions(coefficients, closer), far, wanted) - margins
+            fine = _dips(closer, gaps, NEAR)
             shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
         order = np.argsort(found)[:MOST_NEAR]
         order = order[np.argsort(shares[order])]  # pairs at one place share the arm's position
@@ -168,7 +168,7 @@ class LocalModel:
         q = self.grid.positions(coefficients, shares)
         slopes = scene.gradients(q, pairs)
         local = [-slopes / CLEARANCE_UNIT, np.zeros_like(slopes), np.zeros_like(slopes)]
-        room = (found - self.problem.margin - self._extra) / CLEARANCE_UNIT
+        room = (found - self._extra) / CLEARANCE_UNIT
         return ConstraintRows(self._rows(*self.grid.at(shares), local), room)
 
     # Parts of the above.
@@ -185,7 +185,7 @@ class LocalModel:
 
     @cached_property
     def _extra(self) -> float:
-        return EXTRA if self.problem.margin > 0 else 0.0
+        return EXTRA if self.problem.margins.asked > 0 else 0.0
 
     @cached_property
     def _quadrature(self) -> Float[Array, " T"]:
@@ -225,8 +225,8 @@ class LocalModel:
     def _shortfall(self, splines: Splines) -> float:
         if len(self.problem.scene.pairs) == 0:
             return 0.0
-        gap = float(self.problem.scene.sweep(splines, self.problem.margin)[0][0])
-        return max(self.problem.margin + 0.5 * self._extra - gap, 0.0) / CLEARANCE_UNIT
+        spare = float(self.problem.scene.sweep(splines, self.problem.margins)[0][0])
+        return max(0.5 * self._extra - spare, 0.0) / CLEARANCE_UNIT
 
     def _scatter(self, parts: list[Array], duration: float) -> Float[Array, " d"]:
         """Sums derivatives by the nodes' states into derivatives by the coefficients."""

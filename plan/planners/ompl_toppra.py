@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from plan.geometry.margins import find_margins
 from plan.initial.rrt import TreeOptions, prune
 from plan.initial.starts import from_vias
 from plan.planners.base import Ledger, Planner
@@ -77,7 +78,7 @@ class OmplToppra(Planner):
         base, geometric = importlib.import_module("ompl.base"), importlib.import_module("ompl.geometric")
         util = importlib.import_module("ompl.util")
         util.setLogLevel(getattr(util, QUIET, None) or util.LogLevel.LOG_ERROR)
-        ends = np.stack([task.start, task.goal])
+        ends = task.ends
         low = np.maximum(task.limits.lower, ends.min(axis=0) - np.pi)
         high = np.minimum(task.limits.upper, ends.max(axis=0) + np.pi)
         space, bounds = base.RealVectorStateSpace(task.n), base.RealVectorBounds(task.n)
@@ -86,11 +87,11 @@ class OmplToppra(Planner):
             bounds.setHigh(j, float(high[j]))
         space.setBounds(bounds)
         setup = geometric.SimpleSetup(space)
-        free = min(task.margin + SPARE, 0.9 * float(task.scene.separation(ends).min()))
+        free = find_margins(task.scene, ends, task.limits.clearance + SPARE)
 
         def is_free(state: Any) -> bool:
             at = np.array([[state[j] for j in range(task.n)]])
-            return bool(task.scene.separation(at)[0] > free)
+            return bool(task.scene.separation(at, free)[0] > 0.0)
 
         setup.setStateValidityChecker(is_free)
         setup.getSpaceInformation().setStateValidityCheckingResolution(self.resolution / space.getMaximumExtent())
@@ -109,4 +110,4 @@ class OmplToppra(Planner):
             return None
         found = [[state[j] for j in range(task.n)] for state in setup.getSolutionPath().getStates()]
         found[0], found[-1] = list(task.start), list(task.goal)
-        return prune(task.scene, np.array(found), TreeOptions(margin=free))
+        return prune(task.scene, np.array(found), TreeOptions(margins=free))

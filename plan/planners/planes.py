@@ -22,7 +22,7 @@ def count_near(problem: PlanningProblem, splines: Splines) -> int:
     return int((problem.scene.gaps(q[:-1]) < NEAR).sum())
 
 
-def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: float) -> Float[Array, "m count"]:
+def make_slots(problem: PlanningProblem, splines: Splines, count: int, extra: float) -> Float[Array, "m count"]:
     """Parameters of the clearance constraints for the closest places of a trajectory.
 
     At each of them the plane's normal is the one between the nearest points (the deepest, under penetration), so
@@ -33,13 +33,14 @@ def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: f
         problem: Task and scene.
         splines: The trajectory now.
         count: Room for constraints; places beyond it, farther away, are left out.
-        margin: Clearance to keep [m].
+        extra: Clearance to keep beyond each pair's margin [m].
     """
     n, vias = problem.n, problem.via_count
     out = np.zeros((slot_size(n, vias), count))
     _switch_off(out, vias)
     q = splines.states(WATCHED)[0][0]
-    gaps = problem.scene.gaps(q)
+    margins = problem.margins.pairs
+    gaps = problem.scene.gaps(q) - margins
     gaps[-1] = np.inf  # the goal itself can't be moved
     order = np.argsort(gaps, axis=None)[:count]
     for slot, (place, pair) in enumerate(zip(*np.unravel_index(order, gaps.shape), strict=True)):
@@ -47,7 +48,7 @@ def make_slots(problem: PlanningProblem, splines: Splines, count: int, margin: f
             break
         section, step = divmod(int(place), len(WATCHED))
         normal, boxes = problem.scene.tight(q[place], int(pair))
-        out[:, slot] = _slot(problem, section, WATCHED[step], normal, margin, boxes)
+        out[:, slot] = _slot(problem, section, WATCHED[step], normal, extra + margins[pair], boxes)
     return out
 
 

@@ -1,4 +1,4 @@
-"""The gradient optimum: exact derivatives of model, spline and clearance, solved by IPOPT."""
+"""The gradient reference: exact derivatives of model, spline and clearance by CasADi, solved by IPOPT."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from plan.planners.base import Ledger, Planner
 from plan.planners.evolution import Evolution
 from plan.planners.planes import count_near, make_slots
 from plan.planners.reference_graph import SLOTS, Transcription, build
-from plan.problem.problem import SHARE, SQUEEZE, TOLERANCE, BatchEvaluation, PlanningProblem
+from plan.planners.sequential import require_soft_vias
+from plan.problem.problem import SHARE, SQUEEZE, TICK, TOLERANCE, BatchEvaluation, PlanningProblem
 from plan.spline import Splines
 
 # Initial trajectories that break more than this are not solved from as they are.
 WORTH_TRYING = 0.5
 # A step shorter than this is not worth another solve [rad].
 SHORTEST_REACH = 0.005
+# Share of acceleration and jerk limits that is aimed at, for the solver's own tolerance; of a tick's at the ends.
+AIM, END_AIM = 0.9999, 0.5
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,10 @@ class Reference(Planner):
         """Solves from the chosen starts.
 
         Raises:
-            MethodError: The model can't be written as symbols.
+            MethodError: The model can't be written as symbols, or a jerk limit leaves no via point free.
         """
         first = problems[0]
+        require_soft_vias(first)
         alone = len(problems) == 1 and not first.scene.obstacles
         if alone and first.objective == "energy" and first.initial_evaluation.feasible[0]:
             _Run(first, self, ledger, first.initial).solve(self.rounds)
@@ -152,10 +156,10 @@ class _Run:
     def _solve_once(self, slots: int, widths: Sequence[tuple[float, float]]) -> str:
         problem, status = self.problem, ""
         assert isinstance(problem.model, ChainTorque)
-        key = (problem.model, problem.via_count, problem.objective, problem.metric, problem.free)
-        programme = build(*key, self.limited, slots)
-        margin = problem.margin + (self.options.extra if problem.margin > 0 else 0.0)
-        places = make_slots(problem, self._splines(), slots, margin)
+        sought = (problem.objective, problem.metric, problem.free)
+        programme = build(problem.model, problem.via_count, sought, self.limited, slots)
+        extra = self.options.extra if problem.limits.clearance > 0 else 0.0
+        places = make_slots(problem, self._splines(), slots, extra)
         for width in widths:
             status = self._call(programme, np.array(width), places)
         return status
@@ -216,9 +220,21 @@ def _variable_bounds(problem: PlanningProblem) -> tuple[Array, Array]:
 
 
 def _constraint_bounds(problem: PlanningProblem, programme: Transcription, shares: Array) -> tuple[Array, Array]:
-    limits, slots = problem.limits, programme.slots
-    speed, torque = shares[0] * limits.speed, shares[1] * limits.torque
-    low = [np.tile(part, programme.nodes) for part in (limits.lower, -speed, -torque)]
-    high = [np.tile(part, programme.nodes) for part in (limits.upper, speed, torque)]
+    limits, slots, high, low = problem.limits, programme.slots, [], []
+    if programme.nodes:
+        accelerations, jerks = _rate_bounds(problem)
+        speed, torque = (np.tile(part, programme.nodes) for part in shares * [limits.speed, limits.torque])
+        high = [np.tile(limits.upper, programme.nodes), speed, torque, accelerations, jerks]
+        low = [np.tile(limits.lower, programme.nodes), *(-part for part in high[1:])]
     whole = [float(problem.durations.sum())] if problem.objective == "energy" and problem.searches_times else []
     return np.concatenate([*low, np.zeros(slots), whole]), np.concatenate([*high, np.full(slots, np.inf), whole])
+
+
+def _rate_bounds(problem: PlanningProblem) -> tuple[Array, Array]:
+    """Bounds of acceleration at both ends of every section, and of jerk; with a jerk limit none at start and goal."""
+    limits, free = problem.limits, np.full(problem.n, np.inf)
+    jerk = free if limits.jerk is None else limits.jerk
+    acceleration = free if limits.acceleration is None else SHARE * AIM * limits.acceleration
+    edges = np.tile(acceleration, (2 * (problem.via_count + 1), 1))
+    edges[[0, -1]] = np.minimum(edges[[0, -1]], END_AIM * TICK * jerk)
+    return edges.reshape(-1), np.tile(SHARE * AIM * jerk, problem.via_count + 1)

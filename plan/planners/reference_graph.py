@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.dynamics.chain import Chain
-from plan.dynamics.named_friction import law_symbols
 from plan.dynamics.power import ChainTorque, Metric, section_nodes
 from plan.planners import symbolic
 from plan.problem.problem import Free, Objective
@@ -43,7 +42,7 @@ class Transcription:
 
 @lru_cache(maxsize=64)
 def build(
-    model: ChainTorque, vias: int, objective: Objective, metric: Metric, free: Free, limited: bool, slots: int
+    model: ChainTorque, vias: int, sought: tuple[Objective, Metric, Free], limited: bool, slots: int
 ) -> Transcription:
     """Builds the graph and the solver.
 
@@ -53,13 +52,11 @@ def build(
     Args:
         model: Torque model.
         vias: Number of via points.
-        objective: `energy` or `time`.
-        metric: How energy is counted.
-        free: Which variables are free.
-        limited: Whether speed, torque and position limits are constraints.
+        sought: The objective, how energy is counted, and which variables are free.
+        limited: Whether limits of position, speed, torque, acceleration and jerk are constraints.
         slots: Number of clearance constraints.
     """
-    n = model.n
+    n, (objective, metric, free) = model.n, sought
     angles, durations = ca.MX.sym("angles", vias * n), ca.MX.sym("durations", vias + 1)
     z, x, fixed = ca.vertcat(angles, durations), *_share_out(angles, durations, free)
     start, goal, widths = ca.MX.sym("start", n), ca.MX.sym("goal", n), ca.MX.sym("widths", 2)
@@ -74,7 +71,7 @@ def build(
     cost = ca.sum1(durations)
     if objective == "energy":
         cost = ca.dot(ca.vec(ca.DM(w) @ durations.T), ca.sum1(_power(tau, dq, metric, widths[1])).T)
-    constraints: list[Any] = [ca.vec(part) for part in (q, dq, tau)] if limited else []
+    constraints: list[Any] = [ca.vec(part) for part in (q, dq, tau, *_rates(ddq, durations))] if limited else []
     if slots:
         parts = (ca.repmat(part, 1, slots) for part in (z, start, goal))
         constraints.append(_slot_function(model.chain, vias).map(slots)(*parts, places).T)
@@ -85,6 +82,14 @@ def build(
     return Transcription(
         ca.nlpsol("reference", "ipopt", programme, _options(model)), q.shape[1] if limited else 0, slots
     )
+
+
+def _rates(ddq: Any, durations: Any) -> tuple[Any, Any]:
+    """Acceleration at both ends of every section, where a cubic's is largest, and each section's jerk."""
+    sections, n = durations.shape[0], ddq.shape[0]
+    each = ddq.shape[1] // sections
+    first, last = ddq[:, ::each], ddq[:, each - 1 :: each]
+    return ca.horzcat(first, last), (last - first) / ca.repmat(durations.T, n, 1)
 
 
 def _share_out(angles: Any, durations: Any, free: Free) -> tuple[Any, Any]:
@@ -127,7 +132,7 @@ def _torque(model: ChainTorque, q: Any, dq: Any, ddq: Any, width: Any) -> Any:
     tau += rows(losses.coulomb) * slip + rows(losses.offset)
     for law in model.named:
         j = law.joint
-        own = law_symbols(law, q[j, :], dq[j, :], torque[j, :], slip[j, :], widths[j])
+        own = symbolic.law_symbols(law, q[j, :], dq[j, :], torque[j, :], slip[j, :], widths[j])
         tau += ca.vertcat(*(own if i == j else ca.MX.zeros(1, nodes) for i in range(n)))
     if model.net is not None:
         tau += symbolic.residual_torque(model.net, q, dq, ddq, torque)

@@ -12,19 +12,20 @@ import numpy as np
 from ident.arrays import Array, Float, freeze
 from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
+from plan.initial.at_limits import at_its_limits, quickest_of_each_joint
 from plan.initial.starts import straight
 from plan.initial.ways import iterate_ways
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, Course, begin, descend, refine
+from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.reference import Reference
 from plan.planners.transcription import Grid
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 
 # Via points of the first grid, and its fewest sections, for energy and for time, whatever the task asks for: more of
-# them hold what fewer can. Times of five sections hardly tell which start ends lowest.
-FIRST_VIAS, COARSE = 2, (5, 10)
+# them hold what fewer can. Times of few sections hardly tell which start ends lowest.
+FIRST_VIAS, COARSE = 2, (6, 12)
 # Shares of the duration by which a motion is slowed down until it keeps its limits between the nodes, too.
 SLOWER = (1.0, 1.0003, 1.0006, 1.001, 1.002, 1.004, 1.008, 1.016, 1.03, 1.06)
 # Rounding of the sign of the speed [rad/s] and of the modulus of power [W]: on the first grid, and on finer ones.
@@ -45,11 +46,14 @@ FAR = 1.25
 # Where a plan is known, so is one that collides so much by then, in units of 10 cm.
 LOST = 0.2
 # Grids are not made finer than this: a step's programme has as many variables as all joints' sections.
-FINEST = 80
+FINEST = 96
 # Arms of no more joints try more starts for energy, and keep twice as many: there the first ones often miss the lowest
 # of many basins, by up to 4 % of the cost, and a start takes a thirtieth of a second. Of six joints, sixty starts have
 # found half a per cent at most.
 FEW = 3
+# Fewest via points that a motion without acceleration at its ends leaves free, and trajectories by which CMA-ES moves
+# time stamps that are named.
+SOFT_VIAS, STAMPS = 3, 4000
 # Share of its limit that a search aims at below what the ledger asks for.
 AIM = 0.9999
 
@@ -61,8 +65,12 @@ Refined = dict[Course, tuple[float, Course]]
 class Sequential(Planner):
     """Sequential quadratic programming from every start on a coarse grid; the best ones go on to finer grids.
 
+    Motions start and end without acceleration, so that they are executed as they are planned. A search for the shortest
+    time begins at the limits, so that it does not depend on the duration that the task guesses.
+
     A grid with every section in two holds every trajectory of the one before, and the search begins with that, so more
-    freedom never ends worse. Where the user has named what is free, the reference planner does what is asked.
+    freedom never ends worse. Where the user has named what is free, the knots stay the initial trajectory's, and the
+    time stamps, if they are free, are moved by CMA-ES: few numbers, whose slopes would need every knot's.
 
     Attributes:
         starts: Initial trajectories that are tried.
@@ -72,6 +80,7 @@ class Sequential(Planner):
         kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
         gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
         levels: Most refinements, for energy and for time.
+        named: Whether to search what is named free and no more, though the task would allow it: for comparisons.
     """
 
     starts: int = 10
@@ -81,6 +90,7 @@ class Sequential(Planner):
     kept: tuple[int, ...] = (4, 2, 1)
     gains: tuple[float, float] = (0.005, 0.001)
     levels: tuple[int, int] = (3, 3)
+    named: bool = False
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
 
@@ -91,8 +101,8 @@ class Sequential(Planner):
             MethodError: The model has effects without derivatives.
         """
         given = problems[0]
-        if not given.grows or given.free == "times":
-            Reference().search(problems, ledger, rng)
+        if self.named or not given.grows or given.free == "times":
+            self._search_named(problems, ledger, rng)
             return
         ways = self._initial(problems, ledger, rng)
         courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, (), self.kept)
@@ -100,6 +110,32 @@ class Sequential(Planner):
             self._round(islice(ways, self.more * self.starts), ledger, courses, tuple(2 * count for count in self.kept))
         if len(problems) == 1:
             _give_vias(ledger, given.via_count)
+
+    def _search_named(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
+        """Via points on the knots that are given, from several ways, and then time stamps.
+
+        Raises:
+            MethodError: A jerk limit holds so many points at the ends that none is left.
+        """
+        problems = [replace(problem, grows=False) for problem in problems]
+        first = problems[0]
+        require_soft_vias(first)
+        if first.searches_vias:
+            courses: list[Course] = []
+            ways = self._initial(problems, ledger, rng, first.via_count)
+            for problem in islice(ways, max(self.starts, len(problems))):
+                courses.append(self._try(begin_course(problem, named=True), ledger, courses))
+                if ledger.remaining == 0:
+                    return
+            for course in sorted(courses, key=lambda one: one.rank)[: self.kept[0]]:
+                for width, power in WIDTHS[1:]:
+                    local = replace(course.local, width=width, power=power)
+                    course = descend(begin(local, course.x), ledger, *bounds(local), self.steps, 0.1, 1e-6)
+                    course, _ = self._settle(course, ledger)
+        if first.searches_times and ledger.remaining > 0:
+            best = ledger.best
+            starts = problems if best is None else [best.problem.with_initial(best.splines)]
+            Evolution(step=0.02 if best else 0.05, most=STAMPS).search(starts, ledger, rng)
 
     def _round(
         self, ways: Iterable[PlanningProblem], ledger: Ledger, earlier: Sequence[Course], kept: tuple[int, ...]
@@ -154,18 +190,23 @@ class Sequential(Planner):
         return course, cost
 
     def _initial(
-        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator
+        self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator, vias: int = FIRST_VIAS
     ) -> Iterator[PlanningProblem]:
         first = problems[0]
         if len(problems) > 1 or first.label != "straight":
             yield from problems
             return
-        count = FIRST_VIAS + 1
+        count = vias + 1
         base = replace(
             first,
-            vias=straight(first.start, first.goal, FIRST_VIAS),
+            vias=straight(first.start, first.goal, vias),
             durations=np.full(count, first.durations.sum() / count),
         )
+        if base.objective == "time":
+            base = at_its_limits(base)
+            each = quickest_of_each_joint(base)
+            if each is not None and base.grows:
+                yield each
         yield from iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
 
     def _finer(
@@ -210,17 +251,31 @@ class Sequential(Planner):
         return cost, refined
 
 
-def begin_course(problem: PlanningProblem) -> Course:
-    """A problem's initial trajectory on a grid of its own knots, long sections parted."""
+def require_soft_vias(problem: PlanningProblem) -> None:
+    """Refuses a task whose jerk limit holds so many points at the ends that none is left."""
+    if problem.limits.jerk is not None and problem.via_count < SOFT_VIAS:
+        what = f"with a jerk limit {problem.via_count} via points leave nothing free"
+        raise MethodError("--variables", what, f"give task.via_points = {SOFT_VIAS} or more")
+
+
+def begin_course(problem: PlanningProblem, named: bool = False) -> Course:
+    """A problem's initial trajectory on a grid of its own knots.
+
+    Args:
+        problem: The task.
+        named: Whether the knots are those that the user has named; else long sections are parted, and acceleration is
+            zero at both ends.
+    """
     if not isinstance(problem.model, ChainTorque):
         raise MethodError("--method sqp", "this model has effects without derivatives", "use --method cma")
-    knots = np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum()
+    problem = at_its_limits(problem) if problem.objective == "time" else problem
+    knots = np.round(np.concatenate([[0.0], np.cumsum(problem.durations)]) / problem.durations.sum(), 12)
     knots[-1] = 1.0
-    while len(knots) < COARSE[problem.objective == "time"] + 1:
+    while not named and len(knots) < COARSE[problem.objective == "time"] + 1:
         widest = int(np.argmax(np.diff(knots)))
         knots = np.insert(knots, widest + 1, (knots[widest] + knots[widest + 1]) / 2)
     nodes, weights = _nodes(problem.objective == "time", len(knots) - 1)
-    grid = Grid(freeze(knots), problem.limits.jerk is not None, nodes)
+    grid = Grid(freeze(knots), not named or problem.limits.jerk is not None, nodes)
     aims = np.full((grid.sections, problem.n), AIM), np.full(problem.n, AIM)
     local = LocalModel(problem, grid, weights, *WIDTHS[0], *aims)
     start = Splines(np.concatenate([[problem.start], problem.vias, [problem.goal]])[None], problem.durations[None])

@@ -1,4 +1,4 @@
-"""An arm in CasADi: Newton-Euler, link placements, the net and the spline as symbols.
+"""An arm in CasADi: Newton-Euler, link placements, named laws, the net and the spline as symbols.
 
 The `pin` wheel has no `pinocchio.casadi`; the recursion over the chain's arrays is short and equals Pinocchio's to
 rounding.
@@ -12,10 +12,14 @@ import casadi as ca
 import numpy as np
 
 from ident.arrays import Array
+from ident.model.named_laws import NamedLaw
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
 from plan.errors import MethodError
+
+# Added to a squared speed that a root is drawn from in symbols [rad²/s²].
+ROUNDING = 1e-12
 
 Symbol = Any  # casadi.SX or casadi.MX; CasADi has no common type for them
 
@@ -87,6 +91,35 @@ def residual_torque(net: ResidualTerm, q: Symbol, dq: Symbol, ddq: Symbol, rigid
     if isinstance(net, CompiledJointNets):
         return ca.vertcat(*(_joint(net, j, dq[j, :], ddq[j, :], rigid[j, :]) for j in range(q.shape[0])))
     raise MethodError("--method reference", f"a net of kind {type(net).__name__} has no symbols", "use --method cma")
+
+
+def law_symbols(law: NamedLaw, q: Symbol, dq: Symbol, load: Symbol, slip: Symbol, width: Symbol) -> Symbol:
+    """A law's torque in CasADi's symbols, moduli rounded: smooth everywhere.
+
+    Args:
+        law: Fitted.
+        q, dq, load: States of its joint, a row of nodes.
+        slip: Its direction.
+        width: Over which the direction turns [rad/s].
+    """
+    speed = ca.sqrt(dq * dq + width * width + ROUNDING)
+    size = ca.sqrt(load * load + LOAD_ROUNDING**2)
+    shape, estimates = law.shape, [value for value, _, _ in law.figures]
+    if "stribeck_velocity_rad_s" in shape:
+        columns = [slip * ca.exp(-((speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
+    elif "exponent" in shape:
+        size = ca.sqrt(speed * speed + shape.get("knee_rad_s", 0.0) ** 2)
+        columns = [slip * speed * size ** (shape["exponent"] - 1.0)]
+    elif "terms" in shape:
+        both, gain = slip * size, slip * slip * load
+        columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
+        if shape["terms"] == 4:
+            columns += [slip * load * load / shape["load_Nm"], dq * size]
+    elif "order" in shape:
+        columns = [slip * ca.cos(shape["order"] * q), slip * ca.sin(shape["order"] * q)]
+    else:
+        columns = [0.5 * slip * slip, 0.5 * speed]
+    return sum(float(estimate) * column for estimate, column in zip(estimates, columns, strict=True))
 
 
 def _dense(net: CompiledDenseNet, x: Symbol) -> Symbol:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from ident.ownership import WRITER
+from ident.ownership import WRITER, mark_file
 from plan.errors import MethodError
 from plan.problem.result import PlanResult
 
@@ -60,6 +60,8 @@ class Execution:
                 pacsv.write_csv(self.table(), part)
             else:
                 part.write_text(self.yaml(), encoding="utf-8")
+        if path.suffix == ".csv":
+            mark_file(path)
 
     def table(self) -> pa.Table:
         """Commands in the native columns."""
@@ -89,7 +91,8 @@ class Execution:
 
 
 def _row(values: Float[Array, " n"]) -> str:
-    return json.dumps([round(float(value), 9) + 0.0 for value in values])
+    """Numbers that readers of YAML 1.1 take for numbers, too: to them -8e-09 is a text."""
+    return f"[{', '.join(np.format_float_positional(round(float(value), 9) + 0.0, trim='0') for value in values)}]"
 
 
 def require_writable(path: Path, rate: float) -> None:

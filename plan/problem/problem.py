@@ -12,6 +12,7 @@ from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
 from plan.dynamics.manipulability import Manipulability
 from plan.dynamics.power import Metric, TorqueModel, _integral, section_nodes
+from plan.geometry.margins import Margins, find_margins
 from plan.geometry.scene import Scene
 from plan.spline import Splines
 
@@ -77,7 +78,7 @@ class BatchEvaluation:
         collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
         speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too.
         position: Worst excess over the position limits [rad].
-        gap: Smallest separation seen [m].
+        gap: Smallest separation seen; of a pair that may be nearer than others, counted as more by that [m].
         peak: Peak torque of each joint [N m].
     """
 
@@ -122,6 +123,9 @@ class PlanningProblem:
         grows: Whether a planner may insert via points and move stamps beyond what is named free.
         trained: Where the model was fitted; None where that is not known.
         avoid_singular: Whether singular positions are fined, as in the paper's section 2.2.
+        carried: What the arm carries, and the frame on which each of it hangs, for results.
+        notes: What is to be said of the task in its result.
+        not_the_arms: Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     """
 
     scene: Scene
@@ -139,6 +143,9 @@ class PlanningProblem:
     grows: bool = True
     trained: TrainingRange | None = None
     avoid_singular: bool = False
+    carried: tuple[dict[str, object], ...] = ()
+    notes: tuple[str, ...] = ()
+    not_the_arms: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name in ("start", "goal", "vias", "durations"):
@@ -210,15 +217,15 @@ class PlanningProblem:
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
         cost = splines.total if self.objective == "time" else _integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
-        gap, shortfall = self.scene.sweep(splines, self.margin)
+        spare, shortfall = self.scene.sweep(splines, self.margins)
         over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
         return BatchEvaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
-            collision=shortfall / 0.02 + np.maximum(self.margin - gap, 0.0) / 0.05,
+            collision=shortfall / 0.02 + np.maximum(-spare, 0.0) / 0.05,
             speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines)),
             torque=_excess(peak / (SHARE * self.limits.torque)),
             position=np.maximum(over, 0.0),
-            gap=gap,
+            gap=spare + self.margins.asked,
             peak=peak,
         )
 
@@ -233,11 +240,20 @@ class PlanningProblem:
             found = np.maximum(found, _excess(np.maximum(splines.top_jerk / (SHARE * limits.jerk), ends)))
         return found
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Positions of the arm's joints that stand still [rad or m]."""
+        return {k: q for k, q in self.scene.arm.locked_joints.items() if k not in self.not_the_arms}
+
+    @property
+    def ends(self) -> Float[Array, "2 n"]:
+        """Start and goal [rad]."""
+        return np.stack([self.start, self.goal])
+
     @cached_property
-    def margin(self) -> float:
-        """Clearance asked of the motion: the limits' own, or half of what start and goal have if less [m]."""
-        ends = self.scene.separation(np.stack([self.start, self.goal]))
-        return float(min(self.limits.clearance, 0.5 * max(ends.min(), 0.0)))
+    def margins(self) -> Margins:
+        """Gap that each pair has to keep in a search."""
+        return find_margins(self.scene, self.ends, self.limits.clearance)
 
     @cached_property
     def initial_evaluation(self) -> BatchEvaluation:
@@ -274,7 +290,7 @@ class PlanningProblem:
     @cached_property
     def _singular_below(self) -> float:
         """Threshold of manipulability: lower where start or goal are themselves near a singular position."""
-        ends = self._manipulability(np.stack([self.start, self.goal]))
+        ends = self._manipulability(self.ends)
         return float(min(SINGULAR, 0.9 * ends.min()))
 
     def _singular(self, q: Float[Array, "B T n"]) -> Float[Array, " B"]:

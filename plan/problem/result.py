@@ -16,6 +16,7 @@ from ident.results import Result
 from plan.dynamics.power import METRICS, Metric, power_integrals, section_nodes
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.clearance_proof import Clearance, prove_clearance
+from plan.geometry.margins import SHORT, Cut, find_cuts, uncut
 from plan.geometry.scene import Unchecked, limits_of_proof
 from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem
@@ -26,8 +27,6 @@ SCHEMA = "plan.result/1"
 Status = Literal["solved", "infeasible", "budget_spent"]
 # A limit counts as kept up to this excess, as a share: rounding, not engineering.
 ROUNDING = 1e-9
-# Clearance may fall short of what was asked for by this [m].
-CLEARANCE_SHORT = 5e-4
 # Quadrature points a section of the certificate: friction that turns round inside a section needs many.
 FINE = 200
 # Places a section at which the certificate looks for peaks of torque; and, between two of them of which one passes a
@@ -49,8 +48,9 @@ class Certificate:
         energy_half_width: Half of the 95 % interval of the executed motion's energy, from that of the model's torque
             [J]; None where the model tells none, and for a motion beyond its training, of which it says nothing.
         position_margin: Smallest distance to a position limit [rad].
-        clearance: Proven clearance.
-        asked_clearance: Clearance that the task asks for, or as much as start and goal allow [m].
+        clearance: Proven clearance, of all pairs but those that were cut.
+        asked_clearance: Clearance that the task asks for [m].
+        cuts: Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
         coarser: Obstacles that count as larger than their files say.
@@ -62,6 +62,7 @@ class Certificate:
     position_margin: float
     clearance: Clearance
     asked_clearance: float = 0.0
+    cuts: tuple[tuple[Cut, Clearance], ...] = ()
     unchecked: tuple[Unchecked, ...] = ()
     shapes: ArmShapes = NO_SHAPES
     coarser: tuple[str, ...] = ()
@@ -99,12 +100,23 @@ class Certificate:
             found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit")
         if self.position_margin < -ROUNDING:
             found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
-        if not self.clearance.collision_free:
-            found.append(f"{self.clearance.pair} collide at {self.clearance.time:.3f} s")
-        elif self.clearance.proven < self.asked_clearance - CLEARANCE_SHORT:
-            near = f"{1000 * self.clearance.proven:.1f} mm at {self.clearance.time:.3f} s"
-            found.append(f"{self.clearance.pair} come within {near}")
+        return found + self.too_near
+
+    @property
+    def too_near(self) -> list[str]:
+        """Pairs that come nearer to each other than they may, in words."""
+        found = []
+        for asked, one in [(self.asked_clearance, self.clearance), *((cut.kept, one) for cut, one in self.cuts)]:
+            if not one.collision_free:
+                found.append(f"{one.pair} collide at {one.time:.3f} s")
+            elif one.proven < asked - SHORT:
+                found.append(f"{one.pair} come within {1000 * one.proven:.1f} mm at {one.time:.3f} s")
         return found
+
+    @property
+    def closest(self) -> Clearance:
+        """The smallest proven clearance of any pair."""
+        return min((self.clearance, *(clearance for _, clearance in self.cuts)), key=lambda one: one.proven)
 
 
 def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
@@ -117,16 +129,18 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     limits = problem.limits
     margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
     law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)
+    cuts, scene = find_cuts(problem.scene, problem.ends, limits.clearance), problem.scene
     return Certificate(
         energy=energy,
         torque_share=_torque_share(problem, splines),
         speed_share=splines.top_speed[0] / limits.speed,
         position_margin=margin,
-        clearance=prove_clearance(problem.scene, splines),
-        asked_clearance=problem.margin,
-        unchecked=problem.scene.unchecked,
-        shapes=problem.scene.shapes,
-        coarser=problem.scene.coarser,
+        clearance=prove_clearance(scene, splines, uncut(scene, cuts), asked=limits.clearance - SHORT),
+        asked_clearance=limits.clearance,
+        cuts=tuple((cut, _prove_cut(problem, splines, cut)) for cut in cuts),
+        unchecked=scene.unchecked,
+        shapes=scene.shapes,
+        coarser=scene.coarser,
         acceleration_share=None if limits.acceleration is None else splines.top_acceleration[0] / limits.acceleration,
         jerk_share=None if limits.jerk is None else _jerk(splines) / limits.jerk,
         time_law=law,
@@ -134,6 +148,12 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         reserve=limits.reserve,
         energy_half_width=None if beyond else _energy_half_width(problem, law),
     )
+
+
+def _prove_cut(problem: PlanningProblem, splines: Splines, cut: Cut) -> Clearance:
+    """Proven clearance of a pair that keeps less than was asked for."""
+    alone = np.arange(len(problem.scene.pairs)) == cut.pair
+    return prove_clearance(problem.scene, splines, alone, asked=cut.kept - SHORT)
 
 
 def _energy_half_width(problem: PlanningProblem, law: TimeLaw) -> float | None:
@@ -149,10 +169,11 @@ def _energy_half_width(problem: PlanningProblem, law: TimeLaw) -> float | None:
 def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
     """The plan of zero length for a start that is the goal, and what it was found to be."""
     ends = np.stack([problem.start, problem.start])[None]
-    distances, limits = problem.scene.distances(problem.start), problem.limits
-    pair = int(np.argmin(distances)) if len(distances) else 0
-    least = float(distances.min(initial=1.0))
-    name = problem.scene.pair_name(pair) if len(distances) else "nothing to hit"
+    scene, limits = problem.scene, problem.limits
+    distances, cuts = scene.distances(problem.start), find_cuts(scene, problem.ends, limits.clearance)
+    rest_of = np.where(uncut(scene, cuts), distances, np.inf)
+    least = float(rest_of.min(initial=1.0))
+    name = scene.pair_name(int(np.argmin(rest_of))) if least < 1.0 else "nothing to hit"
     still = np.zeros((1, 1, problem.n))
     torque = np.abs(problem.model.torque(problem.start[None, None], still, still)[0, 0])
     rest = np.zeros(problem.n)
@@ -163,9 +184,10 @@ def certify_standing(problem: PlanningProblem) -> tuple[Splines, Certificate]:
         speed_share=rest,
         position_margin=float(np.minimum(problem.start - limits.lower, limits.upper - problem.start).min()),
         clearance=Clearance(least, least, 0.0, name, int(len(distances) > 0)),
-        asked_clearance=problem.margin,
-        unchecked=problem.scene.unchecked,
-        shapes=problem.scene.shapes,
+        asked_clearance=limits.clearance,
+        cuts=tuple((cut, Clearance(cut.kept, cut.kept, 0.0, scene.pair_name(cut.pair), 1)) for cut in cuts),
+        unchecked=scene.unchecked,
+        shapes=scene.shapes,
         acceleration_share=None if limits.acceleration is None else rest,
         jerk_share=None if limits.jerk is None else rest,
         extrapolation=find_extrapolation(problem, splines),
@@ -212,6 +234,7 @@ class PlanResult(Result):
         notes: Remarks of the planner.
         robot, joints: Name of the arm and of the joints that move.
         held: Positions of the joints that stand still [rad or m].
+        carried: What the arm carries, and the frame on which each of it hangs.
     """
 
     SHOWN_BY = "plan.show.results"
@@ -235,6 +258,7 @@ class PlanResult(Result):
     robot: str = ""
     joints: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
+    carried: tuple[dict[str, object], ...] = ()
 
     @property
     def stands(self) -> bool:
@@ -258,6 +282,13 @@ class PlanResult(Result):
             return float("inf")
         return float(self.splines.total[0]) if self.objective == "time" else self.certificate.energy[self.metric]
 
+    @property
+    def executed_cost(self) -> float:
+        """As `cost`, of the motion as a controller executes it, from rest to rest; infinite without a plan."""
+        if self.objective == "time" and self.solved:
+            return self.execution.duration
+        return dict(self.execution.energy).get(self.metric, self.cost) if self.solved else float("inf")
+
     def to_dict(self) -> dict[str, Any]:
         """The record of `plan.result/1`; lengths in m, angles in rad."""
         record: dict[str, Any] = {
@@ -267,6 +298,7 @@ class PlanResult(Result):
             "robot": self.robot,
             "joints": list(self.joints),
             "held": dict(self.held),
+            "carried": list(self.carried),
             "method": self.method,
             "objective": self.objective,
             "metric": self.metric,
@@ -288,7 +320,7 @@ class PlanResult(Result):
         if self.splines is None or self.certificate is None:
             return {}
         certificate, points = self.certificate, self.splines.points[0]
-        energy, rest = certificate.energy, [0.0] * points.shape[1]
+        energy, rest, closest = certificate.energy, [0.0] * points.shape[1], certificate.closest
         return {
             "energy_J": {metric: energy[metric] for metric in METRICS if metric != "copper"},
             "copper_N2m2s": energy["copper"],
@@ -302,9 +334,11 @@ class PlanResult(Result):
             "peak_jerk_rad_s3": rest if self.stands else self.splines.top_jerk[0].tolist(),
             "execution": certificate.time_law.to_dict(),
             **_trust(certificate),
-            "collision_free": certificate.clearance.collision_free,
-            "clearance_m": certificate.clearance.proven if certificate.clearance.checked else None,
-            "closest": {"pair": certificate.clearance.pair, "time_s": certificate.clearance.time},
+            "collision_free": closest.collision_free,
+            "clearance_m": closest.proven if closest.checked else None,
+            "closest": {"pair": closest.pair, "time_s": closest.time},
+            "asked_clearance_m": certificate.asked_clearance,
+            "clearance_cuts": [{**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts],
             "unchecked_pairs": [pair.to_dict() for pair in certificate.unchecked],
             "coarser_obstacles": list(certificate.coarser),
             **certificate.shapes.to_dict(),

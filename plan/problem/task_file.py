@@ -15,29 +15,11 @@ from ident.recordings.recording import Payload
 from ident.untrusted_files import read_toml
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
+from plan.geometry.tool import Carried
 from plan.problem.obstacle_tables import floor_box, read_shape
 from plan.problem.pose import Pose, read_pose
+from plan.problem.scene_keys import KEYS
 
-KEYS = {
-    "": {"robot", "task", "limits", "obstacle", "attached", "floor", "payload", "srdf", "trial"},
-    "task": {
-        "start_deg",
-        "goal_deg",
-        "goal_pose",
-        "duration_s",
-        "via_points",
-        "wrist_deg",
-        "clearance_m",
-        "reach_deg",
-        "avoid_singular",
-        "via_points_deg",
-        "times_s",
-    },
-    "limits": {"lower_deg", "upper_deg", "torque_Nm", "speed_deg_s", "acceleration_deg_s2", "jerk_deg_s3"},
-    "floor": {"height_m"},
-    "payload": {"mass_kg", "com_m"},
-}
-LISTS = ("obstacle", "attached")
 DEFAULT_CLEARANCE = 0.005
 DEFAULT_REACH_DEG = 90.0
 
@@ -65,7 +47,7 @@ class Task:
         source: The file.
         robot: Name or URDF path.
         start, goal: Ends [rad]; the goal is the start until `pose` is brought to joint angles.
-        duration: Duration of the motion, or of the one to start from where time is the objective [s].
+        duration: Duration of the motion [s]; where time is the objective it may be None, or is a first guess.
         via_points: Via points at least.
         wrist: Positions of the joints that do not move [rad]; zeros if None.
         clearance: Distance to keep [m].
@@ -73,10 +55,11 @@ class Task:
         torque, speed: Limits other than the robot's [N m, rad/s]; None for the robot's.
         lower, upper: Position limits inside the robot's [rad]; None for the robot's.
         acceleration, jerk: Limits of acceleration [rad/s²] and jerk [rad/s³]; None for none.
+        makers: Whether the maker's published limits of acceleration and jerk are kept where those are None.
         obstacles: Shapes in the base frame, the floor among them.
-        attached: Shapes that the last link carries, in its frame.
-        touches: Links that what is carried may touch.
-        payload: Mass that the last link carries.
+        attached: Shapes that the arm carries.
+        payload: Mass that it carries, with its centre in the frame of `payload_link`.
+        payload_link: That frame; the arm's tip frame if None.
         srdf: File that names pairs of links to leave out of checks.
         taught: Via points of the file itself.
         pose: Where a frame is to end, in place of the goal's angles.
@@ -87,7 +70,7 @@ class Task:
     robot: str
     start: Float[Array, " n"]
     goal: Float[Array, " n"]
-    duration: float
+    duration: float | None = None
     via_points: int = 2
     wrist: Float[Array, " k"] | None = None
     clearance: float = DEFAULT_CLEARANCE
@@ -98,10 +81,11 @@ class Task:
     upper: Float[Array, " n"] | None = None
     acceleration: Float[Array, " n"] | None = None
     jerk: Float[Array, " n"] | None = None
+    makers: bool = True
     obstacles: tuple[Box, ...] = ()
-    attached: tuple[Box, ...] = ()
-    touches: tuple[str, ...] = ()
+    attached: tuple[Carried, ...] = ()
     payload: Payload | None = None
+    payload_link: str | None = None
     srdf: Path | None = None
     taught: tuple[Trial, ...] = field(default_factory=tuple)
     pose: Pose | None = None
@@ -135,7 +119,7 @@ def load_task(path: str | Path) -> Task:
         robot=reader.text(document, "robot"),
         start=np.radians(start),
         goal=np.radians(start if pose is not None else reader.numbers(task, "task.goal_deg", count)),
-        duration=reader.number(task, "task.duration_s"),
+        duration=reader.number(task, "task.duration_s") if "duration_s" in task else None,
         via_points=via_points,
         wrist=None if "wrist_deg" not in task else np.radians(reader.numbers(task, "task.wrist_deg")),
         clearance=reader.number(task, "task.clearance_m", DEFAULT_CLEARANCE),
@@ -146,10 +130,11 @@ def load_task(path: str | Path) -> Task:
         upper=reader.bounds(limits, count)[1],
         acceleration=reader.rates(limits, "limits.acceleration_deg_s2", count),
         jerk=reader.rates(limits, "limits.jerk_deg_s3", count),
+        makers=reader.flag(limits, "limits.makers", True),
         obstacles=read_obstacles(reader, document),
-        attached=tuple(read_shape(reader, *item, {"touches"}) for item in _numbered(reader, document, "attached")),
-        touches=tuple(name for item, _ in _numbered(reader, document, "attached") for name in _names(reader, item)),
+        attached=_attached(reader, document),
         payload=_payload(reader, document),
+        payload_link=_link(reader, document.get("payload", {})),
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
         pose=pose,
@@ -165,8 +150,8 @@ class Surroundings:
         source: The file.
         robot: The robot that it names, if any.
         obstacles: Shapes in the base frame, the floor among them if the file has one.
-        attached, touches: What the last link carries, and links that this may touch.
-        payload: Mass that the last link carries.
+        attached: What the arm carries.
+        payload, payload_link: Mass that it carries, and the frame in which its centre is given.
         srdf: File that names pairs of links to leave out of checks.
         lower, upper, speed: Limits inside the robot's [rad, rad/s]; None for the robot's.
     """
@@ -174,9 +159,9 @@ class Surroundings:
     source: Path
     robot: str | None = None
     obstacles: tuple[Box, ...] = ()
-    attached: tuple[Box, ...] = ()
-    touches: tuple[str, ...] = ()
+    attached: tuple[Carried, ...] = ()
     payload: Payload | None = None
+    payload_link: str | None = None
     srdf: Path | None = None
     lower: Float[Array, " n"] | None = None
     upper: Float[Array, " n"] | None = None
@@ -198,9 +183,9 @@ def load_surroundings(path: str | Path, joints: int) -> Surroundings:
         source=file,
         robot=None if "robot" not in document else reader.text(document, "robot"),
         obstacles=read_obstacles(reader, document),
-        attached=tuple(read_shape(reader, *item, {"touches"}) for item in _numbered(reader, document, "attached")),
-        touches=tuple(name for item, _ in _numbered(reader, document, "attached") for name in _names(reader, item)),
+        attached=_attached(reader, document),
         payload=_payload(reader, document),
+        payload_link=_link(reader, document.get("payload", {})),
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         lower=low,
         upper=high,
@@ -257,12 +242,24 @@ def _numbered(reader: Reader, document: Mapping[str, Any], name: str) -> list[tu
     return [(entry, f"{name} {i}") for i, entry in enumerate(entries, start=1)]
 
 
-def _names(reader: Reader, entry: Mapping[str, Any]) -> list[str]:
+def _attached(reader: Reader, document: Mapping[str, Any]) -> tuple[Carried, ...]:
+    """What the arm carries, the frame on which it hangs, and the links that it may touch."""
+    return tuple(
+        Carried(read_shape(reader, entry, key, {"touches", "link"}), _link(reader, entry), _names(reader, entry))
+        for entry, key in _numbered(reader, document, "attached")
+    )
+
+
+def _link(reader: Reader, entry: Mapping[str, Any]) -> str | None:
+    return reader.text(entry, "link") if "link" in entry else None
+
+
+def _names(reader: Reader, entry: Mapping[str, Any]) -> tuple[str, ...]:
     """Links that what is carried may touch."""
     names = entry.get("touches", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise SceneError(reader.file, f"touches is {names!r}, not a list of links", 'give touches = ["link", …]')
-    return names
+    return tuple(names)
 
 
 def _payload(reader: Reader, document: Mapping[str, Any]) -> Payload | None:
@@ -284,7 +281,7 @@ class Reader:
     file: Path
 
     def known(self, table: str, entry: Mapping[str, Any], name: str = "") -> None:
-        unknown = sorted(set(entry) - KEYS[table])
+        unknown = sorted(set(entry) - set(KEYS[table]))
         if unknown:
             place = f"{name or table or 'file'}: "
             raise SceneError(
@@ -326,9 +323,9 @@ class Reader:
             raise SceneError(self.file, f"{key} is {found!r}, not a whole number from 1 to 20", "give one")
         return found
 
-    def flag(self, entry: Mapping[str, Any], key: str) -> bool:
-        """True or false; false where the key is not there."""
-        found = entry.get(key.rsplit(".", 1)[-1], False)
+    def flag(self, entry: Mapping[str, Any], key: str, default: bool = False) -> bool:
+        """True or false; the default where the key is not there."""
+        found = entry.get(key.rsplit(".", 1)[-1], default)
         if not isinstance(found, bool):
             raise SceneError(self.file, f"{key} is {found!r}", "give true or false")
         return found

@@ -26,6 +26,7 @@ class ResultRecord(TypedDict):
     robot: str
     joints: list[str]
     held: dict[str, float]
+    carried: list[dict[str, Any]]
     method: str
     objective: Literal["energy", "time"]
     metric: str
@@ -44,6 +45,8 @@ class ResultRecord(TypedDict):
     peak_speed_share: NotRequired[list[float]]
     collision_free: NotRequired[bool]
     clearance_m: NotRequired[float | None]
+    asked_clearance_m: NotRequired[float]
+    clearance_cuts: NotRequired[list[dict[str, Any]]]
     limits: NotRequired[dict[str, float | None]]
     execution: NotRequired[dict[str, float]]
     extrapolation: NotRequired[float | None]
@@ -91,6 +94,7 @@ class ExcitationRecord(TypedDict):
     odds_random: float
     noise_Nm: dict[str, float]
     obstacles: NotRequired[list[str]]
+    carried: NotRequired[list[dict[str, Any]]]
     unchecked_pairs: NotRequired[list[dict[str, Any]]]
     stand_in: NotRequired[dict[str, Any]]
     issues: NotRequired[list[dict[str, Any]]]

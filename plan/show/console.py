@@ -58,6 +58,9 @@ def print_result(console: Console, result: PlanResult) -> None:
     held = ", ".join(f"{name} at {value:g}" for name, value in result.held.items())
     moved = f"{result.robot}: {', '.join(result.joints)}" + (f"; held: {held}" if held else "")
     console.print(moved, soft_wrap=True, highlight=False)
+    for one in result.carried:
+        mass = f", {one['mass_kg']:g} kg with its centre at {one['com_m']} m there" if "mass_kg" in one else ""
+        console.print(f"carried: {one['name']} on {one['link']}{mass}", soft_wrap=True, highlight=False)
     if result.reason:
         console.print(f"reason: {result.reason}", soft_wrap=True)
     _print_starts(console, result)
@@ -137,6 +140,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
         "method",
         "solved",
         f"cost [{unit}]",
+        "executed",
         "worst",
         f"at {comparison.evaluations} evaluations",
         f"at {comparison.seconds:g} s",
@@ -152,7 +156,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
         table.add_row(
             row["method"],
             f"{row['solved']}/{row['runs']}",
-            *(_number(row[key]) for key in ("cost", "worst", "cost_at_evaluations", "cost_at_seconds")),
+            *(_number(row[key]) for key in ("cost", "executed", "worst", "cost_at_evaluations", "cost_at_seconds")),
             str(row["evaluations"]),
             f"{row['seconds']:.2f}",
             clear,

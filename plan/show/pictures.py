@@ -7,9 +7,12 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull
 
 from ident.files import atomic_write
 from plan.errors import MethodError
+from plan.geometry.scene import FLOOR
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.compare import Comparison
@@ -23,6 +26,7 @@ SAMPLES = 400
 # Where each kind of picture says who made it.
 MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap"}}
 BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
+OBSTACLE, TOOL = LIMIT, "#e08e0b"
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -43,11 +47,14 @@ def require_picture(path: Path) -> None:
 def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     """Angles, torques against their limits and power of a plan, a column a joint, with the initial motion behind.
 
-    The torque row is the paper's Fig. 13: before and after.
+    Below them stands the arm at start and goal, with what it carries and what is in its way.
     """
     assert result.splines is not None
     n = problem.n
-    figure, axes = plt.subplots(3, n, figsize=(3.2 * n, 7), sharex=True, squeeze=False)
+    figure = plt.figure(figsize=(max(3.2 * n, 7), 11), layout="constrained")
+    curves, places = np.asarray(figure.subfigures(2, 1, height_ratios=(7, 4)), dtype=object)
+    axes = curves.subplots(3, n, sharex=True, squeeze=False)
+    _draw_places(places, problem, result.splines)
     before = problem.decode(problem.initial)
     for splines, colour, label in ((before, BEFORE, _initial_words(problem)), (result.splines, AFTER, "this plan")):
         times, q, dq, tau = _profiles(problem, splines)
@@ -67,9 +74,54 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
     for row, name in enumerate(("angle [deg]", "torque [N m]", "power [W]")):
         axes[row, 0].set_ylabel(name)
     figure.suptitle(_motion_title(result))
-    figure.tight_layout(rect=(0, 0, 1, 0.98))
     handles = [*axes[0, 0].get_legend_handles_labels()[0], axes[1, 0].lines[-1]]
-    figure.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4, frameon=False, fontsize=9)
+    curves.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    return figure
+
+
+def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> None:
+    """Boxes round all shapes from the side and from above: the arm at the start and, lighter, at the goal."""
+    scene = problem.scene
+    data, model = scene.arm.model.createData(), scene.arm.model
+    carried = {str(one["name"]): f"{one['name']} on {one['link']}" for one in problem.carried}
+    views = figure.subplots(1, 2)
+    for q, alpha in ((splines.points[0, -1], 0.25), (splines.points[0, 0], 0.7)):
+        pin.forwardKinematics(model, data, np.array(q))
+        for box in scene.boxes:
+            if box.name == FLOOR:
+                continue
+            at = data.oMi[box.joint]
+            corners = box.corners if box.joint == 0 else box.corners @ at.rotation.T + at.translation
+            kind = OBSTACLE if box.body < 0 else TOOL if box.name in carried else AFTER
+            label = carried.pop(box.name, None) if alpha > 0.5 else None
+            for axis, columns in zip(views, ([0, 2], [0, 1]), strict=True):
+                flat = corners[:, columns]
+                axis.fill(*flat[ConvexHull(flat).vertices].T, color=kind, alpha=alpha, lw=0, label=label)
+    for axis, name in zip(views, ("z", "y"), strict=True):
+        axis.set(aspect="equal", xlabel="x [m]", ylabel=f"{name} [m]")
+    if views[0].get_legend_handles_labels()[0]:
+        figure.legend(*views[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, fontsize=8)
+    figure.suptitle("boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9)
+
+
+def draw_before_after(problem: PlanningProblem, result: PlanResult) -> Figure:
+    """Torques of a joint a column, before and after, each row on its own time: the paper's Fig. 13."""
+    assert result.splines is not None
+    figure, axes = plt.subplots(2, problem.n, figsize=(3.2 * problem.n, 5), sharex="row", squeeze=False)
+    motions = (
+        (problem.decode(problem.initial), f"before: {problem.label}"),
+        (result.splines, f"after: {result.method}"),
+    )
+    for row, (splines, words) in enumerate(motions):
+        times, _, _, tau = _profiles(problem, splines)
+        for j in range(problem.n):
+            axes[row, j].plot(times, tau[:, j], color=(BEFORE, AFTER)[row])
+            _draw_limits(axes[row, j], problem.limits.torque[j])
+            axes[row, j].set_title(f"{problem.scene.arm.joint_names[j]}, {words}", fontsize=8)
+            axes[row, j].set_xlabel("time [s]")
+        axes[row, 0].set_ylabel("torque [N m]")
+    figure.suptitle(_motion_title(result))
+    figure.tight_layout(rect=(0, 0, 1, 0.98))
     return figure
 
 
@@ -86,7 +138,7 @@ def _motion_title(result: PlanResult) -> str:
     if splines is None or certificate is None or not result.solved:
         return f"{result.method}: no allowed motion ({result.status})"
     duration, energy = float(splines.total[0]), certificate.energy[result.metric]
-    clearance = 1000 * certificate.clearance.proven
+    clearance = 1000 * certificate.closest.proven
     unit = "N² m² s" if result.metric == "copper" else "J"
     near = f", at least {clearance:.0f} mm clear of all boxes" if clearance < 1000 else ""
     return f"{result.method}: {duration:.3f} s, {energy:.2f} {unit} ({result.metric}){near}"

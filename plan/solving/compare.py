@@ -51,9 +51,9 @@ class Comparison(Result):
         return [result for result in self.results if result.method == method]
 
     def best(self) -> PlanResult | None:
-        """The cheapest certified plan of all."""
+        """The certified plan that is the cheapest as it is executed."""
         solved = [result for result in self.results if result.solved]
-        return min(solved, key=lambda result: result.cost, default=None)
+        return min(solved, key=lambda result: result.executed_cost, default=None)
 
     def rows(self) -> list[dict[str, Any]]:
         """Medians over the seeds, a record a method; costs are None where the median run had no plan."""
@@ -61,22 +61,23 @@ class Comparison(Result):
         rows = []
         for method in self.methods:
             runs = self.of(method)
-            costs = np.array([run.cost for run in runs])
+            costs, executed = (np.array([getattr(run, name) for run in runs]) for name in ("cost", "executed_cost"))
             clear = [run.certificate.clearance.proven for run in runs if run.certificate and run.solved]
-            cost = _finite(np.median(costs))
+            cost, done = _finite(np.median(costs)), _finite(np.median(executed))
             rows.append(
                 {
                     "method": method,
                     "runs": len(runs),
                     "solved": sum(run.solved for run in runs),
                     "cost": cost,
+                    "executed": done,
                     "worst": _finite(costs.max()),
                     "cost_at_evaluations": _finite(np.median([cost_at(run, self.evaluations, 0) for run in runs])),
                     "cost_at_seconds": _finite(np.median([cost_at(run, self.seconds, 1) for run in runs])),
                     "evaluations": int(np.median([run.evaluations for run in runs])),
                     "seconds": float(np.median([run.seconds for run in runs])),
                     "clearance_m": float(np.median(clear)) if clear else None,
-                    "above_best": None if best is None or cost is None else cost / best.cost - 1.0,
+                    "above_best": None if best is None or done is None else done / best.executed_cost - 1.0,
                 }
             )
         return rows

@@ -9,6 +9,7 @@ import numpy as np
 
 from plan.dynamics.power import ChainTorque
 from plan.errors import TaskError
+from plan.geometry.margins import why_refused
 from plan.initial.inverse_kinematics import find_frame, reach_pose
 from plan.initial.starts import straight
 from plan.planners import Budget, Ledger
@@ -47,12 +48,11 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         remedies += [] if pose.rotation is None else ["leave its rotation out"]
         remedies += [] if not arm.locked_joints else ["let more joints move"]
         raise TaskError(task.source, what, ", or ".join(remedies))
-    goals = [q for q in ways.positions if problem.scene.distances(q).min(initial=1.0) > 0.0]
-    if not goals:
-        q = ways.positions[0]
-        pair = problem.scene.pair_name(int(np.argmin(problem.scene.distances(q))))
-        what = f"task.goal_pose: {named} comes there in {len(ways.positions)} ways, in all of them something collides"
-        raise TaskError(task.source, f"{what} ({pair} in the nearest)", "move the pose or the obstacle")
+    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways.positions]
+    goals = [q for q, reason in zip(ways.positions, refused, strict=True) if reason is None]
+    if not goals and refused[0] is not None:
+        what = f"task.goal_pose: {named} comes there in {len(refused)} ways, in all of them something is in the way"
+        raise TaskError(task.source, f"{what} (in the nearest {refused[0][0]})", "move the pose or the obstacle")
     return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from plan.dynamics.power import Metric
 from plan.geometry.boxes import Box
@@ -53,6 +54,17 @@ PAPER: dict[str, tuple[float, ...]] = {
     "Fig. 10 ppo": (58.08,),
     "Fig. 10 ga": (54.08,),
     "Fig. 11": (0.62, 0.64, 0.63),
+    "tester 1, Act.": (36.5, 62.9, 37.2, 52.9, 33.9),
+    "tester 2, Act.": (84.4, 39.7, 47.6, 37.9, 84.6),
+    "tester 3, Act.": (37.9, 52.9, 34.8, 90.9, 41.8),
+    "learned, Act.": (34.0, 32.1, 33.6, 32.8, 33.1),
+}
+# Via points of Table 3 [deg], and its wall-clock seconds; its gains follow from its joules.
+TABLE3: dict[str, tuple[tuple[tuple[float, ...], ...], float | None]] = {
+    "initial": (((60.0, 10.0, -110.0), (70.0, 20.0, -100.0)), None),
+    "brute": (((59.0, 10.5, -112.5), (72.5, 22.5, -99.0)), 40656.0),
+    "ga": (((59.7, 10.7, -112.4), (72.4, 22.9, -98.6)), 417.0),
+    "ppo": (((59.2, 12.4, -115.2), (72.6, 24.1, -99.9)), 33.0),
 }
 
 
@@ -84,6 +96,7 @@ class Line:
         paper: The paper's figures, trial by trial; empty where it has none.
         ours: Ours; infinite where there was no plan.
         cpu_seconds: Processor time of all trials [s].
+        details: Via points, seconds and gain in words, the paper's and ours; empty where the paper prints none.
     """
 
     table: str
@@ -92,6 +105,7 @@ class Line:
     paper: tuple[float, ...]
     ours: tuple[float, ...]
     cpu_seconds: float
+    details: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +181,8 @@ def _line(table: str, name: str, unit: str, paper: Sequence[float], runs: Sequen
 
 def _table3(problem: PlanningProblem, effort: Effort, progress: Progress | None) -> list[Line]:
     start = float(problem.initial_evaluation.cost[0])
-    lines = [Line("Table 3", "initial", "J", PAPER["initial"], (start,), 0.0)]
+    first = _details("initial", problem.vias, None, 0.0)
+    lines = [Line("Table 3", "initial", "J", PAPER["initial"], (start,), 0.0, first)]
     kept = replace(problem, grows=False)
     planners: dict[str, tuple[Planner, str]] = {
         "brute force": (BruteForce(levels=effort.levels), "brute"),
@@ -175,9 +190,24 @@ def _table3(problem: PlanningProblem, effort: Effort, progress: Progress | None)
         "RL (PPO)": (_ppo(effort, 1.0), "ppo"),
     }
     for name, (planner, key) in planners.items():
-        lines.append(_line("Table 3", name, "J", PAPER[key], [_run(kept, planner, 0, progress)]))
+        run = _run(kept, planner, 0, progress)
+        vias = problem.vias if run.splines is None else run.splines.points[0, 1:-1]
+        details = _details(key, vias, run.cpu_seconds, 1.0 - run.cost / start)
+        lines.append(replace(_line("Table 3", name, "J", PAPER[key], [run]), details=details))
     free = _run(problem, Sequential(), 0, progress)
     return [*lines, _line("Table 3", "default (sqp), via points free", "J", (), [free])]
+
+
+def _details(key: str, vias: Array, seconds: float | None, gain: float) -> tuple[str, str]:
+    """Via points, seconds and gain over the initial motion in words: the paper's, and ours."""
+    printed, took = TABLE3[key]
+    theirs = 1.0 - PAPER[key][0] / PAPER["initial"][0]
+    return _in_words(np.array(printed), took, theirs), _in_words(np.degrees(vias), seconds, gain)
+
+
+def _in_words(vias: Array, seconds: float | None, gain: float) -> str:
+    points = " ".join(f"({', '.join(f'{angle:.1f}' for angle in via)})" for via in vias)
+    return f"{points} deg" + ("" if seconds is None else f"; {seconds:.3g} s; gain {100 * gain:.1f} %")
 
 
 def _figure10(problem: PlanningProblem, effort: Effort, progress: Progress | None) -> Comparison:
@@ -210,12 +240,15 @@ def _tables45(
     for tester in (1, 2, 3):
         starts = taught if tester == 1 else [_taught(problem, tester, t) for t in range(effort.trials)]
         ours = tuple(float(start.initial_evaluation.cost[0]) for start in starts)
-        lines.append(Line("Table 4", f"tester {tester} (drawn here)", "J", PAPER[f"tester {tester}"], ours, 0.0))
+        name = f"tester {tester}"
+        lines.append(Line("Table 4", f"{name}, Mo. (by the model; drawn here)", "J", PAPER[name], ours, 0.0))
+        lines.append(Line("Table 4", f"{name}, Act. (on the arm)", "J", PAPER[f"{name}, Act."], (), 0.0))
         first = first or ours
     return [
         *lines,
-        _line("Table 4", "RL (PPO)", "J", PAPER["learned"], learned),
-        Line("Table 5", "tester 1 (drawn here)", "J", PAPER["taught"], first, 0.0),
+        _line("Table 4", "RL (PPO), Mo. (by the model)", "J", PAPER["learned"], learned),
+        Line("Table 4", "RL (PPO), Act. (on the arm)", "J", PAPER["learned, Act."], (), 0.0),
+        Line("Table 5", "tester 1, Act. (ours drawn here, by the model)", "J", PAPER["taught"], first, 0.0),
         _line("Table 5", "RL (PPO) from tester 1's", "J", PAPER["improved"], improved),
     ]
 
@@ -229,7 +262,8 @@ def _speed(
 ) -> tuple[list[Line], tuple[PlanningProblem, PlanResult] | None]:
     """Time compression against learning, each from an energy optimum; and the first motion before and after."""
     solved = [plan for plan in plans if plan.splines is not None and plan.solved]
-    slow = [problem.with_initial(p.splines, objective="time", free="times") for p in solved if p.splines]
+    start = {"objective": "time", "free": "times", "label": "the energy optimum that was learned"}
+    slow = [problem.with_initial(p.splines, **start) for p in solved if p.splines]
     both = [start_compressed(replace(start, free="both")) for start in slow]
     planners: dict[str, tuple[list[PlanningProblem], Planner]] = {
         "time compression, each section once": (slow, Compression("pass")),

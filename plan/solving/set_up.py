@@ -9,17 +9,24 @@ import numpy as np
 from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from ident.model.training_range import TrainingRange
+from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, Metric
 from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
 from plan.geometry.arm_shapes import StandIn
-from plan.geometry.scene import Carried, Scene
+from plan.geometry.margins import why_refused
+from plan.geometry.scene import Scene
 from plan.geometry.srdf import read_disabled
+from plan.geometry.tool import name_links, place_payload, record_carried
 from plan.initial.starts import straight
 from plan.problem.extrapolation import stay_inside
+from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
 from plan.problem.task_file import Task
+
+# What a plan without a fitted model leaves out.
+NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
 
 
 def set_up(
@@ -62,9 +69,11 @@ def set_up(
     robot = ArmModel.load(task.robot)
     if model is not None:
         model.require_robot(robot, task.source)
+    hung = name_links(robot, task.attached)
     if task.payload is not None:
-        robot = robot.with_payload(task.payload)
-        model = None if model is None else _loaded(model, task)
+        payload = place_payload(robot, task.payload, task.payload_link)
+        robot = robot.with_payload(payload)
+        model = None if model is None else _loaded(model, payload, task)
     arm, held = _moving_arm(task, robot)
     torque = (
         torque_of_robot(arm)
@@ -73,7 +82,8 @@ def set_up(
     )
     vias = straight(task.start, task.goal, task.via_points)
     trained = None if model is None else model.trained
-    limits = _limits(task, arm, None if trained is None or not reserve else trained.torque_half_width[: task.n])
+    makers = find_makers_limits(robot)
+    limits = _limits(task, arm, makers, None if trained is None or not reserve else trained.torque_half_width[: task.n])
     if inside:
         limits = stay_inside(limits, _known(model, trained))
     return PlanningProblem(
@@ -81,7 +91,7 @@ def set_up(
             arm,
             task.obstacles,
             stand_in=stand_in,
-            carried=Carried(robot.links[-1], task.attached, task.touches) if task.attached else None,
+            carried=hung,
             disabled=None if task.srdf is None else read_disabled(task.srdf, robot),
         ),
         model=torque,
@@ -89,7 +99,7 @@ def set_up(
         start=task.start,
         goal=task.goal,
         vias=vias,
-        durations=np.full(task.via_points + 1, task.duration / (task.via_points + 1)),
+        durations=np.full(task.via_points + 1, _duration(task, limits, objective) / (task.via_points + 1)),
         objective=objective,
         metric=metric,
         free=free or ("vias" if objective == "energy" else "both"),
@@ -97,6 +107,12 @@ def set_up(
         grows=free is None,
         trained=trained,
         avoid_singular=task.avoid_singular,
+        carried=record_carried(robot, hung, task.payload, task.payload_link),
+        not_the_arms=frozenset(robot.locked_joints),
+        notes=(
+            *say_limits(makers, task.makers, limits.acceleration is not None, limits.jerk is not None),
+            *(() if model is not None else (NO_FRICTION,)),
+        ),
     )
 
 
@@ -114,7 +130,7 @@ def _known(model: HybridModel | None, trained: TrainingRange | None) -> Training
 
 
 def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
-    """Raises TaskError unless start and goal keep the limits and are free of collisions."""
+    """Raises TaskError unless start and goal keep the limits and their distance from all obstacles."""
     limits, scene = problem.limits, problem.scene
     for name, q in (("task.start_deg", problem.start), ("task.goal_deg", problem.goal)):
         outside = np.flatnonzero((q < limits.lower) | (q > limits.upper))
@@ -126,16 +142,9 @@ def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
                 f"{name}: {np.degrees(q[j]):.1f} deg of {scene.arm.joint_names[j]} is out of its limits",
                 f"stay within {low:.0f} to {high:.0f} deg",
             )
-        if len(scene.pairs) == 0:
-            continue
-        distances = scene.distances(q)
-        pair = int(np.argmin(distances))
-        if distances[pair] <= 0.0:
-            raise TaskError(
-                task.source,
-                f"{name}: {scene.pair_name(pair)} collide there, {1000 * -distances[pair]:.0f} mm deep",
-                "move that position or the obstacle",
-            )
+        refused = why_refused(scene, q, limits.clearance)
+        if refused is not None:
+            raise TaskError(task.source, f"{name}: {refused[0]}", refused[1])
 
 
 def find_obstruction(problem: PlanningProblem) -> str:
@@ -143,14 +152,13 @@ def find_obstruction(problem: PlanningProblem) -> str:
     duration = float(problem.durations.sum())
     if not duration > 0.0:
         return "the duration is zero"
-    limits, ends = problem.limits, np.stack([problem.start, problem.goal])
+    limits, ends = problem.limits, problem.ends
     for name, q in zip(("start", "goal"), ends, strict=True):
         if np.any(q < limits.lower) or np.any(q > limits.upper):
             return f"the {name} is out of the position limits"
-        distances = problem.scene.distances(q)
-        if distances.min(initial=1.0) <= 0.0:
-            pair = int(np.argmin(distances))
-            return f"the {name} is in collision: {problem.scene.pair_name(pair)}"
+        refused = why_refused(problem.scene, q, limits.clearance)
+        if refused is not None:
+            return f"the {name} is not allowed: {refused[0]}"
     need, bound = shortest_duration(problem)
     if problem.objective == "energy" and duration < need:
         return f"{duration:g} s is too short: at the {bound} limits it takes {need:.3f} s at least"
@@ -170,14 +178,32 @@ def shortest_duration(problem: PlanningProblem) -> tuple[float, str]:
     Half of a way d needs √(d / a) at an acceleration a; and a speed that is a parabola of curvature j, as high as it
     can be over a time T, covers j T³ / 12.
     """
-    limits, way = problem.limits, np.abs(problem.goal - problem.start)
+    found = _need(problem.limits, np.abs(problem.goal - problem.start))
+    name = max(found, key=lambda key: found[key])
+    return found[name], name
+
+
+def _need(limits: Limits, way: Array) -> dict[str, float]:
+    """Shortest durations of a way of each joint by each kind of limit [s]."""
     found = {"speed": float(np.max(way / limits.speed))}
     if limits.acceleration is not None:
         found["acceleration"] = float(np.max(2.0 * np.sqrt(way / limits.acceleration)))
     if limits.jerk is not None:
         found["jerk"] = float(np.max(np.cbrt(12.0 * way / limits.jerk)))
-    name = max(found, key=lambda key: found[key])
-    return found[name], name
+    return found
+
+
+def _duration(task: Task, limits: Limits, objective: Objective) -> float:
+    """The task's duration [s]; where time is the objective and none is given, one that the limits allow.
+
+    Raises:
+        TaskError: The energy of a motion without a duration is none.
+    """
+    if task.duration is not None:
+        return task.duration
+    if objective == "energy":
+        raise TaskError(task.source, "task.duration_s is missing", "add it; only --objective time does without")
+    return 2.0 * max(_need(limits, np.abs(task.goal - task.start)).values()) or 1.0  # of a pose the way is unknown
 
 
 def with_energy(problem: PlanningProblem) -> PlanningProblem:
@@ -204,12 +230,12 @@ def _moving_arm(task: Task, robot: ArmModel) -> tuple[ArmModel, Array]:
     return reduce_arm(robot, task.n, list(held)), np.array(held)
 
 
-def _loaded(model: HybridModel, task: Task) -> HybridModel:
-    """The model with the task's payload on its arm."""
+def _loaded(model: HybridModel, payload: Payload, task: Task) -> HybridModel:
+    """The model with a payload on its arm, given in the last link's frame."""
     if len(model.joint_names) < model.robot.n:
         what = f"[payload] hangs on the last link, the model knows {len(model.joint_names)} of {model.robot.n} joints"
         raise TaskError(task.source, what, "fit a model of all joints (--links 6)")
-    return replace(model, arm=model.arm.with_payload(task.payload))
+    return replace(model, arm=model.arm.with_payload(payload))
 
 
 def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
@@ -223,8 +249,8 @@ def _held_by_model(model: HybridModel, held: Array, task: Task) -> Array:
     return held[: len(model.joint_names) - task.n]
 
 
-def _limits(task: Task, arm: ArmModel, reserve: Array | None) -> Limits:
-    """The robot's limits within those of the task.
+def _limits(task: Task, arm: ArmModel, makers: MakersLimits | None, reserve: Array | None) -> Limits:
+    """The robot's limits within those of the task; of acceleration and jerk its maker's, where the task gives none.
 
     Raises:
         TaskError: They leave nothing.
@@ -241,13 +267,19 @@ def _limits(task: Task, arm: ArmModel, reserve: Array | None) -> Limits:
         if reserve is not None and not usable[j] > 0.0:
             what = f"{joint} may use {torque[j]:g} N m, and the model's torque is known to {reserve[j]:.2g} N m only"
             raise TaskError(task.source, what, "raise limits.torque_Nm, or give --no-reserve")
+    bound = makers if makers is not None and makers.binding and task.makers else None
     return Limits(
         lower,
         upper,
         arm.velocity_limit if task.speed is None else task.speed,
         usable,
         task.clearance,
-        task.acceleration,
-        task.jerk,
+        _first(task.acceleration, None if bound is None else bound.acceleration, task.n),
+        _first(task.jerk, None if bound is None else bound.jerk, task.n),
         reserve,
     )
+
+
+def _first(own: Array | None, makers: Array | None, count: int) -> Array | None:
+    """The task's own limit, else the maker's of as many joints as move."""
+    return own if own is not None or makers is None else makers[:count]

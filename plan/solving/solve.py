@@ -17,7 +17,7 @@ from plan.planners.base import Planner, Progress
 from plan.planners.compression import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.problem import PlanningProblem
+from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, Status, certify, certify_standing
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
@@ -31,8 +31,13 @@ ENERGY_FIRST = 600
 GAP_SECONDS = 60.0
 # Longest search for initial trajectories where no budget says less, and its share of a budget [s].
 STARTS_SECONDS, STARTS_SHARE = 60.0, 0.5
-# Times that a plan whose dense check fails is searched anew with tightened limits.
-MENDS = 3
+# Times that a plan whose dense check fails is searched anew with tightened limits, by each way of searching; what each
+# may take in any case and at most [s], and trajectories at most. Where the budget is spent only one quick look is left.
+MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
+# A mended motion that costs more than the found one by no more than this share ends the mending.
+HARDLY = 0.002
+# Factors by which a motion is slowed down to keep its limits between the search's samples.
+SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +152,8 @@ def solve(
         "seed": seed,
         "robot": problem.scene.arm.name,
         "joints": problem.scene.arm.joint_names,
-        "held": problem.scene.arm.locked_joints,
+        "held": problem.held,
+        "carried": problem.carried,
     }
     if np.array_equal(problem.start, problem.goal):
         return _standing(problem, head)
@@ -161,7 +167,6 @@ def solve(
         starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, seconds)
     planner.run(starts.problems, ledger, rng)
-    spent, busy = ledger.seconds, ledger.cpu_seconds
     best, certificate = _certified(ledger, rng)
     status, reason = _judge(best, certificate, ledger, starts)
     result = PlanResult(
@@ -170,17 +175,20 @@ def solve(
         splines=None if best is None else best.splines,
         certificate=certificate,
         evaluations=ledger.evaluations,
-        seconds=spent,
-        cpu_seconds=busy,
         bound=lower_bound(problem),
         starts=_start_records(starts, ledger),
         history=tuple(ledger.history),
-        notes=tuple(ledger.notes),
+        notes=(*problem.notes, *_cuts(certificate), *ledger.notes),
         **head,
     )
     if gap and result.solved:
-        result = replace(result, reference_gap=_gap(result, method, starts, rng))
-    return result
+        result = replace(result, reference_gap=_gap(result, method, starts))
+    return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
+
+
+def _cuts(certificate: Certificate | None) -> tuple[str, ...]:
+    """Pairs that keep less than what was asked for, in words."""
+    return () if certificate is None else tuple(str(cut) for cut, _ in certificate.cuts)
 
 
 def _standing(problem: PlanningProblem, head: dict[str, Any]) -> PlanResult:
@@ -188,8 +196,8 @@ def _standing(problem: PlanningProblem, head: dict[str, Any]) -> PlanResult:
     splines, certificate = certify_standing(problem)
     if certificate.broken:
         return PlanResult("infeasible", reason="; ".join(certificate.broken), **head)
-    note = "start and goal are the same: a plan of zero length"
-    return PlanResult("solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=(note,), **head)
+    notes = ("start and goal are the same: a plan of zero length", *problem.notes, *_cuts(certificate))
+    return PlanResult("solved", splines=splines, certificate=certificate, reference_gap=0.0, notes=notes, **head)
 
 
 def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:
@@ -197,49 +205,70 @@ def _fingerprint(problem: PlanningProblem, method: str, seed: int) -> str:
     ends = problem.start.tolist(), problem.goal.tolist(), problem.durations.tolist()
     model = problem.model.torque(*(np.full((1, 1, problem.n), 0.1 * (i + 1)) for i in range(3))).tolist()
     limits = [part.tolist() for part in (problem.limits.lower, problem.limits.upper, problem.limits.torque)]
-    search = (problem.objective, problem.metric, problem.free, problem.radius, problem.margin)
+    search = (problem.objective, problem.metric, problem.free, problem.radius, problem.margins.pairs.tolist())
     return repr((method, seed, ends, boxes, limits, search, model))
 
 
 def _certified(ledger: Ledger, rng: np.random.Generator) -> tuple[Candidate | None, Certificate | None]:
-    """The best candidate and its dense check; mended where the search's samples had missed something."""
+    """The best candidate and its dense check; mended where the search's samples had missed something.
+
+    Mending ends at the first motion that passes and costs hardly more than what was found.
+    """
     best = ledger.best
     if best is None:
         return None, None
     problem, certificate = best.problem, certify(best.problem, best.splines)
-    for turn in range(MENDS):
-        if not certificate.broken or not best.feasible:
-            break
-        ledger.notes.append(f"mended between the search's samples: {'; '.join(certificate.broken)}")
-        tried = [(mended, certify(problem, mended.splines)) for mended in _mended(best, certificate, rng, turn)]
-        allowed = [pair for pair in tried if not pair[1].broken]
-        if allowed:
-            return min(allowed, key=lambda pair: pair[0].cost)
-    return best, certificate
+    if not certificate.broken or not best.feasible:
+        return best, certificate
+    ledger.notes.append(f"mended between the search's samples: {'; '.join(certificate.broken)}")
+    passed: list[tuple[Candidate, Certificate]] = []
+    for mended in _mended(best, certificate, ledger, rng):
+        if passed and mended.cost >= passed[0][0].cost:
+            continue
+        checked = certify(problem, mended.splines)
+        if not checked.broken:
+            passed = [(mended, checked)]
+            if mended.cost <= best.cost + HARDLY * abs(best.cost):
+                break
+    return passed[0] if passed else (best, certificate)
 
 
-def _mended(best: Candidate, certificate: Certificate, rng: np.random.Generator, turn: int) -> Iterator[Candidate]:
-    """The motion slowed down a little, where time is free; or found anew with limits tighter by what was broken."""
-    problem, limits = best.problem, best.problem.limits
-    if problem.objective == "time" and problem.searches_times:
-        for factor in 1.0 + 0.002 * 1.5 ** np.arange(10):
-            splines = Splines(best.splines.points, best.splines.durations * factor)
-            slower = problem.with_initial(splines)
-            yield Candidate(slower, slower.initial, float(splines.total[0]), 0.0)
+def _mended(best: Candidate, certificate: Certificate, ledger: Ledger, rng: np.random.Generator) -> Iterator[Candidate]:
+    """The motion slowed down a little, where time is free; or found anew with limits tighter by what was broken.
+
+    What is quick comes first: gradients from where the motion is; where they don't help, and time is left, CMA-ES.
+    """
+    problem, kept = best.problem, not certificate.too_near
+    if kept and problem.objective == "time" and problem.searches_times:
+        for factor in SLOWER:
+            slower = problem.with_initial(Splines(best.splines.points, best.splines.durations * factor))
+            yield Candidate(slower, slower.initial, best.cost * factor, 0.0)
+    ways: list[Planner] = [Evolution(step=0.01, most=MEND_EVALUATIONS)]
+    if isinstance(problem.model, ChainTorque) and problem.grows and problem.free != "times":
+        ways.insert(0, Sequential(starts=1, more=0, levels=(0, 0)))
+    for planner in ways:
+        for turn in range(MENDS):
+            if ledger.remaining == 0 and (turn > 0 or planner is not ways[0]):
+                return
+            seconds = np.clip(ledger.budget.seconds - ledger.cpu_seconds, *MEND_SECONDS)
+            own = Ledger(Budget(10**9, float(seconds)))
+            tighter = _tightened(problem.limits, certificate, turn)
+            planner.run([problem.with_initial(best.splines, limits=tighter, radius=0.15, label="mended")], own, rng)
+            ledger.count(own.evaluations)
+            found = own.best
+            if found is not None and found.feasible:
+                yield Candidate(found.problem, found.x, found.cost, 0.0)
+
+
+def _tightened(limits: Limits, certificate: Certificate, turn: int) -> Limits:
+    """Limits tighter by what a motion broke, and a little more from turn to turn."""
     slack = 1.002 + 0.01 * turn
-    short = certificate.clearance.proven < certificate.asked_clearance
-    tighter = replace(
+    return replace(
         limits,
         torque=limits.torque / np.maximum(certificate.torque_share * slack, 1.0),
         speed=limits.speed / np.maximum(certificate.speed_share * slack, 1.0),
-        clearance=limits.clearance + 0.002 * (turn + 1) * short,
+        clearance=limits.clearance + 0.002 * (turn + 1) * bool(certificate.too_near),
     )
-    around = problem.with_initial(best.splines, limits=tighter, radius=0.15)
-    ledger = Ledger(Budget(10**9, 30.0))
-    Evolution(step=0.01, most=3000).run([around], ledger, rng)
-    found = ledger.best
-    if found is not None and found.feasible:
-        yield Candidate(around, found.x, found.cost, 0.0)
 
 
 def _judge(
@@ -277,14 +306,14 @@ def _start_records(starts: Starts, ledger: Ledger) -> tuple[dict[str, Any], ...]
     return tuple(records.values())
 
 
-def _gap(result: PlanResult, method: str, starts: Starts, rng: np.random.Generator) -> float | None:
+def _gap(result: PlanResult, method: str, starts: Starts) -> float | None:
     """Cost above the default method's, as a share; below zero where this one found better."""
     if method == DEFAULT_METHOD:
         return 0.0
     if not isinstance(starts.problems[0].model, ChainTorque):
         return None
     ledger = Ledger(Budget(200_000, GAP_SECONDS))
-    Sequential().run(starts.problems, ledger, rng)
+    Sequential().run(starts.problems, ledger, np.random.default_rng(result.seed))
     if ledger.best is None or not ledger.best.feasible:
         return None
     known = _cost(ledger.best, ledger.best.splines)

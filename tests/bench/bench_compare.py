@@ -28,7 +28,7 @@ from ident.plant.causes import Circumstances, find_cause
 from ident.plant.hardware import nominal_hardware
 from ident.plant.request import EffectRequest
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
-from ident.plant.world_presets import PRESETS, settle
+from ident.plant.world import PRESETS, settle
 from ident.robot.arm import ArmModel
 
 KINDS = ("payload", "friction_change", "torque_gain_error", "torque_offset", "link_inertial_error")

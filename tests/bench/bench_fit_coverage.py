@@ -31,8 +31,7 @@ from ident.model.loss import NAMES
 from ident.opening import open_sessions
 from ident.plant.hardware import Hardware
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
-from ident.plant.world import World
-from ident.plant.world_presets import find_worlds
+from ident.plant.world import World, find_worlds
 from ident.robot.arm import ArmModel
 
 KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")

@@ -22,10 +22,10 @@ import numpy as np
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.write import write_patch
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
-from ident.patches.change import Diagnosed
-from ident.patches.command import write_patch
 from ident.plant.simulate import Simulation, SimulationOptions, simulate
 from ident.robot.arm import ArmModel
 from ident.telemetry import inspect_sessions

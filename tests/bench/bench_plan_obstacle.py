@@ -19,7 +19,7 @@ from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
-from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.problem.result import PlanResult
 from plan.solving.compare import Comparison, cost_at
 from plan.solving.solve import find_starts, solve
@@ -28,7 +28,7 @@ TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
 SEEDS = range(5)
 SPENT = ("seconds", "cpu_seconds", "evaluations")
 ROWS: dict[str, tuple[Planner, int]] = {
-    "reference": (Reference(), 3),
+    "reference": (Sequential(named=True), 3),
     "CMA-ES": (Evolution(), 5),
     "PPO, 2100 epochs as the paper": (Ppo(), 5),
     "PPO, 2100 epochs, paper's reward": (Ppo(reward="paper"), 5),

@@ -182,7 +182,7 @@ def by(history: Sequence[tuple[int, float, float]], seconds: float) -> float:
 
 
 def tree_path(task: PlanningProblem, seed: int) -> np.ndarray | None:
-    options = TreeOptions(margin=task.margin, nodes=20000)
+    options = TreeOptions(margins=task.margins, nodes=20000)
     low, high = np.maximum(task.limits.lower, -np.pi), np.minimum(task.limits.upper, np.pi)
     found = connect(task.scene, task.start, task.goal, low, high, options, np.random.default_rng(seed))
     return prune(task.scene, found.points, options) if found.found else None

@@ -30,14 +30,14 @@ from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic
 from plan.planners.ppo import Ppo
-from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.solving.solve import solve
 
 BASE = Path(__file__).parents[1] / "plan/data/table3.toml"
 CHECKED = 10_000
-METHODS: tuple[Planner, ...] = (Evolution(), Ppo(), Reference(screening=100, finalists=1), PaperGenetic())
+METHODS: tuple[Planner, ...] = (Evolution(), Ppo(), Sequential(named=True), PaperGenetic())
 EVALUATIONS = 2500
 
 

@@ -23,7 +23,7 @@ from plan.planners.brute_force import BruteForce
 from plan.planners.evolution import Evolution
 from plan.planners.genetic import PaperGenetic, StrongGenetic
 from plan.planners.ppo import Ppo
-from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.solving.solve import solve
@@ -33,7 +33,7 @@ PAPER = {"initial": 51.11, "brute": 45.46, "ga": 45.73, "ppo": 46.68}
 # Every method with its number of seeds.
 ROWS: dict[str, tuple[Planner, int]] = {
     "brute force, 11⁶": (BruteForce(), 1),
-    "reference": (Reference(), 5),
+    "reference": (Sequential(named=True), 5),
     "CMA-ES": (Evolution(), 5),
     "GA as the paper, 100 × 200, in batches": (PaperGenetic(), 5),
     "GA as the paper, one child at a time": (PaperGenetic(serial=True), 1),
@@ -94,7 +94,7 @@ def metrics(model: str, absolute: PlanResult) -> None:
         problem = problem_of(model, metric)
         initial = certify(problem, problem.decode(problem.initial)).energy[metric]
         brute = absolute if metric == "absolute" else run(problem, BruteForce(), 0)
-        reference, ppo = (run(problem, planner, 0) for planner in (Reference(), Ppo(epochs=500)))
+        reference, ppo = (run(problem, planner, 0) for planner in (Sequential(named=True), Ppo(epochs=500)))
         assert brute.splines is not None
         vias = np.degrees(brute.splines.points[0, 1:-1]).round(1).tolist()
         gain = 100 * (1 - reference.cost / initial)

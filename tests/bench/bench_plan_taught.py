@@ -23,7 +23,7 @@ from plan.planners.base import Planner
 from plan.planners.compression import Compression, start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.ppo import Ppo
-from plan.planners.reference import Reference
+from plan.planners.sequential import Sequential
 from plan.planners.toppra import Toppra
 from plan.problem.problem import Free, PlanningProblem
 from plan.problem.result import PlanResult, certify
@@ -109,9 +109,9 @@ def speed_table(title: str, problem: PlanningProblem, plans: list[PlanResult], o
         "time compression, per section, one pass": once,
         "time compression, per section, in balance": sections,
         "PPO, time stamps": ppo,
-        "reference, time stamps": [optimise(s, Reference(), t) for t, s in enumerate(starts)],
+        "reference, time stamps": [optimise(s, Sequential(named=True), t) for t, s in enumerate(starts)],
         "PPO, time stamps and via points": [optimise(s, Ppo(), t) for t, s in enumerate(both)],
-        "reference, time stamps and via points": [optimise(s, Reference(), t) for t, s in enumerate(both)],
+        "reference, time stamps and via points": [optimise(s, Sequential(named=True), t) for t, s in enumerate(both)],
     }
     for name, runs in rows.items():
         row(f"{name} [s]", [r.cost for r in runs])

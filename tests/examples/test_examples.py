@@ -1,9 +1,8 @@
-"""What the README, the how-tos and the example scripts tell a reader to type does what they say."""
+"""What the README, the documentation and the example scripts tell a reader to type does what they say."""
 
 from __future__ import annotations
 
-import html
-import inspect
+import json
 import re
 import shlex
 import subprocess
@@ -13,19 +12,20 @@ from pathlib import Path
 import pytest
 import typer
 
-import ident
-import plan
+from docs import write
+from examples import find_and_patch_an_effect, panda_from_a_bag, plan_with_the_patched_model
 from ident.cli import app as ident_app
 from ident.robot.names import data_path
 from plan.cli import app as plan_app
-from tests.examples import find_and_patch_an_effect, panda_from_a_bag, plan_with_the_patched_model
 
-HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
-SNIPPETS = re.findall(
-    r"^## … (.*?)\n.*?```python\n(.*?)```", (HERE / "README.md").read_text(), re.DOTALL | re.MULTILINE
-)
-PAGES = [ROOT / "README.md", ROOT / "logs" / "README.md", HERE / "README.md"]
+ROOT = Path(__file__).parents[2]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+SNIPPETS = [
+    (f"{page.stem} {number}", snippet)
+    for page in DOCS
+    for number, snippet in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL))
+]
+PAGES = [ROOT / "README.md", ROOT / "logs" / "README.md", *DOCS]
 COMMANDS = {"ident": ident_app.app, "plan": plan_app.app}
 LONGEST_SCRIPT = 40
 
@@ -58,14 +58,14 @@ def test_every_told_command_is_one_with_these_options(command: str) -> None:
 
 
 @pytest.mark.parametrize(("title", "snippet"), SNIPPETS, ids=[title for title, _ in SNIPPETS])
-def test_snippets_of_the_how_tos_run(title: str, snippet: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_snippets_of_the_documentation_run(title: str, snippet: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     exec(compile(snippet, title, "exec"), {"__name__": title})
 
 
 def test_readme_shows_python_that_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """With recordings of the shipped arm in place of the reader's."""
-    (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    snippet = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[-1]
     one_run = sorted(data_path("logs/tm5_900/E1").glob("*.parquet"))[0]
     snippet = snippet.replace('"my_session"', repr(str(one_run))).replace('"my_arm.urdf"', '"tm5-900"')
     monkeypatch.chdir(tmp_path)
@@ -73,9 +73,52 @@ def test_readme_shows_python_that_runs(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 
 def test_scripts_are_short_enough_to_be_read() -> None:
-    for script in HERE.glob("*.py"):
-        if not script.name.startswith(("test_", "__", "write_")):
-            assert len(script.read_text().splitlines()) <= LONGEST_SCRIPT
+    for script in (ROOT / "examples").glob("*.py"):
+        assert len(script.read_text().splitlines()) <= LONGEST_SCRIPT
+
+
+def test_every_figure_on_a_page_is_that_of_the_data_file() -> None:
+    assert write.main(["--check"]) == 0
+
+
+def test_the_front_page_is_short_and_shows_few_numbers() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 150
+    sure = text.partition("## How sure")[2].partition("\n## ")[0]
+    told = re.sub(r"`[^`]*`|commit \w+|\d{4}-\d\d-\d\d|Seed \d+", "", sure)
+    assert len(re.findall(r"\d[\d.,]*", told)) <= 40
+
+
+def test_every_link_between_pages_leads_somewhere() -> None:
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md"]:
+        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).exists() or link.startswith("reference/"), f"{page.name}: {link}"
+
+
+def test_the_references_have_every_key_and_command() -> None:
+    """Made from the tables by which the readers refuse what they do not know."""
+    assert "| `columns` |" in write.session_keys()
+    assert "| `start_deg` |" in write.scene_keys()
+    assert "## ident diagnose" in (found := write.commands())
+    assert "`--robot`" in found
+
+
+@pytest.mark.slow
+def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((ROOT / "examples" / "diagnosis.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    exec(compile(code, "notebook", "exec"), {"__name__": "notebook"})
+    assert (tmp_path / "out" / "notebook" / "patch" / "robot.urdf").is_file()
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    assert write.main([]) == 0
+    build = ["-m", "mkdocs", "build", "--quiet", "--config-file", ".ci/mkdocs.yml", "--site-dir", str(tmp_path)]
+    done = subprocess.run([sys.executable, *build], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "diagnose" in (tmp_path / "api.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -98,16 +141,3 @@ def test_a_plan_on_the_patched_model(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_panda_from_a_bag(real_data: Path, tmp_path: Path) -> None:
     panda_from_a_bag.main(real_data / "panda/unisa_fer/panda_exciting_trajectory.db3", tmp_path)
     assert {path.name for path in tmp_path.iterdir()} >= {"model", "why.json", "why.png"}
-
-
-@pytest.mark.slow
-def test_the_reference_has_every_public_name_with_its_text(tmp_path: Path) -> None:
-    """As `make api` writes it; in a process of its own, for it loads all names of both packages."""
-    subprocess.run([sys.executable, HERE / "write_api.py", tmp_path], check=True, cwd=ROOT)
-    for package in (ident, plan):
-        page = (tmp_path / f"{package.__name__}.html").read_text(encoding="utf-8")
-        for name in package.__all__:
-            text = inspect.getdoc(getattr(package, name))
-            assert f'id="{name}"' in page
-            assert text is not None
-            assert html.escape(text.split(".")[0].split("`")[0].split("\n")[0][:30], quote=False) in page

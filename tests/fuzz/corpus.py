@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from plyfile import PlyData, PlyElement
 from pypcd4 import PointCloud
 from rosbags.rosbag2 import StoragePlugin
+from scipy.io import savemat
 
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
@@ -27,10 +29,12 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from plan.planners import Budget, Ledger
 from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
-from tests.ident.patches.diagnoses import write_diagnosis
+from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.recordings.test_bags import rows_of, write_bag
+from tests.ident.recordings.test_foreign_files import write_old_bag
 
 ROWS = 120
+JOINTS = [f"joint_{k}" for k in range(1, 7)]
 KEY = bytes(range(16))
 # Of the net that is trained rather than solved for; its checkpoint is written at the tenth epoch.
 OPTIONS = replace(PRESETS["paper"], epochs=10, hidden=(8, 4))
@@ -75,13 +79,28 @@ def _recordings(folder: Path) -> None:
     pq.write_table(table, folder / "run.parquet")
     pacsv.write_csv(table, folder / "run.csv")
     np.savez(folder / "run.npz", **{name: table[name].to_numpy() for name in table.column_names})
+    arrays = {name: np.column_stack([table[f"{joint}/{name}"] for joint in JOINTS]) for name in ("position", "effort")}
+    savemat(folder / "matlab.mat", {"time": table["time"].to_numpy(), "joints": JOINTS, **arrays})
+    _data_set(folder / "set", table["time"], arrays)
     foreign = [",".join(map(str, row.values())).replace(",", " ; ") for row in islice(table.to_pylist(), ROWS)]
     (folder / "foreign.txt").write_text("\n".join(foreign))
     columns = "\n".join(f'{k} = "{name}"' for k, name in enumerate(table.column_names, start=1))
     (folder / "foreign.toml").write_text(f"[columns]\n{columns}\n")
     recording = load_session(folder / "run.parquet").runs[0]
+    write_old_bag(folder / "old.bag", recording)
     for storage in StoragePlugin:
         write_bag(folder / f"bag_{storage.name}", rows_of(recording), storage)
+
+
+def _data_set(folder: Path, time: pa.ChunkedArray, arrays: dict[str, np.ndarray]) -> None:
+    """The same as a LeRobot data set."""
+    lists = {"observation.state": arrays["position"].tolist(), "observation.effort": arrays["effort"].tolist()}
+    columns = {**lists, "timestamp": time, "episode_index": [0] * len(time)}
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data/chunk-000").mkdir(parents=True)
+    features = {name: {"dtype": "float32", "shape": [6], "names": JOINTS} for name in lists}
+    (folder / "meta/info.json").write_text(json.dumps({"fps": 200, "features": features}))
+    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
 
 
 def _model(folder: Path, arm: ArmModel, net: bool) -> None:

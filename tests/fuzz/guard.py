@@ -29,19 +29,22 @@ class Guard:
         allowed: Folders that may be written to.
         done: What was done that must not be, in words.
         read: Paths that were opened for reading.
+        compiled: Texts that became code that can be run; an expression that is only parsed is none.
     """
 
     def __init__(self) -> None:
         self.allowed: tuple[Path, ...] = ()
         self.done: list[str] = []
         self.read: list[str] = []
+        self.compiled: list[str] = []
         self._on = False
         sys.addaudithook(self._hear)  # for the life of the process: a hook can't be taken away
 
     @contextmanager
     def watching(self, *allowed: Path) -> Iterator[Guard]:
         """On for a block; what was noted before is forgotten."""
-        self.allowed, self.done, self.read, self._on = tuple(path.resolve() for path in allowed), [], [], True
+        self.allowed, self.done, self.read = tuple(path.resolve() for path in allowed), [], []
+        self.compiled, self._on = [], True
         try:
             yield self
         finally:
@@ -53,6 +56,8 @@ class Guard:
         if event == "open":
             self._opened(*arguments)
             return
+        if event == "exec" or (event == "compile" and "<unknown>" not in repr(arguments)):
+            self.compiled.append(repr(arguments)[:300])
         paths = [one for one in arguments if isinstance(one, str | bytes | Path)]
         if event in (*RUNNING, *NETWORK, "pickle.find_class") or (event in CHANGING and not all(map(self._may, paths))):
             self.done.append(f"{event} {arguments!r}"[:300])

@@ -14,14 +14,14 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
 from ident.effects.catalogue import load_catalogue
+from ident.export.identified import Diagnosed
 from ident.model.checkpoint_folder import NAME as CHECKPOINT
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.residual_net import ResidualNet, fit_residual_net
 from ident.ownership import require_own_folder
-from ident.patches.change import Diagnosed
 from ident.plant.answer import ENVELOPE_NAME, open_envelope, read_answer
-from ident.plant.world_presets import find_world
+from ident.plant.world import find_world
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
@@ -130,7 +130,7 @@ def check_task(task: Any) -> None:
 
 
 def check_boxes(around: Any) -> None:
-    for box in (*around.obstacles, *around.attached):
+    for box in (*around.obstacles, *(one.box for one in around.attached)):
         finite("an obstacle", box.centre, box.rotation, box.half)
 
 
@@ -161,7 +161,14 @@ def recordings(folder: Path, arm: ArmModel) -> list[Kind]:
     def bag(path: Path) -> TelemetryReport:
         return load(path.parent)
 
+    def data_set(path: Path) -> TelemetryReport:
+        return load(path.parents[2])
+
     found = [Kind(path.suffix[1:], path, load, check_loaded) for path in (folder / "run.parquet", folder / "run.npz")]
+    found += [Kind("mat", folder / "matlab.mat", load, check_loaded, 0.3)]
+    found += [Kind("bag", folder / "old.bag", load, check_loaded, 0.3)]
+    found += [Kind("lerobot", folder / "set/data/chunk-000/file-000.parquet", data_set, check_loaded, 0.3)]
+    found += [Kind("info.json", folder / "set/meta/info.json", lambda path: load(path.parents[1]), check_loaded, 0.3)]
     found += [Kind("csv", folder / "run.csv", load, check_loaded, 0.3)]
     found += [Kind("foreign text", folder / "foreign.txt", load, check_loaded, 0.1)]
     found += [Kind(path.suffix[1:], path, load, check_loaded, 0.5) for path in bags]

@@ -304,6 +304,8 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "parquet": (lengthen, *BYTES),
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
+    "bag": (lengthen, *BYTES),
+    "mat": (lengthen, *BYTES),
     "yaml": (change_words, change_words, change_rows, *BYTES),
     "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),

@@ -82,8 +82,10 @@ def test_a_diagnosis_keeps_its_verdict_and_its_names(count: int) -> None:
         [(one["effect"], one["joints"]) for one in each["findings"]] for each in (record, clean_record)
     )
     assert names == clean_names == [("spring_torque", ["joint_3"])]
-    for joint, figures in clean_record["gap"].items():
-        assert record["gap"][joint]["rms_Nm"] == pytest.approx(figures["rms_Nm"], rel=0.1, abs=0.05)
+    # What a cause without its name leaves at other joints hangs on how the links were tuned about it.
+    assert record["gap"]["joint_3"]["rms_Nm"] == pytest.approx(clean_record["gap"]["joint_3"]["rms_Nm"], rel=0.1)
+    for joint, left in clean_record["heldout"]["rms_after_Nm"].items():
+        assert record["heldout"]["rms_after_Nm"][joint] == pytest.approx(left, rel=0.1, abs=0.002)
 
 
 def test_a_thousand_are_refused_by_name() -> None:

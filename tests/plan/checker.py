@@ -224,12 +224,24 @@ class Crate:
 
 
 class World:
-    """Coal on the URDF's own geometry and the scene's boxes, clouds and height fields."""
+    """Coal on the URDF's own geometry and the scene's boxes, clouds and height fields, and boxes that are carried.
 
-    def __init__(self, urdf: Path, packages: list[str], scene: dict[str, Any], folder: Path = Path()) -> None:
+    What is carried names its link, or hangs on the frame given as the arm's tip.
+    """
+
+    def __init__(
+        self, urdf: Path, packages: list[str], scene: dict[str, Any], folder: Path = Path(), tip: str = ""
+    ) -> None:
         self.model = pin.buildModelFromUrdf(str(urdf))
         self.shapes = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.COLLISION, package_dirs=packages)
         self.data = self.model.createData()
+        self.carried = {entry["name"] for entry in scene.get("attached", [])}
+        for entry in scene.get("attached", []):
+            number = self.model.getFrameId(entry.get("link", tip))
+            r, _ = place(ET.Element("origin", rpy=" ".join(map(str, entry.get("rpy_rad", [0, 0, 0])))))
+            at = self.model.frames[number].placement * pin.SE3(r, np.array(entry["xyz_m"], dtype=float))
+            joint, box = self.model.frames[number].parentJoint, coal.Box(*entry["size_m"])
+            self.shapes.addGeometryObject(pin.GeometryObject(entry["name"], joint, number, at, box))
         self.things: list[tuple[str, Crate | Scan | Field]] = []
         for one in self.shapes.geometryObjects:
             one.geometry.computeLocalAABB()
@@ -243,12 +255,24 @@ class World:
             else:
                 self.things.append((entry["name"], Crate(entry["size_m"], *at)))
 
-    def near(self, named: dict[str, float], q: np.ndarray, left_out: set[frozenset[str]], margin: float) -> list[str]:
-        """Pairs that come nearer than a margin somewhere along T positions of named joints."""
+    def near(
+        self,
+        named: dict[str, float],
+        q: np.ndarray,
+        left_out: set[frozenset[str]],
+        margin: float,
+        kept: dict[frozenset[str], float] | None = None,
+    ) -> list[str]:
+        """Pairs that come nearer than a margin somewhere along T positions of named joints.
+
+        Links among themselves keep what `kept` says of them, else the margin, or what they have at the ends if less;
+        where `kept` is not given they must not touch.
+        """
         request = coal.CollisionRequest()
         found: set[str] = set()
         objects = list(self.shapes.geometryObjects)
-        links = [self.model.frames[one.parentFrame].name for one in objects]
+        frames = self.model.frames
+        links = [one.name if one.name in self.carried else frames[one.parentFrame].name for one in objects]
         whole = pin.neutral(self.model)
         # A column follows a joint by name; held joints stay at their places.
         columns = []
@@ -268,7 +292,8 @@ class World:
             if carried[a] != carried[b]
             and not ({frozenset((links[a], links[b])), frozenset((objects[a].name, objects[b].name))} & left_out)
         ]
-        for row in q:
+        least = dict.fromkeys(pairs, 0.0 if kept is None else margin)
+        for number, row in enumerate((q[0], q[-1], *q)):
             for index, k in columns:
                 whole[index] = row[k]
             pin.forwardKinematics(self.model, self.data, whole)
@@ -281,9 +306,13 @@ class World:
                 for name, thing in self.things:
                     if thing.hits(one.geometry, poses[k], request):
                         found.add(f"{links[k]} and {name}")
-            request.security_margin = 0.0
             for a, b in pairs:
                 shapes = objects[a].geometry, poses[a], objects[b].geometry, poses[b]
+                if kept is not None and number < 2:
+                    apart = coal.distance(*shapes, coal.DistanceRequest(), coal.DistanceResult())
+                    least[a, b] = min(least[a, b], max(apart - SHORT, 0.0))
+                reported = np.inf if kept is None else kept.get(frozenset((links[a], links[b])), np.inf)
+                request.security_margin = max(min(least[a, b], reported - SHORT), 0.0)
                 if coal.collide(*shapes, request, coal.CollisionResult()):
                     found.add(f"{links[a]} and {links[b]}")
         return sorted(found)
@@ -334,5 +363,6 @@ def faults(
     left_out = {frozenset(pair["links"]) for pair in plan["unchecked_pairs"]}
     named = {**dict.fromkeys(plan["joints"], float("nan")), **plan["held"]}
     some = q[:: max(1, FINE // COARSE)]
-    found += world.near(named, some, left_out, limits["clearance"] - SHORT)
+    kept = {frozenset(cut["links"]): cut["kept_m"] for cut in plan["clearance_cuts"]}
+    found += world.near(named, some, left_out, limits["clearance"] - SHORT, kept)
     return found

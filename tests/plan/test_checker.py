@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
@@ -65,6 +66,35 @@ def test_sound_plans_pass_and_touched_ones_do_not(arm: ArmModel, folder: Path) -
     assert "speed" in faster
     assert "torque" in faster
     assert "goal is another" in found(goal_rad=[0.0, 0.0, 0.0])
+
+
+def test_a_folded_wrist_cuts_no_other_margin(arm: ArmModel, folder: Path, tmp_path: Path) -> None:
+    """Links 2 mm apart at the ends keep that, with a note; the post is passed at all that was asked for."""
+    folded = [1.1, -144.0, -1.9, 140.5, -63.9]
+    task = {"start_deg": [-40.0, *folded], "goal_deg": [40.0, *folded], "duration_s": 1.5, "clearance_m": 0.03}
+    post = {"name": "post", "size_m": [0.08, 0.08, 0.3], "xyz_m": [-0.43, -0.05, 0.2]}
+    scene: dict[str, Any] = {"robot": "tm5-900", "task": task, "obstacle": [post]}
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene))
+    result = solve(path, folder, evaluations=80, gap=False)
+    plan = result.to_dict()
+    assert plan["status"] == "solved"
+    (cut,) = plan["clearance_cuts"]
+    assert cut["links"] == ["link_6", "link_3"]
+    assert 0.001 < cut["kept_m"] < 0.004
+    assert cut["asked_m"] == plan["asked_clearance_m"] == 0.03
+    assert any(note.startswith("link_6 and link_3 are ") for note in plan["notes"])
+    assert "instead of the 30 mm asked for" in result.summary()
+    scene["task"]["objective"] = "energy"
+    limits = {name: getattr(arm, name) for name in ("lower", "upper")}
+    limits |= {"speed": arm.velocity_limit, "torque": arm.effort_limit, "clearance": 0.03}
+    world = World(URDF, [], scene)
+    assert faults(plan, scene, Model(folder), world, limits) == []
+    assert "link_6 and post" in "; ".join(faults(plan, scene, Model(folder), world, {**limits, "clearance": 0.06}))
+    task["clearance_m"] = 0.5
+    path.write_text(tomli_w.dumps(scene | {"task": {k: v for k, v in task.items() if k != "objective"}}))
+    with pytest.raises(InputError, match=r"task\.start_deg: link_\d and post are .* mm apart there, 500 mm are asked"):
+        solve(path, folder)
 
 
 def test_plans_among_what_was_scanned_are_sound(arm: ArmModel, folder: Path, tmp_path: Path) -> None:

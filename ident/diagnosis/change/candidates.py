@@ -97,12 +97,14 @@ class ChangeOf(Effect):
         if self.id == "payload" and figures[MASS].value < 0.0:
             mass = figures[MASS]
             figures = {**figures, MASS: Interval(-mass.value, -mass.high, -mass.low)}
-        found = self.effect.physical(session, joint, figures)
-        # What an effect may be is also what it may lose.
-        return {
+        found = {
+            # What an effect may be is also what it may lose.
             name: replace(one, low=min(one.low, -one.high)) if np.isfinite(one.high) else one
-            for name, one in found.items()
+            for name, one in self.effect.physical(session, joint, figures).items()
         }
+        # What is hardly determined may be as it should: its whole interval must speak against it.
+        outside = {name for name, one in found.items() if figures[name].high < one.low or figures[name].low > one.high}
+        return {name: one for name, one in found.items() if name in outside or not np.isfinite(figures[name].value)}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         return self.effect.prior_scale(session, joint, variant)

@@ -2,7 +2,7 @@
 
 Both sets share one baseline: the arm's inertias, tuned and hardly held by the URDF, its losses, and every law that is
 asked for, in all runs alike. What is wrong with the model before is wrong with it after and cancels. What changed are
-the same laws switched on in the later set alone, selected as a diagnosis selects effects; and each must stand out
+the same laws in the later set alone, selected as a diagnosis selects effects; and each must stand out
 against what the runs of one set differ by among themselves.
 """
 
@@ -14,17 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
+from ident.diagnosis.change.between_run_variance import Standing, measure_standing
 from ident.diagnosis.change.candidates import OF_FRICTION
-from ident.diagnosis.change.friction_doubt import GAIN, another_day, is_gain_by_load, may_be_a_gain
-from ident.diagnosis.change.look import LOOSE_SHARE, SharedLook, enough, look_at
-from ident.diagnosis.change.placed_bodies import place_bodies
-from ident.diagnosis.change.places import open_places
-from ident.diagnosis.change.readings import BODIES, STATED, GainDoubt, solve_body
+from ident.diagnosis.change.confounded_links import open_places, place_bodies
+from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load, may_be_gain
+from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
+from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
+from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.second_look import SecondLook, look_again
-from ident.diagnosis.change.still_joints import find_still_joints
-from ident.diagnosis.change.switched import keys_of
-from ident.diagnosis.change.yardstick import Standing, measure_standing
+from ident.diagnosis.change.search import ALARM, ChangeSearch, count_changes
+from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.explained import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key, NotTestable
@@ -33,7 +32,6 @@ from ident.diagnosis.reservations import Reservation, find_implausible, joints_o
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
-from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval
@@ -44,8 +42,6 @@ from ident.robot.arm import ArmModel
 RIGHT_SHARE = 0.04
 # A change of which the baseline leaves a smaller share can't be told from what both sets have in common.
 LEAST_SEEN = 0.02
-# Chance that anything is told where nothing changed: a false alarm stops a cell.
-ALARM = 0.01
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
 IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
@@ -69,7 +65,7 @@ class _LaterOnly(HeldOut):
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
+class _Changes:
     """Changes that stand, with all that goes with them."""
 
     found: SearchResults
@@ -92,7 +88,7 @@ def compare(
     sides: tuple[Side, Side],
     seed: int = 0,
     settings: DiagnosisSettings = USUAL,
-    doubt: GainDoubt = STATED,
+    doubt: GainUncertainty = STATED,
 ) -> ArmComparison:
     """Compares two sets of runs.
 
@@ -104,68 +100,69 @@ def compare(
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
-    still = find_still_joints(before, after)
-    first = replace(look_at(before, after, arm, still=still), doubt=doubt)
-    if not enough(first.switched.evidence):
-        few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.switched.evidence.layout.groups]
+    still, used = find_static_joints(before, after), count_samples([*before, *after])
+    first = replace(build_design(before, after, arm, still=still), doubt=doubt)
+    if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
+        few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
         silent = tuple(hidden.values())
-        return ArmComparison(arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still)
+        return ArmComparison(
+            arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still, used=used
+        )
     selection = replace(settings.selection, family_error=ALARM)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     told = _tell(first, seed, selection, sessions)
     if any(one.group.effect.id in BODIES for one in told.estimates):
         first = _with_places(first, told, before, after, arm)
         told = _tell(first, seed, selection, sessions)
-    second = look_again(first, told.estimates, before, after, arm)
+    second = refine_bodies(first, told.estimates, before, after, arm)
     if second is not None:
-        told = _told_again(second, told, selection, sessions)
-    return _result(told, first, arm, sides, _hidden(first))
+        told = _refined(second, told, selection, sessions)
+    return replace(_result(told, first, arm, sides, _hidden(first, used)), used=used)
 
 
 def _with_places(
-    look: SharedLook, told: _Told, before: Sequence[Motion], after: Sequence[Motion], arm: ArmModel
-) -> SharedLook:
-    """The same look with every body about the place where it would be."""
+    design: PairedDesign, told: _Changes, before: Sequence[Motion], after: Sequence[Motion], arm: ArmModel
+) -> PairedDesign:
+    """The same design with every body about the place where it would be."""
     others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
-    asked = place_bodies(_search(look, 0, USUAL.selection), others, look.session)
-    return replace(look_at(before, after, arm, known=look.known, asked=asked, still=look.still), doubt=look.doubt)
+    asked = place_bodies(_search(design, 0, USUAL.selection), others, design.session)
+    return replace(
+        build_design(before, after, arm, known=design.known, asked=asked, still=design.still), doubt=design.doubt
+    )
 
 
-def _search(look: SharedLook, seed: int, settings: SelectionSettings) -> Search:
-    """The search over a look; of one run a side, no law of friction can be told."""
-    evidence = look.switched.evidence
-    alone = look.sides.counts == (1, 1)
+def _search(design: PairedDesign, seed: int, settings: SelectionSettings) -> ChangeSearch:
+    """The search over a design; one run a side shows no law of friction."""
+    evidence = design.sums.evidence
+    alone = design.sides.counts == (1, 1)
     barred = {group.key for group in evidence.layout.groups if alone and group.effect.id in OF_FRICTION}
-    held_out = _LaterOnly(evidence, look.prior, look.sides.later_folds)
-    return Search(evidence, look.prior, held_out, seed, frozenset(barred), settings=settings)
+    held_out = _LaterOnly(evidence, design.prior, design.sides.later_folds)
+    return ChangeSearch(evidence, design.prior, held_out, seed, frozenset(barred), settings=settings)
 
 
-def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Told:
+def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
     """Searches, and again without what does not stand, until all that is named stands."""
-    joints = look.baseline.nominal.joint_names
-    search = _search(look, seed, settings)
+    joints = design.baseline.nominal.joint_names
+    search = _search(design, seed, settings)
     doubted: tuple[Reservation, ...] = ()
     differing: list[Group] = []
     unlawful = False
     for _ in range(MOST_ROUNDS):
         found = search.run()
         if not found.named:
-            return _Told(found, (), (), doubted, unlawful=unlawful)
+            return _Changes(found, (), (), doubted, unlawful=unlawful)
         if (spare := _superfluous(search, found)) is not None:
             search = replace(search, barred=search.barred | {spare})
             continue
         fine = Refined(search, tuple(item.group for item in found.named))
-        standings = _standings(look, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
-        raw = estimate_effects(search, fine, look.session, found.named)
-        read = [_as_read(one, fine, look, np.zeros(len(one.coefficients))) for one in raw]
+        standings = _standings(design, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
+        raw = estimate_effects(search, fine, design.session, found.named)
+        read = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
         estimates = [_widened(*three) for three in zip(read, raw, standings, strict=True)]
-        refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), look.session)
-        needed = least_nats(len(keys_of(look.switched.evidence)))
+        refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
         for k, (standing, item) in enumerate(zip(standings, found.named, strict=True)):
-            if item.gates.evidence < needed:
-                refused[k] = "too weak among all the changes that were asked for"
-            elif standing.p_value > ALARM:
+            if standing.p_value > ALARM:
                 refused[k] = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN
                 differing.append(item.group)
             elif k in refused and estimates[k].undefined is None:
@@ -174,14 +171,17 @@ def _tell(look: SharedLook, seed: int, settings: SelectionSettings, sessions: tu
         if not refused:
             named = [item.group for item in found.named]
             places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-            told = tuple(_with_bodies(*pair) for pair in zip(_with_gain(estimates, fine, look), places, strict=True))
-            return _Told(found, told, tuple(standings), doubted, places, unlawful)
+            told = tuple(
+                replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *(group.effect.id for group in there)))))
+                for one, there in zip(_with_gain(estimates, fine, design), places, strict=True)
+            )
+            return _Changes(found, told, tuple(standings), doubted, places, unlawful)
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
-    return _Told(search.only(found, ()), (), (), doubted, unlawful=unlawful)
+    return _Changes(search.only(found, ()), (), (), doubted, unlawful=unlawful)
 
 
-def stand_ins(search: Search, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
+def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
     """Names that say nothing beside what was found to differ from run to run or from day to day: they stood in for it.
 
     Args:
@@ -203,16 +203,7 @@ def stand_ins(search: Search, found: SearchResults, differing: Sequence[Group]) 
     return refused
 
 
-def least_nats(asked: int) -> float:
-    """Log evidence that a change must have: what makes up for its being one of so many, at the odds of a false alarm.
-
-    Blocks of a noisy joint are fewer than they look, and a test that counts them finds a change in one of them; the
-    evidence, which weighs what is explained against what it cost, does not.
-    """
-    return float(np.log(max(asked, 1) / ALARM))
-
-
-def _superfluous(search: Search, found: SearchResults) -> Key | None:
+def _superfluous(search: ChangeSearch, found: SearchResults) -> Key | None:
     """The weakest of several names that does not pass beside the others: what was found later may explain it."""
     if len(found.named) < 2:
         return None
@@ -222,61 +213,55 @@ def _superfluous(search: Search, found: SearchResults) -> Key | None:
     return min(failed, key=lambda item: item.gates.evidence).group.key if failed else None
 
 
-def _told_again(second: SecondLook, told: _Told, settings: SelectionSettings, sessions: tuple[int, int]) -> _Told:
-    """The same changes with the figures of a second look, which sees what the first left of them."""
-    look = second.look
-    search = _search(look, 0, settings)
+def _refined(second: Refinement, told: _Changes, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
+    """The same changes with the parameters of a refined design, which sees what the first left of them."""
+    design = second.design
+    search = _search(design, 0, settings)
     fine = Refined(search, second.groups)
     solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    standings = _standings(look, fine, second.added, sessions)
+    standings = _standings(design, fine, second.added, sessions)
     estimates = []
     for old, group, added, (beta, cells), standing in zip(
         told.estimates, second.groups, second.added, solved, standings, strict=True
     ):
-        asked = group.effect.asked(look.session)
+        asked = group.effect.asked(design.session)
         figures = dict(group.effect.parameters(asked, group.joint, group.variant, beta + added, cells))
         raw = replace(old, group=group, told=group, parameters=old.parameters | figures, coefficients=beta)
-        estimates.append(_widened(_as_read(raw, fine, look, added), raw, standing))
+        estimates.append(_widened(_as_read(raw, fine, design, added), raw, standing))
     score = search.held_out.score(second.groups)
     ladder = (*told.found.ladder[:-1], score)
     return replace(told, found=replace(told.found, ladder=ladder), estimates=tuple(estimates))
 
 
 def _standings(
-    look: SharedLook, fine: Refined, added: Sequence[Float[Array, " k"]], sessions: tuple[int, int]
+    design: PairedDesign, fine: Refined, added: Sequence[Float[Array, " k"]], sessions: tuple[int, int]
 ) -> list[Standing]:
     """How each named change, with what of it is carried already, stands against the runs."""
-    evidence, search = look.switched.evidence, fine.search
+    evidence, search = design.sums.evidence, fine.search
     model = project(evidence.gram(), evidence, search.prior, fine.groups)
     solved, _ = solve_effects(fine, [False] * len(fine.groups))
-    asked = len(keys_of(evidence) - search.barred)
+    asked = count_changes(search)
     found = []
     for group, more, (beta, cells) in zip(fine.groups, added, solved, strict=True):
         scale = evidence.scale[group.columns]
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
-        day = another_day(group, look.session, beta + more, evidence.spread[look.judged], sessions)
-        sides = look.switched, look.sides
+        day = day_to_day(group, design.session, beta + more, evidence.spread[design.judged], sessions)
+        sides = design.sums, design.sides
         found.append(measure_standing(*sides, model, group, scaled, covariance, asked, day))
     return found
 
 
-def _with_gain(estimates: Sequence[Estimate], fine: Refined, look: SharedLook) -> list[Estimate]:
+def _with_gain(estimates: Sequence[Estimate], fine: Refined, design: PairedDesign) -> list[Estimate]:
     """The estimates; where another gain does what a change of friction does, it is told as its rival."""
     solved, _ = solve_effects(fine, [False] * len(fine.groups))
     found = []
     for one, (beta, cells) in zip(estimates, solved, strict=True):
-        open_between = GAIN not in one.rivals and may_be_a_gain(one.told, look.session, beta, cells)
+        open_between = GAIN not in one.rivals and may_be_gain(one.told, design.session, beta, cells)
         found.append(replace(one, rivals=(*one.rivals, GAIN)) if open_between else one)
     return found
 
 
-def _with_bodies(estimate: Estimate, places: Sequence[Group]) -> Estimate:
-    """An estimate with the further effects that may sit at other places."""
-    ids = dict.fromkeys((*estimate.rivals, *(group.effect.id for group in places)))
-    return replace(estimate, rivals=tuple(ids))
-
-
-def _as_read(estimate: Estimate, fine: Refined, look: SharedLook, added: Float[Array, " k"]) -> Estimate:
+def _as_read(estimate: Estimate, fine: Refined, design: PairedDesign, added: Float[Array, " k"]) -> Estimate:
     """A body's figures where every joint's gain may be off by some per cent; other estimates as they are."""
     group = estimate.told
     if group.effect.id not in BODIES:
@@ -285,9 +270,9 @@ def _as_read(estimate: Estimate, fine: Refined, look: SharedLook, added: Float[A
     model = project(evidence.gram(), evidence, fine.search.prior, fine.groups)
     scale = evidence.scale[group.columns]
     whole = (estimate.coefficients + added) * scale
-    scaled, covariance = solve_body(evidence, model, group, whole, look.doubt)
+    scaled, covariance = solve_body(evidence, model, group, whole, design.doubt)
     beta, cells = scaled / scale, covariance / np.outer(scale, scale)
-    asked = group.effect.asked(look.session)
+    asked = group.effect.asked(design.session)
     figures = group.effect.parameters(asked, group.joint, group.variant, beta, cells)
     return replace(estimate, parameters=dict(figures), coefficients=beta)
 
@@ -309,20 +294,23 @@ def _widened(estimate: Estimate, raw: Estimate, standing: Standing) -> Estimate:
     return replace(estimate, parameters=wide)
 
 
-def _hidden(look: SharedLook) -> list[NotTestable]:
+def _hidden(design: PairedDesign, used: Sequence[SamplesUsed]) -> list[NotTestable]:
     """Changes that these two sets can't show, and why."""
-    evidence, found, gram = look.switched.evidence, list(look.silent), look.switched.evidence.gram()
-    loose = project(gram, evidence, look.prior)
-    right = project(gram, evidence, look.prior.tightened(LOOSE_SHARE / RIGHT_SHARE))
+    evidence, found, gram = design.sums.evidence, list(design.silent), design.sums.evidence.gram()
+    loose = project(gram, evidence, design.prior)
+    right = project(gram, evidence, design.prior.tightened(LOOSE_SHARE / RIGHT_SHARE))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
     for group in reversed(first.values()):
         seen = [float(one.visibility(group.columns).max()) for one in (loose, right)]
-        if look.sides.counts == (1, 1) and group.effect.id in OF_FRICTION:
+        if design.sides.counts == (1, 1) and group.effect.id in OF_FRICTION:
             reason = "one run a side: how much friction differs from run to run is not known"
         elif seen[0] >= LEAST_SEEN:
             continue
         elif seen[1] >= 2.0 * LEAST_SEEN:
             reason = "the two sets move too differently for a URDF that may be wrong; one that is right would tell"
+        elif group.effect.rows == "own" and used[group.joint].in_motion < 0.5:
+            share = 100.0 * used[group.joint].in_motion
+            reason = f"in {share:.0f} % of its samples the joint moves far from stops and turns; the rest can't show it"
         else:
             reason = "the two sets have too little motion in common to show it"
         found.append(NotTestable(group.effect, group.joint, reason))
@@ -330,9 +318,9 @@ def _hidden(look: SharedLook) -> list[NotTestable]:
 
 
 def _result(
-    told: _Told, look: SharedLook, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
+    told: _Changes, design: PairedDesign, arm: ArmModel, sides: tuple[Side, Side], hidden: Sequence[NotTestable]
 ) -> ArmComparison:
-    joints, floor = arm.joint_names, look.switched.evidence.floor
+    joints, floor = arm.joint_names, design.sums.evidence.floor
     found = []
     each = zip(told.found.named, told.estimates, told.standings, told.places, strict=True)
     for item, estimate, standing, places in each:
@@ -357,7 +345,7 @@ def _result(
             )
         )
     found.sort(key=lambda change: -change.closed)
-    judged = look.judged
+    judged = design.judged
 
     def by_joint(values: Float[Array, " n"]) -> dict[str, float]:
         return {joints[j]: float(values[j]) for j in judged}
@@ -365,21 +353,20 @@ def _result(
     return ArmComparison(
         robot=arm.name,
         joints=joints,
-        verdict=_verdict(found, told.unlawful, look.sides.too_short),
+        verdict=_verdict(found, told.unlawful, design.sides.too_short),
         sides=sides,
         changes=tuple(found),
         rms_before=by_joint(told.found.ladder[0].rms),
         rms_after=by_joint(told.left.rms),
         noise=by_joint(floor),
-        run_spread=by_joint(look.switched.evidence.spread),
+        run_spread=by_joint(design.sums.evidence.spread),
         not_testable=tuple(hidden),
         reservations=told.doubted,
-        still=look.still,
+        still=design.still,
     )
 
 
 def _verdict(found: Sequence[ArmChange], unlawful: bool, too_short: bool) -> str:
-    if not found:
-        return "changed_unexplained" if unlawful else "not_testable" if too_short else "no_change"
-    lawful = any(change.effect != "unlisted_change" for change in found)
-    return "changed" if lawful else "changed_unexplained"
+    if any(change.effect != "unlisted_change" for change in found):
+        return "changed"
+    return "changed_unexplained" if found or unlawful else "not_testable" if too_short else "no_change"

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ident.diagnosis.change.compare import compare
-from ident.diagnosis.change.readings import BY_CURRENT, STATED
+from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.errors import RecordingError
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_runs, within_band
 from ident.motion.settings import FOR_DIAGNOSIS
+from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.telemetry import TelemetryReport
-from ident.telemetry.report import TOO_LITTLE
 
 # Runs of a set that are used: an even choice of more. Some dozens tell all that is to be known of what runs differ by.
 MOST_RUNS = 100
@@ -41,11 +41,11 @@ def compare_reports(
         RecordingError: The sessions have different joints, or no run of a set is long enough.
     """
     reports = [*before, *after]
-    issues = tuple(issue for report in reports for issue in report.issues)
+    issues = tuple(as_compared(issue, before, after) for report in reports for issue in report.issues)
     sides = _side(before), _side(after)
     fatal = {issue.issue for issue in issues if issue.severity == "fatal"}
     if fatal:
-        verdict = "refused" if fatal - set(TOO_LITTLE) else "not_testable"
+        verdict = "refused" if fatal - {"too_few_runs"} else "not_testable"
         return ArmComparison(arm.name, arm.joint_names, verdict, sides, issues)
     joints = reports[0].session.joints
     for report in reports:
@@ -64,6 +64,22 @@ def compare_reports(
     sets = motions[: len(earlier)], motions[len(earlier) :]
     found = compare(*sets, arm.keeping(joints), sides, seed, doubt=doubt)
     return replace(found, telemetry=issues, cutoff=motions[0].lowpass.cutoff)
+
+
+def as_compared(
+    issue: TelemetryIssue, before: Sequence[TelemetryReport], after: Sequence[TelemetryReport]
+) -> TelemetryIssue:
+    """An issue as it matters to a comparison: what is wrong before and after alike is no change.
+
+    Torque that does not follow the model on both sides may be a URDF of guessed masses; joints that stand still show
+    what exceeds their static friction.
+    """
+    sides = [{i.issue for report in side for i in report.issues if i.severity == "fatal"} for side in (before, after)]
+    alike = issue.issue == "effort_not_torque" and all(issue.issue in found for found in sides)
+    if issue.severity != "fatal" or not (alike or issue.issue == "insufficient_excitation"):
+        return issue
+    remedy = f"{issue.remedy}; before and after alike: sizes in kg are as right as the URDF's masses"
+    return replace(issue, severity="warning", remedy=remedy if alike else issue.remedy)
 
 
 def _motions(reports: Sequence[TelemetryReport], cutoff: float) -> list[Motion]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.change.still_joints import StillJoint
+from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.explained import Explained
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
@@ -34,12 +34,7 @@ class Side:
     duration_s: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "sessions": list(self.sessions),
-            "runs": self.runs,
-            "samples": self.samples,
-            "duration_s": self.duration_s,
-        }
+        return {**vars(self), "sessions": list(self.sessions)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +102,8 @@ class ArmComparison(Result):
         not_testable: What these recordings can't show, and why.
         reservations: Changes that were not believed.
         cutoff: Corner of the common filter [Hz]; NaN where nothing was filtered.
-        still: Joints that stood still in one of the sets: of their own torque nothing is told.
+        still: Joints that stood still in one of the sets: of their own torque only what exceeds static friction shows.
+        used: What each joint's samples are to the comparison.
     """
 
     robot: str
@@ -123,7 +119,8 @@ class ArmComparison(Result):
     not_testable: tuple[NotTestable, ...] = ()
     reservations: tuple[Reservation, ...] = ()
     cutoff: float = np.nan
-    still: tuple[StillJoint, ...] = ()
+    still: tuple[StaticJoint, ...] = ()
+    used: tuple[SamplesUsed, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -137,6 +134,7 @@ class ArmComparison(Result):
             "changes": [change.to_dict() for change in self.changes],
             "heldout": {"rms_before_Nm": self.rms_before, "rms_after_Nm": self.rms_after, "noise_Nm": self.noise},
             "friction_run_spread": self.run_spread,
+            "samples_used": [one.to_dict() for one in self.used],
             "not_testable": [one.to_dict(self.joints) for one in self.not_testable],
             "still": [one.to_dict() for one in self.still],
             "reservations": [one.to_dict() for one in self.reservations],

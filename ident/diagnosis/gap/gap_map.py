@@ -17,7 +17,7 @@ Source: Westfall and Young 1993 (maximum statistic); Winkler et al. 2014 (sign f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -44,6 +44,7 @@ class Place:
         share_of_time: Share of the samples that do; along frequency, of the noise.
         energy_J: Work of the residual in it, over the session [J]; None along frequency.
         p_value: Of its being denser in gap than the rest, for all cells of the joint together.
+        beyond_noise_Nm: What the model errs by at the joint, beyond noise [N m]; None where the cell is not ranked.
     """
 
     joint: str
@@ -54,6 +55,12 @@ class Place:
     share_of_time: float
     energy_J: float | None
     p_value: float
+    beyond_noise_Nm: float | None = None
+
+    @property
+    def density(self) -> float:
+        """Share of the gap over share of the time."""
+        return self.share_of_gap / max(self.share_of_time, 1e-9)
 
     def to_dict(self) -> dict[str, Any]:
         return vars(self).copy()
@@ -117,16 +124,6 @@ def _map_view(
         cells += _bands(name, series, labels, j, view, noise.coefficients[j], settings)
         places += _with_p_values(cells, rng, settings.flips)
     return places
-
-
-def told(places: Sequence[Place], settings: MapSettings = USUAL_MAP) -> tuple[Place, ...]:
-    """The cells worth telling: those that hold more of the gap than of the time, the surest and richest first.
-
-    Frequency comes last: most gaps are slow, which says little of their cause.
-    """
-    rich = [place for place in places if place.share_of_gap > place.share_of_time]
-    rich.sort(key=lambda p: (p.p_value > settings.significant, p.axis == "frequency", p.share_of_time - p.share_of_gap))
-    return tuple(rich[: settings.places_told])
 
 
 def maps_record(places: Sequence[Place]) -> list[dict[str, Any]]:
@@ -236,4 +233,4 @@ def _with_p_values(cells: Sequence[_Cell], rng: np.random.Generator, flips: int)
     highest = (signs @ contrast / size).max(axis=1)
     seen = contrast.sum(axis=0) / size
     values = (1 + np.sum(highest[:, None] >= seen, axis=0)) / (1 + flips)
-    return [Place(**{**vars(cell.place), "p_value": float(value)}) for cell, value in zip(cells, values, strict=True)]
+    return [replace(cell.place, p_value=float(value)) for cell, value in zip(cells, values, strict=True)]

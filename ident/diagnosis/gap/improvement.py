@@ -11,9 +11,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.gap.replay import Replay, replay
 from ident.diagnosis.gap.residuals import RunResidual
-from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings, TreeSettings
+from ident.diagnosis.gap.settings import USUAL_GAP, GapSettings
 from ident.diagnosis.gap.shapley import shapley_shares
-from ident.diagnosis.gap.trees import measure_ceiling
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.search import Search
@@ -26,7 +25,7 @@ class Reach:
 
     Attributes:
         shares: Order-free share of the reducible gap of each effect, in the order of the search.
-        without_names: RMS that boosted trees leave where they are put in the effects' place, joint by joint [N m].
+        without_names: RMS that a discrepancy leaves where it is put in the effects' place, joint by joint [N m].
         forward: The motion replayed, without and with the effects.
         runs_before, runs_after: Energy error of each run, joint by joint [J].
     """
@@ -80,6 +79,7 @@ def measure_reach(
     series: Sequence[RunResidual],
     baseline: Baseline,
     floors: Float[Array, " n"],
+    explained: Float[Array, " n"],
     settings: GapSettings = USUAL_GAP,
 ) -> Reach:
     """Measures how far.
@@ -90,28 +90,19 @@ def measure_reach(
         series: Residuals of all runs.
         baseline: The tuned model.
         floors: Root mean square that nothing can go below, joint by joint [N m].
-        settings: Trees and replay.
+        explained: Share of each joint's mean square that a discrepancy explains in the names' place.
+        settings: The replay.
     """
     # An effect that tuned inertias imitate closes nothing beside them: it is judged with the URDF held fast.
     scorer = search.fixed if any(item.absorbed for item in found.named) else search.held_out
     rms = found.ladder[0].rms
     return Reach(
         shares=shapley_shares(scorer, [item.group for item in found.named], floors),
-        without_names=np.array([_without_names(series, j, rms[j], floors[j], settings.trees) for j in range(len(rms))]),
+        without_names=rms * np.sqrt(1.0 - explained),
         forward=replay(series, baseline, settings.replay),
         runs_before=np.array([run_energy(item, item.unseen_before) for item in series]),
         runs_after=np.array([run_energy(item, item.unseen_after) for item in series]),
     )
-
-
-def _without_names(
-    series: Sequence[RunResidual], joint: int, rms: float, floor: float, settings: TreeSettings
-) -> float:
-    """What trees leave of the baseline's held-out residual; all of it where there is little to learn."""
-    if rms <= settings.worth_trees * floor:
-        return float(rms)
-    trees = measure_ceiling(series, joint, settings, nested=False, left="before")
-    return float(rms * trees.rms / trees.before) if trees.sure else float(rms)
 
 
 def run_energy(item: RunResidual, left: Float[Array, "t n"]) -> Float[Array, " n"]:

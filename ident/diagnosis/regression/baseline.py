@@ -13,8 +13,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
-from ident.model.inertia import BaseParameters, base_prior, fit_inertia, parameter_scale
-from ident.model.loss import LossModel, LossParameters
+from ident.model.inertia import BaseParameters, base_prior, parameter_scale
+from ident.model.linearisation import fit_losses, rigid_torque, tune_links
+from ident.model.loss import LossParameters
 from ident.model.presliding import Sliding, fit_sliding
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
@@ -98,16 +99,10 @@ def fit_baseline(
     """
     share = settings.inertia_share if share is None else share
     motions = few(motions)
-    model = LossModel()
-    results = fit_inertia(motions, arm, "base", model, share)
-    rigid = [rigid_torque(results.arm, motion) for motion in motions]
-    loss = model.fit(motions, rigid, still)
+    tuned, base = tune_links(motions, arm, share)
+    rigid = [rigid_torque(tuned, motion) for motion in motions]
+    loss = fit_losses(motions, rigid, still)
     number_std = share * parameter_scale(arm)
-    prior = base_prior(results.base, number_std)
+    prior = base_prior(base, number_std)
     sliding = fit_sliding(motions, rigid)
-    return Baseline(arm, results.arm, results.base, prior, loss.params, sliding, number_std, settings)
-
-
-def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
-    """Rigid torque of a run with its known payload [N m]."""
-    return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    return Baseline(arm, tuned, base, prior, loss, sliding, number_std, settings)

@@ -46,10 +46,33 @@ class HeldOutScore:
         old = other.rms
         return np.where(old > 0.0, 1.0 - self.rms / np.maximum(old, 1e-12), 0.0)
 
-    def gain_over(self, other: HeldOutScore) -> tuple[float, float]:
-        """Gain of log score over another model, and its standard error over the folds."""
-        gains = 0.5 * (other.misfit - self.misfit).sum(axis=1)
-        return float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
+    def gain_over(self, other: HeldOutScore, joints: Sequence[int] | None = None) -> tuple[float, float]:
+        """Gain of log score over another model, and its standard error over the folds.
+
+        Args:
+            other: What the other model leaves.
+            joints: Whose rows count; all if None. What is open at other joints says nothing of an effect of one's own.
+        """
+        own = slice(None) if joints is None else list(joints)
+        return _over_folds(0.5 * (other.misfit - self.misfit)[:, own].sum(axis=1))
+
+    def closed_over(self, other: HeldOutScore, joints: Sequence[int]) -> tuple[float, float]:
+        """Fall of the squared torque error from another model's, and its standard error over the folds.
+
+        Each joint counts in units of its own error, so that the falls of several add up.
+
+        Args:
+            other: What the other model leaves.
+            joints: Whose rows count.
+        """
+        own = list(joints)
+        unit = np.maximum(other.squares[:, own].sum(axis=0), 1e-300)
+        return _over_folds(((other.squares - self.squares)[:, own] / unit).sum(axis=1))
+
+
+def _over_folds(gains: Float[Array, " F"]) -> tuple[float, float]:
+    """Sum over the folds and its standard error."""
+    return float(gains.sum()), float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,6 +90,7 @@ class Layout:
         shared: The columns of candidates that act on several joints.
         silent: What can't be tested at all.
         further: Columns of effects, right after the loss figures, that are part of the baseline.
+        further_std: Standard deviation of the coefficient of each of them beforehand; () where a prior says it.
     """
 
     rank: int
@@ -99,6 +100,7 @@ class Layout:
     shared: Int[Array, " k"]
     silent: tuple[NotTestable, ...]
     further: int = 0
+    further_std: tuple[float, ...] = ()
 
     @property
     def tuned(self) -> int:
@@ -133,8 +135,17 @@ class Layout:
         return tuple({int(column): k for k, column in enumerate(local)} for local in self.local)
 
 
-def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]) -> Layout:
-    """Lays out every testable effect at every point of its grid."""
+def build_layout(
+    session: SessionContext, rank: int, catalogue: Sequence[Effect], beside: Sequence[Effect] = ()
+) -> Layout:
+    """Lays out every testable effect at every point of its grid.
+
+    Args:
+        session: The runs.
+        rank: Number of base parameters.
+        catalogue: The effects that are candidates.
+        beside: Effects that are part of the baseline, as far as they can be seen.
+    """
     silent: list[NotTestable] = []
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in catalogue:
@@ -145,7 +156,7 @@ def build_layout(session: SessionContext, rank: int, catalogue: Sequence[Effect]
                 silent.append(NotTestable(effect, joint, reason))
             else:
                 grids.append((effect, joint, effect.variants(asked, joint)))
-    return layout_of(session, rank, grids, silent, searched=True)
+    return layout_of(session, rank, grids, silent, searched=True, beside=beside)
 
 
 def layout_of(
@@ -154,6 +165,7 @@ def layout_of(
     grids: Sequence[tuple[Effect, int, Sequence[Variant]]],
     silent: Sequence[NotTestable] = (),
     searched: bool = False,
+    beside: Sequence[Effect] = (),
 ) -> Layout:
     """Lays out effects at joints, each with its grid; asks a short stretch of the session for the number of columns.
 
@@ -163,13 +175,17 @@ def layout_of(
         grids: Effects at joints, each with its points.
         silent: What can't be tested.
         searched: Whether names are looked for, so that parts of points are candidates, too (`Effect.parts`).
+        beside: Effects of one joint that are part of the baseline wherever they can be seen, each with a prior scale.
     """
+    own_joints = [(effect, j) for effect in beside for j in range(session.n) if effect.untestable(session, j) is None]
+    nuisances = [(effect, j, (Variant(),)) for effect, j in own_joints]
+    std = [effect.prior_scale(session, j, Variant()) for effect, j in own_joints]
     sample = replace(session, runs=session.runs[:1], every=1)
     start = rank + LOSS_FIGURES * session.n
     groups: list[Group] = []
     own: list[list[int]] = [[] for _ in range(session.n)]
     shared: list[int] = []
-    for effect, joint, variants in grids:
+    for effect, joint, variants in [*nuisances, *grids]:
         asked = effect.asked(session)
         for variant in variants:
             width = effect.columns(sample, joint, variant)[0].shape[-1]
@@ -183,8 +199,10 @@ def layout_of(
     return Layout(
         rank=rank,
         n=session.n,
-        groups=tuple(groups),
+        groups=tuple(groups[len(nuisances) :]),
         own=tuple(np.array(columns, dtype=int) for columns in own),
         shared=np.array(shared, dtype=int),
         silent=tuple(silent),
+        further=sum(len(group.columns) for group in groups[: len(nuisances)]),
+        further_std=tuple(float(one) for each in std if each is not None for one in each),
     )

@@ -36,12 +36,14 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
+from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
-from ident.diagnosis.regression.noise import Whitening, estimate_noise, whiten
+from ident.diagnosis.regression.noise import Whitening, estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import Partition, build_partition
 from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
+from ident.model.linearisation import LEAST_MOVING
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,9 @@ class Evidence:
         noise_power: Whitened squares of each column that are encoder noise, taken off already; length as `scale`.
         friction: What each run's own friction level goes with.
         spread: Relative standard deviation from run to run of each joint's friction, counted in whatever is asked for.
+        dispersion: What each joint's whitened sums were divided by: mean square of what nothing explains there.
         settings: What the regression counts with.
+        dwells: For each joint what its holds say; in none of the sums until `with_dwells` adds them.
     """
 
     layout: Layout
@@ -74,7 +78,35 @@ class Evidence:
     noise_power: Float[Array, " P"]
     friction: FrictionSums
     spread: Float[Array, " n"]
+    dispersion: Float[Array, " n"]
     settings: RegressionSettings = USUAL_REGRESSION
+    dwells: tuple[DwellRows, ...] = ()
+
+    def with_dwells(self) -> Evidence:
+        """The same with each joint's holds in the whitened sums, a row as one sample.
+
+        Errors in N m are of motion; of a joint that hardly moves they are of its holds, too.
+        """
+        white, plain = [np.array(sums) for sums in self.free.of_joint], [np.array(sums) for sums in self.plain]
+        samples, weights = np.array(self.samples), np.array(self.weights)
+        still = weights.sum(axis=0) < LEAST_MOVING
+        for j, held in enumerate(self.dwells):
+            level, share = float(self.whitening.level[j]), (self.whitening.level[j] / held.std) ** 2
+            for block in np.unique(held.block):
+                inside = held.block == block
+                square, fold = held.weighted[inside].T @ held.weighted[inside], self.fold_of_block[block]
+                white[j][block] += square
+                if still[j]:
+                    plain[j][fold] += level**2 * square
+                    weights[fold, j] += share[inside].sum()
+            samples[j] += len(held.hold)
+        free = WhitenedSums(tuple(white), self.fold_of_block)
+        return replace(self, free=free, plain=tuple(plain), samples=samples, weights=weights)
+
+    def with_held(self, friction: Sequence[float]) -> Evidence:
+        """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
+        pairs = zip(self.dwells, friction, strict=True)
+        return replace(self, dwells=tuple(replace(one, friction=level) for one, level in pairs))
 
     def with_run_spread(self, spread: Float[Array, " n"]) -> Evidence:
         """The same sums where each joint's friction varies from run to run by another share.
@@ -83,6 +115,33 @@ class Evidence:
             spread: Relative standard deviation of each joint's friction level.
         """
         return replace(self, spread=np.array(spread, dtype=float))
+
+    def with_dispersion(self, dispersion: Float[Array, " n"]) -> Evidence:
+        """The same where each joint's rows have so many times the variance of whitened noise.
+
+        What nobody can explain at a joint is noise to all that is estimated: without it, a joint with a gap of many
+        times its noise would decide the inertias that it shares with others, and drown what they show.
+
+        Args:
+            dispersion: Of each joint, as a whole.
+        """
+        if np.array_equal(dispersion, self.dispersion):
+            return self
+        factor = np.asarray(dispersion / self.dispersion)
+        power, weighted = np.zeros((2, len(self.noise_power)))
+        for j, local in enumerate(self.layout.local):
+            own = np.abs(np.diag(self.free.total[j]))
+            power[local] += own
+            weighted[local] += own / factor[j]
+        sums = tuple(one / factor[j] for j, one in enumerate(self.free.of_joint))
+        tied = tuple(one / factor[j] for j, one in enumerate(self.friction.sums))
+        return replace(
+            self,
+            free=WhitenedSums(sums, self.free.fold_of_block),
+            friction=replace(self.friction, sums=tied),
+            noise_power=self.noise_power * weighted / np.maximum(power, 1e-300),
+            dispersion=np.array(dispersion, dtype=float),
+        )
 
     @property
     def white(self) -> tuple[Float[Array, "B p p"], ...]:
@@ -159,6 +218,7 @@ def gather(
     known: Whitening | None = None,
     partition: Partition | None = None,
     alike: int | None = None,
+    rest: bool = False,
 ) -> Evidence:
     """The one pass: noise from the first chunk, if it isn't known, then sums over all runs.
 
@@ -171,8 +231,11 @@ def gather(
         known: The noise, if it is known.
         partition: How time is cut; as `build_partition` does it if None.
         alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
+        rest: Whether holds are rows, too (`Evidence.dwells`).
     """
     settings = baseline.settings
+    level = static_level(session) if rest else None
+    held_rows: list[tuple[DwellRows, ...]] = []
     partition = partition or build_partition(session, settings)
     scale: Array | None = None
     sums: _Sums | None = None
@@ -195,11 +258,15 @@ def gather(
             batch = [rows]
         for part in batch:
             sums.add(part)
+            if level is not None:
+                motion = session.runs[part.run].motion
+                held_rows.append(dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks))
     assert sums is not None
     assert scale is not None
-    level = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
+    of_loss = np.stack([baseline.loss.viscous, baseline.loss.coulomb], axis=1)
     first = layout.rank + LOSS_FIGURES * np.arange(layout.n)
-    return sums.evidence(scale, level * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
+    found = sums.evidence(scale, of_loss * scale[first[:, None] + np.arange(FRICTION.start, FRICTION.stop)])
+    return replace(found, dwells=tuple(join_runs(parts, alike) for parts in zip(*held_rows, strict=True)))
 
 
 class _Sums:
@@ -231,17 +298,13 @@ class _Sums:
     def _add_tables(self, rows: Rows, j: int) -> None:
         """Adds a joint's rows. What was seen and its noise come block by block, while a block's sums are at hand."""
         counts, folds = rows.counts[:, j], self.partition.folds[rows.blocks]
-        coefficients = self.whitening.coefficients[j] / self.whitening.innovation[j]
-        # A whitened row mixes itself with its past: it counts where all of these count.
-        order = len(coefficients) - 1
-        whole = np.convolve(~counts, np.ones(order + 1), mode="full")[: len(counts)] == 0
-        whole[:order] = False
+        filters = shorter_filters(self.whitening.coefficients[j], float(self.whitening.innovation[j]))
         columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
         tables = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
-        filtered = [whiten(table, coefficients) for table in tables]
+        filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
         power = np.zeros(len(self.layout.local[j]))
         for block, inside in _stretches(rows.blocks):
-            seen, *noise = (_where(table[inside], whole[inside]) for table in filtered)
+            seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
             add_products(self.white[j][block], seen, 1.0)
             self.samples[j] += len(seen)
             tied = seen[:, columns].T @ seen
@@ -283,6 +346,7 @@ class _Sums:
             noise_power=self.noise_power,
             friction=friction,
             spread=np.zeros(self.layout.n),
+            dispersion=np.ones(self.layout.n),
             settings=self.settings,
         )
 

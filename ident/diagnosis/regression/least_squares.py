@@ -50,8 +50,9 @@ class Prior:
     @classmethod
     def of(cls, evidence: Evidence, base: Float[Array, "r r"], error: UrdfError = USUAL_URDF) -> Prior:
         """The prior in the evidence's column scale."""
-        scale = evidence.scale[: evidence.layout.rank]
-        return cls(base / np.outer(scale, scale), error)
+        layout, scale = evidence.layout, evidence.scale[: evidence.layout.rank]
+        sizes = evidence.scale[layout.tuned - layout.further : layout.tuned] * np.array(layout.further_std or np.nan)
+        return cls(base / np.outer(scale, scale), error, sizes**-2.0 if layout.further_std else None)
 
     @classmethod
     def believing(cls, evidence: Evidence, baseline: Baseline, error: UrdfError) -> Prior:

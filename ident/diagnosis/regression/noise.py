@@ -37,6 +37,11 @@ class Whitening:
     innovation: Float[Array, " n"]
     level: Float[Array, " n"]
 
+    @property
+    def of_mean(self) -> Float[Array, " n"]:
+        """Standard deviation of a long mean times the root of its samples: noise at zero frequency [N m]."""
+        return np.asarray(self.innovation / np.maximum(np.abs(self.coefficients.sum(axis=1)), 1e-3))
+
 
 def whiten(table: Float[Array, "t p"], coefficients: Float[Array, " k"]) -> Float[Array, "t p"]:
     """What a prediction-error filter leaves of each column, from rest."""
@@ -54,6 +59,41 @@ def _whiten(table: Array, coefficients: Array, left: Array) -> None:
             a = coefficients[lag]
             for c in range(table.shape[1]):
                 left[k, c] += a * table[k - lag, c]
+
+
+def shorter_filters(coefficients: Float[Array, " k"], innovation: float) -> list[Float[Array, " m"]]:
+    """Prediction-error filters of all orders up to a filter's own, each divided by what it can't predict.
+
+    Durbin's recursion backwards: with the reflection κ = a_m, a_i ← (a_i − κ a_{m−i}) / (1 − κ²), σ² ← σ² / (1 − κ²).
+    """
+    filtering, variance, found = np.array(coefficients, dtype=float), innovation**2, []
+    for order in range(len(coefficients) - 1, -1, -1):
+        found.append(filtering[: order + 1] / np.sqrt(variance))
+        reflection = float(filtering[order])
+        if order and reflection:
+            filtering = (filtering - reflection * np.append(filtering[order::-1], filtering[order + 1 :])) / (
+                1.0 - reflection**2
+            )
+            variance /= 1.0 - reflection**2
+    return found[::-1]
+
+
+def whiten_after_gaps(
+    table: Float[Array, "t p"], counts: Bool[Array, " t"], filters: Sequence[Float[Array, " m"]]
+) -> Float[Array, "t p"]:
+    """Whitened rows where they count: after a gap each by as much of its past as counts.
+
+    Args:
+        table: The rows.
+        counts: Which of them count; what is returned of the others means nothing.
+        filters: `shorter_filters`.
+    """
+    left = whiten(table, filters[-1])
+    since = np.arange(len(counts)) - np.maximum.accumulate(np.where(counts, -1, np.arange(len(counts))))
+    for order, filtering in enumerate(filters[:-1]):
+        rows = np.flatnonzero(counts & (since == order + 1))
+        left[rows] = sum(weight * table[rows - lag] for lag, weight in enumerate(filtering))
+    return left
 
 
 def estimate_noise(layout: Layout, held: Sequence[Rows], settings: RegressionSettings = USUAL_REGRESSION) -> Whitening:

@@ -12,11 +12,17 @@ Source: DerSimonian and Laird 1986 (moment estimator of a variance component).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.diagnosis.regression.dwells import DwellRows
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
+
+# Holds that a joint's level of static friction, guessed by its Coulomb friction, counts as.
+GUESS = 4.0
 
 
 def residual_weights(evidence: Evidence, projection: Projection) -> Float[Array, " P"]:
@@ -61,3 +67,27 @@ def _spread_of_joint(evidence: Evidence, joint: int, weights: Float[Array, " P"]
     found = max(0.0, excess) / max(scale, 1e-300)
     usual = held.usual_runs * held.usual_spread**2
     return float(np.sqrt((runs * found + usual) / (runs + held.usual_runs)))
+
+
+def estimate_held(evidence: Evidence, model: Projection) -> tuple[DwellRows, ...]:
+    """Each joint's holds with the level of static friction that what a model leaves of them speaks for.
+
+    With z the rows' residuals in standard deviations and h the share of each that the model took up, f_s² times
+    (ν + Σ z²) / (ν + Σ (1 − h)): the guess, by the Coulomb level, counts as ν holds.
+
+    Args:
+        evidence: Sums with the holds in them.
+        model: A model with all that may act.
+    """
+    weights = residual_weights(evidence, model)
+    root = np.linalg.cholesky(model.spread)
+    place = {int(column): k for k, column in enumerate(model.inside)}
+    found = []
+    for held, local in zip(evidence.dwells, evidence.layout.local, strict=True):
+        rows = held.weighted
+        used = [k for k, column in enumerate(local) if int(column) in place]
+        taken = float(np.sum((rows[:, used] @ root[[place[int(local[k])] for k in used]]) ** 2))
+        holds = len(np.unique(held.hold))
+        factor = (GUESS + float(np.sum((rows @ weights[local]) ** 2))) / (GUESS + max(holds - taken, 0.0))
+        found.append(replace(held, friction=held.friction * float(np.sqrt(factor))))
+    return tuple(found)

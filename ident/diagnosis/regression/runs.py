@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.baseline import Baseline, rigid_torque
+from ident.diagnosis.regression.dwells import rested, resting, static_level
 from ident.effects.base import RunContext, SessionContext
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import OnDemand, SpooledArrays, SpooledMotions
@@ -40,7 +41,7 @@ def _build_run(baseline: Baseline, motion: Motion) -> RunContext:
 
 def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, slip: Array) -> RunContext:
     loss = baseline.loss
-    return RunContext(
+    run = RunContext(
         motion=motion,
         arm=arm,
         rigid=rigid,
@@ -51,6 +52,7 @@ def _run_of(baseline: Baseline, motion: Motion, arm: ArmModel, rigid: Array, sli
         temperature=motion.temperature,
         position_command=motion.position_command,
     )
+    return rested(run)
 
 
 def noisier_run(baseline: Baseline, run: RunContext) -> RunContext:
@@ -85,9 +87,15 @@ class _SpooledRuns(OnDemand[RunContext]):
 
 
 def leftover_torque(session: SessionContext) -> Sequence[Float[Array, "t n"]]:
-    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m]."""
+    """What the tuned model leaves of each run's torque, filtered; zero where that doesn't count [N m].
+
+    Of a joint at rest it is what goes beyond its static friction.
+    """
     found: list[Array] | SpooledArrays = SpooledArrays() if isinstance(session.runs, _SpooledRuns) else []
+    held = static_level(session)
     for run in session.runs:
         left = run.motion.tau_filtered - run.motion.filtered(run.total)
-        found.append(np.where(run.motion.settled, left, 0.0))
+        still = resting(run.motion)[run.motion.coarse]
+        beyond = np.where(still, left - np.clip(left, -held, held), 0.0)
+        found.append(np.where(run.motion.settled, left, beyond))
     return found

@@ -1,11 +1,13 @@
 """Is a name's size the same in all runs? A constant of the arm is; what stands in for something else often is not.
 
 With x the torque of a name at its estimate, seen after the model beside it, and e what the whole model leaves, the size
-in a fold f, as a share of the whole, is s_f = 1 + Σ_f x e / Σ_f x x, of variance k / Σ_f x x, where k is how much more
-than noise the scores of the fold's own blocks vary. Cochran's Q asks whether the s_f agree within that; DerSimonian and
-Laird's τ is by how much they truly differ.
+in a fold f, as a share of the whole, is s_f = 1 + Σ_f x e / Σ_f x x, known to its own variance v_f = k_f / Σ_f x x.
+k_f is how much more than noise the scores of its blocks vary: its own, drawn towards that of the middle fold, for it
+has few blocks. Cochran's Q asks whether the s_f agree within their own errors; τ² of DerSimonian and Laird is by how
+much they truly differ. A run that hardly moves says next to nothing, and weighs as little. Sizes are reported as the
+random-effects model has them: each drawn to the mean as far as its own error lets it.
 
-Source: Cochran 1954; DerSimonian and Laird 1986, both on combining experiments.
+Source: Cochran 1954; DerSimonian and Laird 1986, both on combining experiments; Morris 1983 (drawing to the mean).
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from ident.diagnosis.selection.search import Search
 
 # A fold in which less than this share of the name's torque is seen has no say: its size there is anything.
 LEAST_SEEN = 1e-6
+# Blocks that the middle fold counts as in each fold's own variation (chosen: about as many as a fold has).
+SHARED_BLOCKS = 8.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Agreement:
     Attributes:
         spread: Standard deviation of the size beyond chance, as a share of the size.
         p_value: Chance that a size which is the same everywhere would seem to differ so much.
-        least, most: Smallest and largest size, as a share.
+        least, most: Smallest and largest size, drawn to the mean by their errors, as a share.
     """
 
     spread: float
@@ -59,13 +63,29 @@ def measure_agreement(search: Search, groups: Sequence[Group], slot: int, absorb
         return Agreement(0.0, 1.0, 1.0, 1.0)
     seen = np.array([power[part].sum() for part in parts])
     size = np.array([along[part].sum() for part in parts]) / seen
-    own = sum(_own_variation(along[part] - s * power[part], power[part]) for part, s in zip(parts, size, strict=True))
-    weight = seen / max(1.0, own / float(seen.sum()))
+    own = np.array([_own_variation(along[p] - s * power[p], power[p]) for p, s in zip(parts, size, strict=True)])
+    return compare_sizes(size, seen, own, np.array([len(along[part]) for part in parts]))
+
+
+def compare_sizes(
+    size: Float[Array, " f"], seen: Float[Array, " f"], scores: Float[Array, " f"], blocks: Float[Array, " f"]
+) -> Agreement:
+    """How well some folds' sizes agree, each known to its own error.
+
+    Args:
+        size: Of each fold, less that of the whole, as a share of it.
+        seen: Information of the noise model about each.
+        scores: Sum of the squared scores of each fold's blocks: `seen` where blocks vary as the noise model says.
+        blocks: Number of its blocks.
+    """
+    shared = float(np.median(scores / seen))
+    own = (blocks * scores / seen + SHARED_BLOCKS * shared) / (blocks + SHARED_BLOCKS)
+    weight = seen / np.maximum(own, 1.0)
     mean = float(weight @ size / weight.sum())
-    q, freedom = float(weight @ (size - mean) ** 2), len(parts) - 1
-    beyond = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
-    told = 1.0 + size
-    return Agreement(float(np.sqrt(beyond)), float(chdtrc(freedom, q)), float(told.min()), float(told.max()))
+    q, freedom = float(weight @ (size - mean) ** 2), len(size) - 1
+    between = max(q - freedom, 0.0) / float(weight.sum() - np.sum(weight**2) / weight.sum())
+    drawn = 1.0 + mean + (size - mean) * between / (between + 1.0 / weight)
+    return Agreement(float(np.sqrt(between)), float(chdtrc(freedom, q)), float(drawn.min()), float(drawn.max()))
 
 
 def _own_variation(score: Array, power: Array) -> float:

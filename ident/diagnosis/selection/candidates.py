@@ -227,15 +227,14 @@ class Candidates:
         first = _reducible(start, floor[joints])
         gap = closed / (first if group.effect.event else _reducible(old, floor[joints]))
         most = int(np.argmax(fall))
-        share = float(np.sum(closed / floor[joints] ** 2) / np.sum(_reducible(scores[0].rms, floor) / floor**2))
         if group.effect.event:
             p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
         return Gates(
             p_value=p_value,
-            log_score=scores[2].gain_over(scores[1]),
+            log_score=scores[2].gain_over(scores[1], joints),
+            closed=scores[2].closed_over(scores[1], joints),
             rms_fall=float(fall[most]),
             gap_fall=float(gap[most]),
-            share=share,
             own_share=float(closed[most] / first[most]),
             evidence=score,
             absorbed=absorbed,

@@ -51,6 +51,17 @@ class Estimate:
     certain: bool = False
 
     @property
+    def shares(self) -> dict[str, float]:
+        """Probability of each name of the class, its own first: what of the same evidence each would have."""
+        own = {self.rivals[0]: self.probability}
+        return own | {name: self.probability / self.odds[name] for name in self.rivals[1:] if name in self.odds}
+
+    @property
+    def class_probability(self) -> float:
+        """That one of the names that can't be told apart is the cause."""
+        return min(sum(self.shares.values()), 1.0)
+
+    @property
     def undefined(self) -> str | None:
         """Why nobody can say that there is such an effect, or None.
 
@@ -207,7 +218,7 @@ def widened(interval: Interval, doubt: float) -> Interval:
     if doubt == 0.0 or not np.isfinite(interval.value):
         return interval
     low, high = (float(np.hypot(end - interval.value, doubt)) for end in (interval.low, interval.high))
-    return Interval(interval.value, interval.value - low, interval.value + high)
+    return replace(interval, low=interval.value - low, high=interval.value + high)
 
 
 def _beside(

@@ -18,7 +18,8 @@ Source: Pawitan 2001 (profile likelihood).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -131,23 +132,29 @@ def _both(one: Interval, other: Interval, narrower: float, name: str) -> Interva
     middle = other.value + shift
     low = middle - narrower * (other.value - other.low)
     high = middle + narrower * (other.high - other.value)
-    return Interval(one.value, float(min(one.low, low)), float(max(one.high, high)))
+    return replace(one, low=float(min(one.low, low)), high=float(max(one.high, high)))
 
 
 def _interval(x: Float[Array, " k"], falls: Float[Array, " k"], drop: float) -> Interval:
-    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, straight lines beyond."""
+    """Maximum and 95 % interval of a profile on a grid of logs: parabola through the top, grid points beyond.
+
+    An end that the profile does not fall from within the grid is open: it stands half a step beyond the grid, and no
+    law that was not tried is reported.
+    """
     top = int(np.argmax(falls))
-    best = x[top]
-    peak = falls[top]
+    best, peak = x[top], falls[top]
+    step = float(np.min(np.diff(x)))
+    low, high, margin = best, best, step / 2
     if 0 < top < len(x) - 1:
         a, b, c = np.polyfit(x[top - 1 : top + 2] - x[top], falls[top - 1 : top + 2], 2)
         if a < 0:
             best, peak = x[top] - b / (2 * a), c - b**2 / (4 * a)
             reach = float(np.sqrt(drop / -a))
-            inside = falls > peak - drop
-            low, high = min(best - reach, x[inside].min(initial=best)), max(best + reach, x[inside].max(initial=best))
-            return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+            low, high, margin = best - reach, best + reach, 0.0
     inside = falls > peak - drop
-    step = float(np.min(np.diff(x)))
-    low, high = x[inside].min(initial=best) - step / 2, x[inside].max(initial=best) + step / 2
-    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)))
+    low = min(low, x[inside].min(initial=best) - margin)
+    high = max(high, x[inside].max(initial=best) + margin)
+    low, high = max(low, x[0] - step / 2), min(high, x[-1] + step / 2)
+    ends = {(True, False): "low", (False, True): "high", (True, True): "both"}
+    open_: Any = ends.get((bool(inside[0]), bool(inside[-1])), "")
+    return Interval(float(np.exp(best)), float(np.exp(low)), float(np.exp(high)), open_)

@@ -14,6 +14,7 @@ import numpy as np
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, layout_of
+from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
@@ -40,10 +41,11 @@ def refine(search: Search, session: SessionContext, baseline: Baseline, groups: 
 
     def gathered() -> Evidence:
         grids = [(group.effect, group.joint, _finer(session, group)) for group in groups]
-        layout = layout_of(session, baseline.base.rank, grids)
-        return gather(session, baseline, layout, search.evidence.whitening)
+        layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
+        return gather(session, baseline, layout, search.evidence.whitening, rest=True).with_dwells()
 
     evidence = search.finer.of(groups, gathered).with_run_spread(search.evidence.spread)
+    evidence = evidence.with_dispersion(search.evidence.dispersion)
     prior = Prior.believing(evidence, baseline, search.prior.error)
     fine = Search(evidence, prior, HeldOut(evidence, prior), search.seed, settings=search.settings)
     return Refined(fine, _best(fine, [group.key for group in groups]))

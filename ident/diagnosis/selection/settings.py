@@ -40,24 +40,20 @@ class SelectionSettings(Settings):
     least_gap_fall: float = number(
         0.1, "1", "least share of the mean square above noise that must be closed", "chosen: less changes no simulation"
     )
-    least_share: float = number(
-        0.003,
-        "1",
-        "least share of what could be closed at all joints at first",
-        "calibrated: remains of causes whose law is not quite the catalogue's",
-    )
     least_own_share: float = number(
         LAW_SHARE**2,
         "1",
-        "the same at the effect's own joint",
+        "least share of what could be closed at the effect's own joint at first",
         "law: mean square that a cause leaves whose law is off by 15 % of its torque (`LAW_SHARE`)",
     )
-    most_effects: int = number(5, "1", "most names that a search gives", "chosen: work; no cause of six was tried")
+    most_effects: int = number(
+        8, "1", "most names that a search gives", "chosen: work; real arms have five open at once"
+    )
     most_uneven: float = number(
-        0.3,
+        0.5,
         "1",
         "share by which a constant's size may differ between runs",
-        "calibrated: right names of three blind runs",
+        "law: of sizes that differ by more, one in forty would have the other sign",
     )
     uneven_chance: float = number(0.01, "1", "chance below which such a difference is none", "law: the usual 1 %")
     absorbed_below: float = number(
@@ -131,7 +127,7 @@ class SelectionSettings(Settings):
         10.0,
         "1",
         "names against which the holder's odds are no more stand in its class",
-        "chosen: nine in ten; `ident blind --calibrate` may put a conformal value in its place",
+        "chosen: nine in ten",
     )
     rival_nats: float = number(
         60.0,

@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ident.errors import plural
 from ident.recordings.recording import TelemetryIssue
-from ident.show.changes import OF_THE_ARM, describe_spread, describe_still, headline, places_of, without_still
-from ident.show.report.findings import parameter_row
-from ident.show.report.numbers import fixed, percent, plural
+from ident.show.changes import (
+    OF_THE_ARM,
+    describe_spread,
+    describe_still,
+    describe_used,
+    headline,
+    places_of,
+    without_still,
+)
+from ident.show.report.numbers import fixed, percent
 from ident.show.report.page import Section, render_page, write_report
 from ident.show.report.provenance import FactsSection, provenance_facts
 from ident.show.report.telemetry import TelemetrySection
-from ident.show.report.words import effect_name, join_words
+from ident.show.report.words import effect_name, join_words, parameter_cells
 from ident.show.silence import silent_groups
 
 TITLE = "What changed"
@@ -46,7 +54,7 @@ class ChangesSection(Section):
                 )
             ],
             "spread": describe_spread(record["friction_run_spread"]),
-            "still": [f"{line[0].upper()}{line[1:]}." for line in describe_still(record)],
+            "still": [f"{line[0].upper()}{line[1:]}." for line in (*describe_used(record), *describe_still(record))],
             "silent": silent_groups(without_still(record)),
             "fatal": [issue for issue in record["telemetry"] if issue["severity"] == "fatal"],
         }
@@ -66,7 +74,7 @@ def _card(change: Mapping[str, Any]) -> dict[str, Any]:
             f"{joint} {fixed(before)} → {fixed(heldout['rms_after_Nm'][joint])} N m"
             for joint, before in heldout["rms_before_Nm"].items()
         ],
-        "parameters": [parameter_row(key, value) for key, value in change["parameters"].items()],
+        "parameters": [parameter_cells(key, value) for key, value in change["parameters"].items()],
     }
 
 

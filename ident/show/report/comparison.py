@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import plural
 from ident.model.evaluation import Evaluation, SessionScore
 from ident.model.hybrid import HybridModel
 from ident.show.palette import model_colour
 from ident.show.report.figures import WIDE, make_panel, to_svg
-from ident.show.report.numbers import pair, plural, table_places
+from ident.show.report.numbers import pair, table_places
 from ident.show.report.page import Section
 from ident.show.report.source import ReportInput, pool_name
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ident.diagnosis.verdict import above_noise
-from ident.show.report.numbers import DASH, fixed, glue, pair, percent, plural, row_places, significant
+from ident.errors import plural
+from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
 from ident.show.report.words import effect_name, join_words, with_units
@@ -63,19 +64,40 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: about what gains most, where that is most of the gap; else what to give or to record."""
-    if record["verdict"] not in ("not_testable", "none_of_catalogue"):
-        actions = (finding.get("action", "") for finding in record.get("findings", []))
-        action = next(filter(None, actions), "")
+    """What to do first: about what gains most; where doubts stand and no name is likely, what to give or record."""
+    findings = record.get("findings", [])
+    doubted = bool(overtuned_joints(record) or tuned_away_joints(record))
+    believed = any(one.get("probability", 1.0) >= LIKELY for one in findings)
+    if record["verdict"] not in ("not_testable", "none_of_catalogue") and (believed or not doubted):
+        action = next(filter(None, (order_of(one, record) for one in findings)), "")
         return f"{action[0].upper()}{action[1:]}." if action else ""
     if overtuned_joints(record):
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
     if tuned_away_joints(record):
         return OWN_INERTIAS
-    motion = (record.get("next_experiment") or {}).get("motion", "").removeprefix(NO_MOTION)
+    motion = _next_motion(record)
     return f"Record this next: {motion}." if motion else ""
 
 
+def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+    """What to do about a name; of tied names, none of them likelier than not, no single order is given."""
+    names = finding.get("class", [])
+    if len(names) < 2 or finding.get("probability", 1.0) >= LIKELY:
+        return str(finding.get("action", ""))
+    motion = _next_motion(record)
+    apart = f"record this to tell them apart: {motion}" if motion else "record what tells them apart"
+    tied = " or ".join(effect_name(name) for name in names[:MOST_TIED])
+    return f"act on none yet, for it may be {tied}; {apart}"
+
+
+def _next_motion(record: Mapping[str, Any]) -> str:
+    return str((record.get("next_experiment") or {}).get("motion", "")).removeprefix(NO_MOTION)
+
+
+# A name below is less likely than not.
+LIKELY = 0.5
+# Tied names that one sentence holds.
+MOST_TIED = 3
 # What a motion's words begin with where it takes more than motion.
 NO_MOTION = "Motion alone hardly tells these apart. "
 OWN_INERTIAS = (

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from ident.arrays import Array, Float
 from ident.show.palette import MEASURED
@@ -26,6 +27,13 @@ MOST_POINTS = 500
 # Text stays text: the page's own font is used, and the page stays small and can be searched.
 SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "armgap", "path.simplify": True}
 _counter = itertools.count()
+
+
+def without_formulas(figure: Figure) -> Figure:
+    """The same figure, its texts as they stand: a joint's name is no formula, whatever signs are in it."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+    return figure
 
 
 def make_panel(
@@ -66,6 +74,7 @@ def to_svg(figure: Figure, description: str) -> Markup:
         description: What it shows, for those who can't see it.
     """
     buffer = io.StringIO()
+    without_formulas(figure)
     with mpl.rc_context(SVG_SETTINGS):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()

@@ -8,13 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ident.show.report.diagnosis_verdict import order_of
 from ident.show.report.numbers import pair, percent, significant
 from ident.show.report.page import Section
 from ident.show.report.source import DiagnosisInput
-from ident.show.report.words import effect_name, join_words, parameter_name
-
-# Figures that are counted, not measured.
-COUNTED = frozenset({"order", "link", "other_joint"})
+from ident.show.report.words import effect_name, join_words, parameter_cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +32,13 @@ class FindingsSection(Section):
         findings, pictures = self.source.record["findings"], self.source.pictures
         drawn = [*pictures, *[None] * (len(findings) - len(pictures))]
         cards = zip(findings, drawn, strict=False)
-        runs = self.source.record.get("session", {}).get("runs", 2)
-        return {"findings": [{**finding_card(finding, runs), "picture": picture} for finding, picture in cards]}
+        record = self.source.record
+        return {"findings": [{**finding_card(finding, record), "picture": picture} for finding, picture in cards]}
 
 
-def finding_card(finding: Mapping[str, Any], runs: int) -> dict[str, Any]:
-    """A finding as text; of a single run its energy error has no spread."""
+def finding_card(finding: Mapping[str, Any], record: Mapping[str, Any]) -> dict[str, Any]:
+    """A finding of a record as text; of a single run its energy error has no spread."""
+    runs = record.get("session", {}).get("runs", 2)
     heldout = finding["heldout"]
     twins = [effect_name(effect) for effect in finding.get("class", []) if effect != finding["effect"]]
     return {
@@ -47,7 +46,7 @@ def finding_card(finding: Mapping[str, Any], runs: int) -> dict[str, Any]:
         "joints": join_words(finding["joints"]),
         "probability": percent(finding.get("probability")),
         "twins": join_words(twins),
-        "action": _sentence(finding.get("action", "")),
+        "action": _sentence(order_of(finding, record)),
         "gain": significant(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
         "shrink": percent(heldout["shrink"]),
         "share": percent(heldout.get("share")) if "share" in heldout else "",
@@ -57,7 +56,7 @@ def finding_card(finding: Mapping[str, Any], runs: int) -> dict[str, Any]:
             for joint, before in heldout["rms_before_Nm"].items()
         ],
         "energy": f"{_energy(heldout, 'before', runs)} → {_energy(heldout, 'after', runs)} J",
-        "parameters": [parameter_row(name, value) for name, value in finding.get("parameters", {}).items()],
+        "parameters": [parameter_cells(name, value) for name, value in finding.get("parameters", {}).items()],
     }
 
 
@@ -69,14 +68,3 @@ def _energy(heldout: Mapping[str, Any], when: str, runs: int) -> str:
     """Mean energy error of a run, with its spread over the runs where there are several."""
     spread = heldout.get(f"energy_error_{when}_std_J") if runs > 1 else None
     return pair(heldout.get(f"energy_error_{when}_J"), spread)
-
-
-def parameter_row(name: str, value: Any) -> dict[str, str]:
-    """A figure with its unit and interval as a row of a table."""
-    words, unit = parameter_name(name)
-    if isinstance(value, Mapping) and name in COUNTED:
-        return {"name": words, "unit": unit, "value": f"{value['value']:.0f}", "interval": ""}
-    if not isinstance(value, Mapping):
-        return {"name": words, "unit": unit, "value": str(value), "interval": ""}
-    interval = f"{significant(value.get('low'), 3)} to {significant(value.get('high'), 3)}"
-    return {"name": words, "unit": unit, "value": significant(value["value"], 3), "interval": interval}

@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import plural
 from ident.model.evaluation import SessionScore
 from ident.show.palette import rung_colours, rung_name
-from ident.show.report.numbers import MINUS, fixed, glue, pair, percent, plural, table_places
+from ident.show.report.numbers import MINUS, fixed, glue, pair, percent, table_places
 from ident.show.report.page import Section
 from ident.show.report.source import ReportInput, pool_name
 

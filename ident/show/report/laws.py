@@ -13,6 +13,7 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import reversal_age
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.result import Finding
+from ident.effects.base import Effect
 from ident.show.report.figures import WIDE, binned, make_panel, thin, to_svg
 
 DATA, LAW, PLAIN = "#7f7f7f", "#009e73", "#d55e00"
@@ -72,22 +73,13 @@ def _load(item: RunResidual, joint: int) -> Float[Array, " t"]:
     return np.asarray(item.run.link[item.run.motion.coarse][:, joint])
 
 
-# Effect -> what its law is a curve over, with the unit of the axis ("" for the joint's own: rad or m).
+# What a law is a curve over (`Effect.drawn_over`), with the unit of the axis ("" for the joint's own: rad or m).
 CURVES: Mapping[str, tuple[str, str, Axis]] = {
-    "stribeck_friction": ("speed", "/s", _speed),
-    "nonlinear_viscous_friction": ("speed", "/s", _speed),
-    "asymmetric_friction": ("speed", "/s", _speed),
-    "spring_torque": ("angle", "", _position),
-    "load_dependent_friction": ("load", "N m", _load),
-    "torque_gain_error": ("load", "N m", _load),
-    "torque_saturation": ("load", "N m", _load),
-    "presliding_hysteresis": ("time since it turned round", "s", reversal_age),
-    "backlash": ("load", "N m", _load),
+    "speed": ("speed", "/s", _speed),
+    "angle": ("angle", "", _position),
+    "load": ("load", "N m", _load),
+    "reversal": ("time since it turned round", "s", reversal_age),
 }
-# Friction is drawn with its direction taken out: both ways on one curve.
-ODD = frozenset({"load_dependent_friction", "presliding_hysteresis"})
-# Friction is drawn whole: the tuned line, and what the law adds.
-WHOLE = frozenset({"stribeck_friction", "nonlinear_viscous_friction", "asymmetric_friction"})
 
 
 def draw_laws(analysis: Analysis) -> tuple[LawPicture | None, ...]:
@@ -101,8 +93,8 @@ def _draw(analysis: Analysis, finding: Finding) -> LawPicture | None:
     law = _torque_of(analysis, finding)
     if not sum(int(inside.sum()) for inside in law.where()):
         return None
-    effect = finding.estimate.group.effect.id
-    return _over_curve(analysis, law, effect) if effect in CURVES else _over_time(analysis, law, effect)
+    effect = finding.estimate.group.effect
+    return _over_curve(analysis, law, effect) if effect.drawn_over in CURVES else _over_time(analysis, law)
 
 
 def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
@@ -122,22 +114,22 @@ def _torque_of(analysis: Analysis, finding: Finding) -> _Law:
     return _Law(joint, torque, left, series)
 
 
-def _over_curve(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None:
-    name, unit, axis = CURVES[effect]
+def _over_curve(analysis: Analysis, law: _Law, effect: Effect) -> LawPicture | None:
+    name, unit, axis = CURVES[effect.drawn_over]
     joint, j = analysis.diagnosis.joints[law.joint], law.joint
     x = law.gathered([axis(item, j) for item in law.items])
     data, curve = law.gathered(law.left), law.gathered(law.torque)
     plain = np.zeros_like(data)
-    if effect in WHOLE:
+    if effect.drawn == "whole":
         plain = law.gathered([_tuned_friction(analysis, item, j) for item in law.items])
-    sign = np.sign(law.gathered([_speed(item, j) for item in law.items])) if effect in ODD else np.ones_like(x)
+    sign = np.sign(law.gathered([_speed(item, j) for item in law.items])) if effect.drawn == "odd" else np.ones_like(x)
     edges = _edges(x)
     found = [binned(x, sign * values, edges, LEAST_SAMPLES) for values in (plain + data, plain + curve, plain)]
     if len(found[0]) < 2:
         return None
     own = "m" if analysis.baseline.nominal.sliding_joints[j] else "rad"
     unit = own if unit == "" else f"{own}/s" if unit == "/s" else unit
-    what = "friction" if effect in WHOLE or effect in ODD else "torque without the law"
+    what = "friction" if effect.drawn else "torque without the law"
     figure, axes = make_panel(f"{name} of {joint} [{unit}]", f"{what} [N m]", WIDE, left=0.65, bottom=0.45)
     for part in _unbroken(found[0]):
         axes.fill_between(part[:, 0], part[:, 1], part[:, 3], color=DATA, alpha=0.25, linewidth=0)
@@ -145,7 +137,7 @@ def _over_curve(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None
     for rows, colour, style in ((found[2], PLAIN, "--"), (found[1], LAW, "-")):
         for part in _unbroken(rows):
             axes.plot(part[:, 0], part[:, 2], style, color=colour, linewidth=1.6)
-    rest = "Coulomb and viscous friction beside it" if effect in WHOLE else "zero, without it"
+    rest = "Coulomb and viscous friction beside it" if effect.drawn == "whole" else "zero, without it"
     caption = (
         f"{what[0].upper()}{what[1:]} of {joint} over its {name}. Grey: recorded, medians and 80 % of the samples; "
         f"green: with the named law; dashed: {rest}."
@@ -178,7 +170,7 @@ def _unbroken(rows: Float[Array, "b 4"]) -> list[Float[Array, "b 4"]]:
     return [part for part in (rows[rows[:, 0] < 0.0], rows[rows[:, 0] >= 0.0]) if len(part) > 1]
 
 
-def _over_time(analysis: Analysis, law: _Law, effect: str) -> LawPicture | None:
+def _over_time(analysis: Analysis, law: _Law) -> LawPicture | None:
     """Residual without and with the law over the run in which it shows most."""
     power = [
         float(np.mean(own[inside] ** 2)) if inside.any() else 0.0

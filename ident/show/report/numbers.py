@@ -65,11 +65,6 @@ def table_places(values: Iterable[float]) -> int:
     return min(2, places_for(values))
 
 
-def plural(count: int, noun: str) -> str:
-    """A count with its noun."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
-
-
 def percent(share: float | None) -> str:
     """A share as a whole percentage; one decimal near 0 and 100."""
     if share is None or not math.isfinite(share):

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ident.errors import plural
 from ident.model.evaluation import Evaluation
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import TelemetryIssue
 from ident.show.report.comparison import ComparisonSection
 from ident.show.report.fits import FitSection
 from ident.show.report.ladder import LadderSection
-from ident.show.report.numbers import plural
 from ident.show.report.page import Section, write_report
 from ident.show.report.parameters import ParameterSection
 from ident.show.report.payloads import PayloadSection

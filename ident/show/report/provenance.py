@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ident.diagnosis.settings import USUAL
+from ident.errors import plural
 from ident.model.hybrid import HybridModel
-from ident.show.report.numbers import plural
 from ident.show.report.page import Section
 
 # Clocks beyond this count seconds since 1970: 2001-09-09 [s].
 EPOCH_FROM = 1e9
 # Sessions that are named under a title.
 MOST_STAMPS = 4
+UNKNOWN = "not recorded"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +43,14 @@ def _facts(model: HybridModel) -> dict[str, Any]:
     facts = [
         ("robot", model.robot.name),
         ("URDF, SHA-256", model.robot.digest),
-        ("options", options or "not recorded"),
-        ("fitted on", f"{past['runs']} runs, {past['samples']:,} samples" if "samples" in past else "not recorded"),
-        ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else "not recorded"),
+        ("options", options or UNKNOWN),
+        (
+            "fitted on",
+            f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else UNKNOWN,
+        ),
+        ("low-pass", f"{past['cutoff_hz']:g} Hz" if "cutoff_hz" in past else UNKNOWN),
         ("numbers in the net", f"{past.get('net_parameters', 0):,}"),
-        ("data, SHA-256 of all", past.get("data_sha256", "not recorded")),
+        ("data, SHA-256 of all", past.get("data_sha256", UNKNOWN)),
         ("versions", ", ".join(f"{name} {number}" for name, number in past.get("versions", {}).items())),
     ]
     if past.get("accepted"):

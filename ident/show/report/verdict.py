@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.errors import plural
 from ident.model.evaluation import SessionScore
 from ident.show.palette import RUNG_MEANINGS, rung_colours, rung_name
-from ident.show.report.numbers import fixed, glue, pair, percent, places_for, plural, table_places
+from ident.show.report.numbers import fixed, glue, pair, percent, places_for, table_places
 from ident.show.report.page import Section
 from ident.show.report.source import ReportInput, pool_name
 
@@ -120,11 +121,14 @@ def headline(score: SessionScore) -> str:
     numbers = f"torque error {fixed(last, place)} N m; the URDF alone {fixed(first, place)} N m"
     if len(score.rungs) == 1:
         return f"Only the URDF was judged: torque error {fixed(first, place)} N m."
-    if share <= FOLLOWS:
-        return f"The fitted model follows the arm: {numbers}."
-    if share <= IN_PART:
-        return f"The fitted model follows the arm in part: {numbers}."
-    return f"The fit helps little: {numbers}."
+    below, with_last = np.sqrt(np.mean(score.energy_error[-2:].sum(axis=2) ** 2, axis=1))
+    energy = ""
+    if with_last > WORSE * below:
+        off, before = (fixed(value, table_places([value])) for value in (with_last, below))
+        last_rung = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
+        energy = f" Not in energy: with {last_rung} a run is off by {off} J, without by {before} J."
+    words = "follows the arm" if share <= FOLLOWS else "follows the arm in part" if share <= IN_PART else ""
+    return f"{f'The fitted model {words}' if words else 'The fit helps little'}: {numbers}.{energy}"
 
 
 def describe_steps(score: SessionScore) -> str:

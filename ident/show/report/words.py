@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from ident.effects.knowledge import STATE, Interval
 from ident.show.report.numbers import MINUS, significant
 
 # Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.
@@ -24,7 +26,15 @@ SUFFIXES = {
     "_s": "s",
 }
 # Parameters whose own names say too little.
-WORDS = {"mu": ("friction per load", "N m per N m"), "gain": ("reads too much by", "of what it is")}
+WORDS = {
+    "mu": ("friction per load", "N m per N m"),
+    "gain": ("reads too much by", "of what it is"),
+    "coefficient": ("coefficient", "N m (s/rad)^exponent"),
+    "viscous_change": ("viscous friction, warm less cold", "of the cold"),
+    "coulomb_change": ("Coulomb friction, warm less cold", "of the cold"),
+}
+# Parameters that are counted, not measured.
+COUNTED = frozenset({"order", "link", "other_joint"})
 AXES = {
     "speed": ("speed", "rad/s"),
     "direction": ("direction", ""),
@@ -56,6 +66,35 @@ def parameter_name(name: str) -> tuple[str, str]:
         if name.endswith(suffix):
             return effect_name(name.removesuffix(suffix)), unit
     return effect_name(name), ""
+
+
+def parameter_cells(name: str, value: Any) -> dict[str, str]:
+    """A parameter's name, value, 95 % interval and unit as text; counts and states have no interval.
+
+    Args:
+        name: Its name in a record.
+        value: Its `value`, `low` and `high`; of a foreign record anything.
+    """
+    words, unit = parameter_name(name)
+    if not isinstance(value, Mapping):
+        return {"name": words, "unit": unit, "value": str(value), "interval": ""}
+    cells = {"name": words, "unit": unit, "value": significant(value["value"], 3), "interval": ""}
+    if name in COUNTED:
+        return {**cells, "value": f"{value['value']:.0f}"}
+    if not name.startswith(STATE):
+        low, high = significant(value.get("low"), 3), significant(value.get("high"), 3)
+        known = {"high": f"{low} or more", "low": f"{high} or less", "both": "open"}
+        cells["interval"] = known.get(value.get("open", ""), f"{low} to {high}")
+    return cells
+
+
+def parameters_in_words(parameters: Mapping[str, Interval]) -> str:
+    """All parameters of an effect in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
+    rows = [parameter_cells(name, value.to_dict()) for name, value in parameters.items()]
+    return ", ".join(
+        " ".join(filter(None, (row["name"], row["value"], row["unit"], row["interval"] and f"[{row['interval']}]")))
+        for row in rows
+    )
 
 
 def with_units(text: str) -> str:

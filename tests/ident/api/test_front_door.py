@@ -147,7 +147,7 @@ def test_a_diagnosis_of_tables_is_that_of_their_file(columns: dict[str, np.ndarr
 
 def test_results_tell_themselves(columns: dict[str, np.ndarray]) -> None:
     found = ident.inspect([columns], "tm5-900")
-    assert found.summary().startswith("tables_1: 1 runs")
+    assert found.summary().startswith("tables_1: 1 run, ")
     assert found.plot().axes
     page = found._repr_html_()
     assert "<svg" in page

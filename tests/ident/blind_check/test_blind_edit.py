@@ -75,10 +75,10 @@ def test_a_cause_that_went_into_tuning_cannot(
 def test_nothing_but_the_chosen_names_is_taken_out(arm: ArmModel, spring: dict[str, Any]) -> None:
     """Law: tuning is the same with a name and without; names that are not chosen stay."""
     whole, without = EditedModel.of(spring, arm), EditedModel.of(spring, arm, [0])
-    assert len(whole.effects) == 1
-    assert not without.effects
-    np.testing.assert_array_equal(whole.arm.inertial_parameters, without.arm.inertial_parameters)
-    np.testing.assert_array_equal(whole.losses.coulomb, without.losses.coulomb)
+    assert len(whole.identified.changes) == 1
+    assert not without.identified.changes
+    np.testing.assert_array_equal(whole.identified.links.tuned, without.identified.links.tuned)
+    np.testing.assert_array_equal(whole.identified.losses.coulomb, without.identified.losses.coulomb)
 
 
 def test_the_twin_is_the_arm_of_the_case_without_its_cause() -> None:

@@ -54,7 +54,7 @@ def test_no_case_fails_and_every_score_has_its_interval(record: dict) -> None:  
     assert record["cases"] == 2
     assert {one["kind"] for one in record["outcomes"]} == {"single", "healthy"}
     assert record["intervals"].keys() - {"efficiency"} == record["scores"].keys() - {"efficiency"}
-    assert record["baselines"].keys() == {"bic_forward", "lasso", "correlation"}
+    assert record["baselines"].keys() == {"bic_forward"}
 
 
 def test_the_recordings_lie_apart_from_the_answers(folder: Path, events: list[str]) -> None:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ident.cli import app as cli
-from ident.diagnosis.gap.trees import Ceiling
+from ident.diagnosis.gap.ceiling import Ceiling
 from ident.effects import catalogue
 from ident.files import HOST
 from ident.model.hybrid import HybridModel
@@ -267,11 +267,10 @@ def test_no_robot_is_named(run: Run, spoilt: Path) -> None:
 
 
 def test_a_model_of_another_robot(run: Run, tmp_path: Path) -> None:
-    """Law: a diagnosis compares with a model of the same robot only."""
+    """Law: a diagnosis compares with a model of the same robot only, known by its links and not by its name."""
     cousin, fitted = tmp_path / "cousin.urdf", tmp_path / "m"
-    cousin.write_text(
-        Path(data_path("urdf/tm5_900.urdf")).read_text().replace('<robot name="tm5_900"', '<robot name="c"')
-    )
+    own = Path(data_path("urdf/tm5_900.urdf")).read_text()
+    cousin.write_text(own.replace('<robot name="tm5_900"', '<robot name="c"').replace('"8.897"', '"9.897"'))
     assert run("fit", E1, "--robot", cousin, "--net", "none", "--out", fitted).status == 0
     ended = run("diagnose", E1, *ROBOT, "--model", fitted, "--json", tmp_path / "d.json")
     assert_told(ended, str(fitted), "'c'", "'tm5_900'")
@@ -382,7 +381,7 @@ def test_simulate(run: Run, tmp_path: Path) -> None:
     short = ("--runs", 1, "--duration", 2, "--motion", "spline", "--rate", 100)
     ended = run("simulate", "--out", tmp_path / "s", "--effect", "spring_torque:joint_3:20", *short)
     assert ended.status == 0, ended.err
-    assert "1 runs" in ended.out
+    assert "1 run, " in ended.out
     assert run("inspect", tmp_path / "s").status == 0
     assert_untouched(tmp_path, "s")
 
@@ -446,3 +445,30 @@ def test_a_fit_goes_on_after_a_kill_amid_a_checkpoint(
         (training / f".checkpoint.armgap-{HOST}-999999999-ab.part.safetensors").write_bytes(b"half")
         assert run("fit", E1, *ROBOT, "--out", tmp_path / "m").status == 0
         assert_untouched(tmp_path, "m")
+
+
+def test_without_a_command_the_help_is_shown_and_nothing_is_wrong(run: Run) -> None:
+    ended = run()
+    assert ended.status == 0
+    assert "diagnose" in ended.out
+
+
+def test_a_record_on_standard_output_stands_there_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["ident", "inspect", str(ONE_RUN), *ROBOT, "--json", "-"])
+    with pytest.raises(SystemExit):
+        cli.main()
+    told = capsys.readouterr()
+    assert json.loads(told.out)["schema"] == "ident.telemetry/1"
+    assert "1 run," in told.err
+    assert not Path("-").exists()
+
+
+def test_a_view_without_a_screen_is_told_before_anything_is_read(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    ended = run("view", ONE_RUN, *ROBOT)
+    assert (ended.status, ended.err.count("\n")) == (2, 1)
+    assert "--rrd" in ended.err

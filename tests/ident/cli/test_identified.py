@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from ident.cli.app import app
 from ident.cli.identified import NOT_PASSED
+from ident.files import sha256_of
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
@@ -52,3 +54,17 @@ def test_verify_is_a_gate(bound: float, status: int, run: Callable[..., int], mo
     limits.write_text(f"[torque_rmse_Nm]\ntotal = {bound}\n")
     assert run("verify", model, E1, "--limits", limits, "--json", record) == status
     assert json.loads(record.read_text())["passed"] is (status == 0)
+
+
+def test_a_gate_on_the_data_of_the_fit_passes_by_request_alone(
+    run: Callable[..., int], model: Path, tmp_path: Path
+) -> None:
+    """Law: one common file is enough for exit 3, whatever the limits; --in-sample accepts it; the record says so."""
+    limits, record = tmp_path / "limits.toml", tmp_path / "verify.json"
+    limits.write_text("[torque_rmse_Nm]\ntotal = 1000.0\n")
+    fitted = HybridModel.load(model)
+    data = [{"session": "E1", "file": "one", "sha256": sha256_of(sorted(E1.glob("*.parquet"))[0])}]
+    replace(fitted, provenance={"data": data}).save(tmp_path / "seen")
+    assert run("verify", tmp_path / "seen", E1, "--limits", limits, "--json", record) == NOT_PASSED
+    assert json.loads(record.read_text())["in_sample"]
+    assert run("verify", tmp_path / "seen", E1, "--limits", limits, "--in-sample") == 0

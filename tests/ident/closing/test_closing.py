@@ -26,8 +26,8 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import read_commands, write_commands
 from ident.trajectories.kinds import KINDS
 from ident.trajectories.reference import ReferenceMotion, via_spline
+from tests.ident.export.diagnoses import COULOMB, ROTOR, VISCOUS, baseline
 from tests.ident.made_up import made_session, two_joint_arm
-from tests.ident.patches.diagnoses import COULOMB, ROTOR, VISCOUS, baseline
 from tests.schemas import check_file
 
 NOISE = 0.3

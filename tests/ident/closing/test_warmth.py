@@ -13,19 +13,19 @@ from ident.arrays import Array
 from ident.closing import loop
 from ident.closing.warmth import NO_WARMTH, PlannedRun, Warmth, put_on_a_clock
 from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.export.law_model import LawModel
+from ident.export.python import describe_arm
+from ident.export.standalone.motion import Losses
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
-from ident.patches.module import describe_arm
-from ident.patches.simulator_models import LawModel
-from ident.patches.standalone.motion import Losses
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion
 from tests.ident.closing.test_closing import LEFT, NOISE, Anything
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS, make_session
+from tests.ident.export import diagnoses
+from tests.ident.export.diagnoses import FIGURES, baseline, finding
 from tests.ident.made_up import made_session, two_joint_arm
-from tests.ident.patches import diagnoses
-from tests.ident.patches.diagnoses import FIGURES, baseline, finding
 
 # Of the diagnosis written by hand: shares between coldest and warmest, and how long the joint keeps its heat.
 LAW = FIGURES["thermal_friction"]

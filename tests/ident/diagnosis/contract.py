@@ -46,6 +46,7 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
         assert place["axis"] in AXES
         assert figures(place, "low", "high", "share_of_gap", "p_value")
         assert 0.0 < place["p_value"] <= 1.0
+    check_places(record)
     for finding in record["findings"]:
         _check_finding(finding, joints)
     for silent in record["not_testable"]:
@@ -56,6 +57,24 @@ def check_diagnosis(record: dict[str, Any]) -> dict[str, Any]:
         assert set(record["heldout"]["rms_before_Nm"]) == set(record["heldout"]["rms_after_Nm"]) == set(joints)
         assert number(record["heldout"]["shrink"])
     return record
+
+
+def check_places(record: Mapping[str, Any]) -> None:
+    """Places are of joints with a gap, in the order of harm but for the first name's joints, which come first."""
+    gap, places = record["gap"], record["where"]
+    judged = [(set(f["joints"]) | set(f["heldout"]["rms_before_Nm"]), f["evidence"]) for f in record["findings"]]
+    for place in places:
+        one = gap[place["joint"]]
+        hidden = [how["judged_against"] == "urdf" for joints, how in judged if place["joint"] in joints]
+        error = one["fixed_rms_Nm"] if any(hidden) or one["tuned_away_Nm"] > 0.0 else one["rms_Nm"]
+        assert error > one["noise_floor_Nm"]
+        assert place["share_of_gap"] > place["share_of_time"]
+        assert (place["axis"], place["low"]) != ("frequency", 0.0)
+    first = set(record["findings"][0]["joints"]) if record["findings"] else set()
+    listed = list(dict.fromkeys((place["joint"] not in first, -place["beyond_noise_Nm"]) for place in places))
+    assert listed == sorted(listed)
+    if first & {place["joint"] for place in places}:
+        assert places[0]["joint"] in first
 
 
 def _check_finding(finding: dict[str, Any], joints: list[str]) -> None:

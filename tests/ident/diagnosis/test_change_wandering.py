@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.diagnosis.change.wandering import STILL, estimate_wandering
+from ident.diagnosis.change.between_run_variance import NO_WALK, estimate_random_walk
 
 USUAL = 0.1
 
@@ -17,7 +17,7 @@ def mean_of(runs: int, step: float, noise: float, usual: float = USUAL, seed: in
         (np.cumsum(step * rng.standard_normal(runs)) + noise * rng.standard_normal(runs), np.full(runs, noise**2), 1)
         for _ in range(2)
     ]
-    found = estimate_wandering(sets, usual)
+    found = estimate_random_walk(sets, usual)
     assert found.weight.sum() == pytest.approx(1.0)
     return float(found.weight @ found.variance) / (2.0 * runs / 3.0 * step**2)
 
@@ -35,11 +35,11 @@ def test_steps_that_drown_in_noise_stay_as_likely_as_they_usually_are() -> None:
 
 def test_what_does_not_wander_has_no_such_variance() -> None:
     sets = [(np.zeros(5), np.ones(5), 1)] * 2
-    assert estimate_wandering(sets, 0.0) is STILL
+    assert estimate_random_walk(sets, 0.0) is NO_WALK
 
 
 def test_sessions_of_several_days_begin_anew() -> None:
     """The same runs from two days instead of one: each mean is off by less, and there are two of them."""
     sizes, noise = 0.1 * np.arange(6.0), np.full(6, 1e-6)
-    one, two = (estimate_wandering([(sizes, noise, days)] * 2, USUAL) for days in (1, 2))
+    one, two = (estimate_random_walk([(sizes, noise, days)] * 2, USUAL) for days in (1, 2))
     np.testing.assert_allclose(one.variance, 4.0 * two.variance)

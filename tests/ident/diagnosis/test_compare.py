@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.change.common_laws import LOOSE
-from ident.diagnosis.change.compare import ALARM, compare, least_nats, stand_ins
-from ident.diagnosis.change.friction_doubt import is_gain_by_load, may_be_a_gain
+from ident.diagnosis.change.compare import compare, stand_ins
+from ident.diagnosis.change.confounded_links import place_bodies, told_apart
+from ident.diagnosis.change.friction_drift import is_gain_by_load, may_be_gain
+from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.laws import even_by_load
-from ident.diagnosis.change.look import look_at
-from ident.diagnosis.change.placed_bodies import place_bodies
-from ident.diagnosis.change.places import told_apart
-from ident.diagnosis.change.readings import BY_CURRENT, STATED
+from ident.diagnosis.change.paired_design import LOOSE, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
+from ident.diagnosis.change.search import ALARM, least_nats
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.profile import profile
@@ -197,24 +196,24 @@ def with_bracket(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 def test_a_body_is_laid_out_about_the_place_where_it_was_found(arm: ArmModel, before: list[Motion]) -> None:
     """There its second moments are its own, and it explains more than a link of that moment and its own density."""
     after = runs_of(arm, with_bracket, range(10, 14))
-    first = look_at(before, after, arm)
-    search = Search(first.switched.evidence, first.prior, HeldOut(first.switched.evidence, first.prior))
+    first = build_design(before, after, arm)
+    search = Search(first.sums.evidence, first.prior, HeldOut(first.sums.evidence, first.prior))
     asked = place_bodies(search, (), first.session)
-    look = look_at(before, after, arm, known=first.known, asked=asked)
-    model = project(look.switched.evidence.gram(), look.switched.evidence, look.prior)
-    groups = [one for one in look.switched.evidence.layout.groups if one.key == ("link_inertial_error", 2, None)]
+    design = build_design(before, after, arm, known=first.known, asked=asked)
+    model = project(design.sums.evidence.gram(), design.sums.evidence, design.prior)
+    groups = [one for one in design.sums.evidence.layout.groups if one.key == ("link_inertial_error", 2, None)]
     usual, placed = groups
     np.testing.assert_allclose([placed.variant.shape[name] for name in PLACE], BRACKET, atol=0.1)
     assert model.gain(placed)[0] > model.gain(usual)[0] + 100.0
-    beta = model.gain(placed)[1] / look.switched.evidence.scale[placed.columns]
-    figures = placed.effect.parameters(look.session, 2, placed.variant, beta, np.zeros((4, 4)))
+    beta = model.gain(placed)[1] / design.sums.evidence.scale[placed.columns]
+    figures = placed.effect.parameters(design.session, 2, placed.variant, beta, np.zeros((4, 4)))
     assert figures["mass_change_kg"].value == pytest.approx(2.5, rel=0.03)
     np.testing.assert_allclose([figures[f"moment_change_{axis}_kgm"].value for axis in "xyz"], 2.5 * BRACKET, atol=0.03)
 
 
 def test_where_a_mass_shows_by_its_moments_alone_no_place_is_asked_for(arm: ArmModel, before: list[Motion]) -> None:
     """A link on an upright base: its mass is whatever its place makes it."""
-    session = look_at(before[:2], before[2:], arm).session
+    session = build_design(before[:2], before[2:], arm).session
     effect = LinkInertialError(dict.fromkeys(range(3), np.array([0.1, 0.1, 0.1])))
     assert [len(effect.variants(session, link)) for link in range(3)] == [1, 1, 2]
 
@@ -224,10 +223,10 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
     arm: ArmModel, before: list[Motion], plant: Plant, alone: bool
 ) -> None:
     """Of friction that was not believed no other effect is told instead; what does something else is told beside it."""
-    look = look_at(before, runs_of(arm, plant, range(10, 14)), arm)
-    evidence = look.switched.evidence
+    design = build_design(before, runs_of(arm, plant, range(10, 14)), arm)
+    evidence = design.sums.evidence
     change = next(one for one in evidence.layout.groups if one.key == ("friction_change", 1, None))
-    search = Search(evidence, look.prior, HeldOut(evidence, look.prior), barred=frozenset({change.key}))
+    search = Search(evidence, design.prior, HeldOut(evidence, design.prior), barred=frozenset({change.key}))
     found = search.run()
     at_once = [k for k, item in enumerate(found.named) if item.group.joint == 1]
     assert at_once
@@ -238,9 +237,9 @@ def test_nothing_takes_the_place_of_what_differs_by_itself(
 @pytest.mark.parametrize(("plant", "is_one"), [(with_gain, True), (with_rubbing, False)])
 def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plant: Plant, is_one: bool) -> None:
     """Friction by load holds the load itself: it explains a gain too, and does not stand behind one."""
-    look = look_at(before, runs_of(arm, plant, range(10, 14)), arm)
-    evidence = look.switched.evidence
-    model = project(evidence.gram(), evidence, look.prior)
+    design = build_design(before, runs_of(arm, plant, range(10, 14)), arm)
+    evidence = design.sums.evidence
+    model = project(evidence.gram(), evidence, design.prior)
     gain, *_ = [one for one in evidence.layout.groups if one.key == ("torque_gain_error", 1, None)]
     by_load = [one for one in evidence.layout.groups if one.key == ("load_dependent_friction", 1, None)]
     assert [is_gain_by_load(model, gain, one) for one in by_load] == [is_one] * len(by_load)
@@ -249,17 +248,17 @@ def test_a_gain_is_no_friction_by_load(arm: ArmModel, before: list[Motion], plan
 
 def test_the_likely_points_of_a_law_are_those_of_its_own_columns(arm: ArmModel, before: list[Motion]) -> None:
     """Friction by load has points of two columns and of four: neither has coefficients for the other's figures."""
-    look = look_at(before[:2], before[2:], arm)
-    evidence = look.switched.evidence
-    search = Search(evidence, look.prior, HeldOut(evidence, look.prior))
+    design = build_design(before[:2], before[2:], arm)
+    evidence = design.sums.evidence
+    search = Search(evidence, design.prior, HeldOut(evidence, design.prior))
     groups = [one for one in evidence.layout.groups if one.key == ("load_dependent_friction", 1, None)]
     assert {len(one.columns) for one in groups} == {2, 4}
     for group in groups:
-        grid = profile(search, project(evidence.gram(), evidence, look.prior), group, 1.0)
+        grid = profile(search, project(evidence.gram(), evidence, design.prior), group, 1.0)
         assert {len(mate.columns) for mate in grid.mates} == {len(group.columns)}
         deviation = np.ones(len(group.columns))
-        told = group.effect.parameters(look.session, 1, group.variant, deviation, np.diag(deviation))
-        assert set(grid.widened(told, look.session, deviation)) == set(told)
+        told = group.effect.parameters(design.session, 1, group.variant, deviation, np.diag(deviation))
+        assert set(grid.widened(told, design.session, deviation)) == set(told)
 
 
 def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
@@ -275,18 +274,18 @@ def test_fewer_samples_than_figures_tell_nothing(arm: ArmModel) -> None:
 def test_laws_that_both_sets_share_are_as_large_as_laws_are(arm: ArmModel) -> None:
     """A few seconds tell a part of the baseline's many columns: the rest must not run away on runs left out."""
     before, after = (made_motions(arm, wrong_law(arm), seeds, 2.0, 50.0, noise=NOISE) for seeds in FEW)
-    look = look_at(before, after, arm)
-    evidence, free = look.switched.evidence, replace(look.prior, further=None)
-    bounded, unbounded = (HeldOut(evidence, prior).score().misfit.sum() for prior in (look.prior, free))
+    design = build_design(before, after, arm)
+    evidence, free = design.sums.evidence, replace(design.prior, further=None)
+    bounded, unbounded = (HeldOut(evidence, prior).score().misfit.sum() for prior in (design.prior, free))
     assert bounded < 0.8 * unbounded
-    assert look.prior.further is not None
-    assert len(look.prior.further) == evidence.layout.further
-    (first,) = [one for one in look.switched.common if one.effect.id == "torque_offset" and one.joint == 1]
-    at = look.switched.common.index(first)
-    column = sum(len(one.columns) for one in look.switched.common[:at])
-    largest = LOOSE * LARGEST_OFFSET_SHARE * rated_torque(look.session, 1)
+    assert design.prior.further is not None
+    assert len(design.prior.further) == evidence.layout.further
+    (first,) = [one for one in design.sums.common if one.effect.id == "torque_offset" and one.joint == 1]
+    at = design.sums.common.index(first)
+    column = sum(len(one.columns) for one in design.sums.common[:at])
+    largest = LOOSE * LARGEST_OFFSET_SHARE * rated_torque(design.session, 1)
     scale = evidence.scale[evidence.layout.tuned - evidence.layout.further + column]
-    assert look.prior.further[column] == pytest.approx(1.0 / (largest * scale) ** 2)
+    assert design.prior.further[column] == pytest.approx(1.0 / (largest * scale) ** 2)
 
 
 def test_places_are_told_apart_by_what_blocks_agree_on() -> None:
@@ -308,16 +307,16 @@ def test_all_friction_by_one_share_may_be_a_gain_where_it_is_most_of_the_torque(
     arm: ArmModel, before: list[Motion]
 ) -> None:
     """The same share of dry and of viscous friction, and hardly a rigid torque: then, and not else."""
-    look = look_at(before[:2], before[2:], arm)
-    groups = look.switched.evidence.layout.groups
+    design = build_design(before[:2], before[2:], arm)
+    groups = design.sums.evidence.layout.groups
     group = next(one for one in groups if one.effect.id == "friction_change" and one.joint == 0)
-    level = np.array(friction_level(look.session, 0))
-    runs = tuple(replace(run, rigid=0.01 * run.rigid) for run in look.session.runs)
-    light, sure = replace(look.session, runs=runs), np.diag((0.02 * level) ** 2)
-    heavy = replace(look.session, runs=tuple(replace(run, rigid=100.0 * run.rigid) for run in look.session.runs))
-    assert may_be_a_gain(group, light, 0.2 * level, sure)
-    assert not may_be_a_gain(group, light, np.array([0.2, 0.0]) * level, sure)
-    assert not may_be_a_gain(group, heavy, 0.2 * level, sure)
+    level = np.array(friction_level(design.session, 0))
+    runs = tuple(replace(run, rigid=0.01 * run.rigid) for run in design.session.runs)
+    light, sure = replace(design.session, runs=runs), np.diag((0.02 * level) ** 2)
+    heavy = replace(design.session, runs=tuple(replace(run, rigid=100.0 * run.rigid) for run in design.session.runs))
+    assert may_be_gain(group, light, 0.2 * level, sure)
+    assert not may_be_gain(group, light, np.array([0.2, 0.0]) * level, sure)
+    assert not may_be_gain(group, heavy, 0.2 * level, sure)
 
 
 def test_one_run_a_side_tells_no_friction(arm: ArmModel, before: list[Motion]) -> None:

@@ -13,13 +13,21 @@ from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import rows as rows_module
 from ident.diagnosis.regression.block_sums import add_products, mirror
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import Layout
+from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import RIDGE, Prior, project
-from ident.diagnosis.regression.noise import estimate_noise
+from ident.diagnosis.regression.noise import estimate_noise, shorter_filters, whiten_after_gaps
 from ident.diagnosis.regression.partition import build_partition
 from ident.diagnosis.regression.rows import Rows, baseline_columns, baseline_tables, compute_rows
 from ident.motion.motion import Lowpass, Motion
+
+
+@pytest.fixture(scope="module")
+def healthy(healthy: Analysis) -> Analysis:
+    """The same with sums of rows in motion alone, without its holds."""
+    known = healthy.evidence
+    moving = gather(healthy.session, healthy.baseline, known.layout, known.whitening)
+    return replace(healthy, evidence=moving.with_run_spread(known.spread))
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +47,13 @@ def whitened(healthy: Analysis, all_rows: list[Rows]) -> tuple[Array, Array, Arr
 
 def tall_rows(evidence: Evidence, all_rows: list[Rows]) -> tuple[Array, Array, Array]:
     spread = evidence.spread[:, None] * evidence.friction.level
-    order = evidence.whitening.coefficients.shape[1] - 1
     tall, blocks, joints = [], [], []
     for rows in all_rows:
         for j, local in enumerate(evidence.layout.local):
             table = rows.tables[j] / evidence.scale[local]
-            white = lfilter(evidence.whitening.coefficients[j], 1.0, table, axis=0) / evidence.whitening.innovation[j]
-            counts = rows.counts[:, j]
-            whole = np.array([t >= order and counts[t - order : t + 1].all() for t in range(len(counts))])
+            whole = rows.counts[:, j]
+            filters = shorter_filters(evidence.whitening.coefficients[j], float(evidence.whitening.innovation[j]))
+            white = whiten_after_gaps(table, whole, filters)
             wide = np.zeros((int(whole.sum()), evidence.layout.size + 1))
             friction = white[whole][:, evidence.layout.rank + 1 : evidence.layout.rank + 3] * spread[j]
             values, vectors = np.linalg.eigh(np.eye(len(wide)) + friction @ friction.T)
@@ -69,6 +76,9 @@ def least_squares(tall: Array, inside: Array, prior: Prior, ridge: float = RIDGE
     information = np.diag(ridge * (x**2).sum(axis=0) + 1e-9)
     rank = len(prior.base)
     information[:rank, :rank] += prior.base + ridge * np.diag(np.diag(prior.base))
+    if prior.further is not None:
+        further = slice(rank + LOSS_FIGURES * 3, rank + LOSS_FIGURES * 3 + len(prior.further))
+        information[further, further] += np.diag((1.0 + ridge) * prior.further)
     below = prior_rows(information)
     estimate = np.linalg.lstsq(np.vstack([x, below]), np.concatenate([y, np.zeros(len(below))]), rcond=None)[0]
     misfit = float(np.sum((y - x @ estimate) ** 2) + np.sum((below @ estimate) ** 2))

@@ -77,7 +77,7 @@ def test_effects_that_do_the_same_get_the_same(pair: Analysis, held_out: HeldOut
 
 def test_the_record_tells_shares_and_the_motion(pair: Analysis) -> None:
     """Bound: both effects' shares are told and sum to what they close together; where an effect acts the replayed
-    motion comes nearer, and boosted trees do no better than the names.
+    motion comes nearer, and a discrepancy in the names' place does no better than they.
     """
     record = pair.diagnosis.to_dict()
     assert sum(finding["heldout"]["share"] for finding in record["findings"]) == pytest.approx(

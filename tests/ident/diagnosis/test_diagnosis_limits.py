@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.detectable import SizeLimit, encoder_share, find_limits
+from ident.diagnosis.detection_limits import SizeLimit, encoder_share, find_limits
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.cross_validation import HeldOut
@@ -83,12 +83,12 @@ def test_the_record_and_the_lines(healthy: Analysis) -> None:
 def test_what_is_hidden_is_not_testable_and_no_motion_shows_it() -> None:
     """Law: the reason names the noise and the figure; the next experiment does not ask for it."""
     hidden = SizeLimit(find_effect("torque_offset", CATALOGUE), 1, "offset_Nm", 3.2, True, "encoder")
-    told = hidden.silence(("joint_1", "joint_2")).to_dict(("joint_1", "joint_2"))
+    told = hidden.untestable(("joint_1", "joint_2")).to_dict(("joint_1", "joint_2"))
     assert told["reason"] == "encoder noise of joint_2 hides offset_Nm below 3.2, more than is plausible"
     assert next_experiment([], [told]) is None
     assert group_silent([told])[0].startswith("not testable, as noise")
     nothing = SizeLimit(find_effect("payload", CATALOGUE), 0, "mass_kg", None, True, "tolerance")
-    assert nothing.silence(("joint_1", "joint_2")).reason == "the URDF's tolerance hides it whole"
+    assert nothing.untestable(("joint_1", "joint_2")).reason == "the URDF's tolerance hides it whole"
 
 
 def test_the_share_of_encoder_noise() -> None:

@@ -14,9 +14,9 @@ from ident.diagnosis.next_experiment import next_experiment
 from ident.effects.base import Effect
 from ident.effects.catalogue import find_effect, load_catalogue
 from ident.errors import InputError
-from ident.patches.change import Diagnosed
-from ident.patches.command import write_patch
-from ident.patches.verify import load_module
+from ident.export.identified import Diagnosed
+from ident.export.loading import load_module
+from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from plan.api.exciting import excite
 from plan.experiment.question import ask

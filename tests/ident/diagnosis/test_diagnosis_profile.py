@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,25 @@ def test_a_point_that_is_less_likely_reaches_less_far() -> None:
     found = figures(waves((0.0, 1.01 * DROP)))
     assert found["order"] == (1.0, 1.0)
     assert found["amplitude_Nm"] == pytest.approx((1.0 - 0.196, 1.0 + 0.196))
+
+
+@pytest.mark.parametrize(
+    ("falls", "open_", "words"),
+    [
+        ((-9.0, -3.0, 0.0, -3.0, -9.0), "", r"^0.06 rad/s \["),
+        ((-9.0, -6.0, -3.0, -0.5, 0.0), "high", "^at least"),
+        ((0.0, -0.5, -3.0, -6.0, -9.0), "low", "^at most"),
+        ((-0.3, -0.1, 0.0, -0.1, -0.2), "both", "or anything else"),
+    ],
+)
+def test_an_end_that_was_not_tried_is_open(falls: tuple[float, ...], open_: str, words: str) -> None:
+    """Law: an interval ends half a step beyond the grid, and says which end the recordings leave open."""
+    effect, speeds = find_effect("stribeck_friction"), (0.015, 0.03, 0.06, 0.12, 0.24)
+    points = [Group(effect, 0, Variant({"stribeck_velocity_rad_s": v, "exponent": 1.0}), np.arange(1)) for v in speeds]
+    best = points[int(np.argmax(falls))]
+    many = (np.ones(1),) * 5, (np.eye(1),) * 5
+    found = Profile(best, tuple(points), np.array(falls), *many, DROP).inner_figures()["stribeck_velocity_rad_s"]
+    assert found.open == open_
+    assert 0.015 / 2**0.51 < found.low <= found.value <= found.high < 0.24 * 2**0.51
+    assert re.search(words, found.words("rad/s"))
+    assert found.to_dict().get("open", "") == open_

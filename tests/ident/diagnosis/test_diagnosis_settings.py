@@ -20,9 +20,9 @@ from tests.ident.diagnosis.planted import load_friction_on_2, record
 CLEAR = Gates(
     p_value=0.001,
     log_score=(50.0, 5.0),
+    closed=(0.3, 0.05),
     rms_fall=0.2,
     gap_fall=0.5,
-    share=0.5,
     own_share=0.5,
     evidence=100.0,
     absorbed=False,
@@ -59,9 +59,9 @@ def test_every_stage_obeys_the_settings_of_the_diagnosis(short_arm: ArmModel) ->
             USUAL.gap,
             map=replace(USUAL.gap.map, places_told=1, bins=2),
             replay=replace(USUAL.gap.replay, window_s=0.1),
-            trees=replace(USUAL.gap.trees, least_samples=10**9),
+            ceiling=replace(USUAL.gap.ceiling, least_samples=10**9, least_nats=1e9),
         ),
-        verdict=replace(USUAL.verdict, named_from=2.0, partial_from=1.5),
+        verdict=replace(USUAL.verdict, named_from=2.0, even_odds=1.0),
     )
     effects = [find_effect("load_dependent_friction")]
     motions = record(short_arm, load_friction_on_2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import session_axes
-from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record, told
+from ident.diagnosis.gap.gap_map import Place, map_gap, maps_record
+from ident.diagnosis.gap.places import Harm, NamedPlace, in_order_of_gap, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.gap.settings import USUAL_MAP
 from ident.robot.arm import ArmModel
@@ -43,8 +45,8 @@ def sure(places: list[Place]) -> set[tuple[str, str]]:
 def test_a_gap_is_found_where_it_is(healthy: Analysis, axis: str) -> None:
     """Law: where the residual is thrice as large at an axis's low end, the lowest cell is significant and dense."""
     places = [p for p in with_gap(healthy, 1, axis) if p.axis == axis and p.joint == "joint_2"]
-    (best,) = told(places, replace(USUAL_MAP, places_told=1))
-    assert best == places[0]
+    (best,) = rank_places({"before": places}, {"joint_2": Harm(2.0)}, replace(USUAL_MAP, places_told=1))
+    assert best == replace(places[0], beyond_noise_Nm=2.0)
     assert best.p_value <= USUAL_MAP.significant
     assert best.share_of_gap > 1.5 * best.share_of_time
 
@@ -87,3 +89,53 @@ def test_reach_is_the_distance_of_the_last_link(healthy: Analysis, short_arm: Ar
     for at in (0, 17, 101, len(q) - 1):
         place = short_arm.forward_kinematics(q[at])[short_arm.links[-1]][:3, 3]
         assert pick(item, 0)[at] == pytest.approx(np.linalg.norm(place), abs=2e-3)
+
+
+def place(joint: str, axis: str, gap: float, time: float, low: float = 0.0, p_value: float = 0.001) -> Place:
+    return Place(joint, axis, low, low + 1.0, gap, time, None, p_value)
+
+
+def test_joints_stand_in_the_order_of_harm_and_none_without_a_gap() -> None:
+    """Law: by torque beyond noise, in the view in which the names were judged; the first name's joints come first."""
+    errors = {"before": np.array([2.0, 1.05, 5.0]), "fixed": np.array([2.5, 4.0, 9.0])}
+    noise, none = np.ones(3), np.zeros(3)
+
+    def harm(*names: NamedPlace, away: Array = none) -> dict[str, Harm]:
+        return measure_harm(JOINTS, errors, away, noise, names, loud=1.15)
+
+    assert list(harm()) == ["joint_3", "joint_1"]
+    assert harm()["joint_3"].torque == pytest.approx(np.sqrt(24.0))
+    own = NamedPlace(("joint_1",), ("joint_1",), absorbed=False)
+    assert list(harm(own)) == ["joint_1", "joint_3"]
+    hidden = harm(NamedPlace(("joint_2",), ("joint_2", "joint_3"), absorbed=True))
+    assert list(hidden) == ["joint_2", "joint_3", "joint_1"]
+    assert hidden["joint_2"] == Harm(pytest.approx(np.sqrt(15.0)), "fixed")
+    assert harm(away=np.array([0.0, 2.0, 0.0]))["joint_2"].view == "fixed"
+
+
+def test_names_of_the_joint_where_names_close_most_come_first() -> None:
+    """Law: two names that share a joint's gap come before one that closes more than each of them elsewhere."""
+    names = [
+        SimpleNamespace(joints=("joint_1",), closed=3.0),
+        SimpleNamespace(joints=("joint_2",), closed=2.0),
+        SimpleNamespace(joints=("joint_2",), closed=2.5),
+    ]
+    assert [name.closed for name in in_order_of_gap(names)] == [2.5, 2.0, 3.0]
+
+
+def test_a_cell_that_is_no_denser_than_its_time_is_no_place() -> None:
+    """Law: cells are denser in gap than in time, the slowest frequencies are none, and each axis has one at most."""
+    cells = [
+        place("joint_1", "frequency", 0.9, 0.3),
+        place("joint_1", "speed", 0.22, 0.2),
+        place("joint_1", "load", 0.5, 0.2),
+        place("joint_1", "load", 0.3, 0.2, low=1.0),
+        place("joint_1", "pose", 0.9, 0.2, p_value=0.4),
+        place("joint_2", "speed", 0.4, 0.2),
+        place("joint_3", "frequency", 0.9, 0.3),
+        place("joint_3", "time", 0.24, 0.2, p_value=0.7),
+        place("joint_3", "time", 0.16, 0.2, low=1.0),
+    ]
+    ranked = rank_places({"before": cells}, {"joint_3": Harm(3.0), "joint_1": Harm(1.0)})
+    assert [(p.joint, p.axis, p.share_of_gap) for p in ranked] == [("joint_3", "time", 0.24), ("joint_1", "load", 0.5)]
+    assert [p.beyond_noise_Nm for p in ranked] == [3.0, 1.0]

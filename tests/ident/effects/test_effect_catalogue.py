@@ -4,35 +4,40 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from smooth_motion import Recover, edit_runs
 
-from ident.effects.base import Effect, RunContext, SessionContext
+from ident.arrays import Array
+from ident.effects.base import Effect, RunContext, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
+from ident.effects.knowledge import TABLE, read_row
+from ident.effects.typical_sizes import friction_level, rated_torque
 from ident.errors import InputError
 
 NAMES = {
-    "stribeck_friction": "amplitude_Nm stribeck_velocity_rad_s exponent",
-    "nonlinear_viscous_friction": "coefficient exponent",
-    "load_dependent_friction": "mu",
+    "stribeck_friction": "amplitude_Nm stribeck_velocity_rad_s exponent left_Nm at_speed_rad_s",
+    "nonlinear_viscous_friction": "coefficient exponent knee_rad_s bend_Nm at_speed_rad_s",
+    "load_dependent_friction": "mu at_load_Nm at_speed_rad_s",
     "thermal_friction": "viscous_change coulomb_change time_constant_s",
-    "presliding_hysteresis": "amplitude_Nm displacement_rad",
+    "presliding_hysteresis": "amplitude_Nm displacement_rad reversal_Nm at_travel_rad",
     "position_dependent_friction": "amplitude_Nm order phase_rad",
-    "asymmetric_friction": "coulomb_difference_Nm viscous_difference_Nms_rad",
-    "joint_coupling": "viscous_Nms_rad coulomb_Nm inertia_kgm2 other_joint",
+    "asymmetric_friction": "coulomb_difference_Nm viscous_difference_Nms_rad difference_Nm at_speed_rad_s",
+    "joint_coupling": "viscous_Nms_rad coulomb_Nm inertia_kgm2 other_joint drag_Nm at_speed_rad_s",
     "joint_elasticity": "stiffness_Nm_rad damping_Nms_rad",
     "backlash": "gap_rad",
-    "torque_ripple": "amplitude_Nm order phase_rad",
-    "spring_torque": "stiffness_Nm_rad rest_rad",
-    "payload": "mass_kg com_x_m com_y_m com_z_m",
-    "link_inertial_error": "mass_change_kg moment_change_x_kgm moment_change_y_kgm moment_change_z_kgm",
+    "torque_ripple": "amplitude_Nm order phase_rad at_load_Nm",
+    "spring_torque": "stiffness_Nm_rad rest_rad low_Nm high_Nm at_low_rad at_high_rad",
+    "payload": "mass_kg com_x_m com_y_m com_z_m moment_about_axis_kgm",
+    "link_inertial_error": "mass_change_kg moment_change_x_kgm moment_change_y_kgm moment_change_z_kgm "
+    "moment_about_axis_kgm",
     "gravity_misalignment": "tilt_x_rad tilt_y_rad",
     "torque_gain_error": "gain",
     "torque_offset": "offset_Nm drift_Nm_s",
     "torque_delay": "delay_s",
-    "torque_saturation": "limit_Nm",
+    "torque_saturation": "limit_Nm at_knee_Nm at_peak_Nm",
     "encoder_offset": "offset_rad",
     "external_contact": "start_s end_s force_N link",
 }
@@ -204,3 +209,36 @@ def test_a_file_that_holds_no_effect_is_refused(tmp_path: Path, text: str | None
         path.write_text(text)
     with pytest.raises(InputError, match=reason):
         load_catalogue(path)
+
+
+def test_rows_of_the_table_are_effects_and_say_what_effects_have() -> None:
+    """Law: every effect has a row and every row an effect; each key is an attribute of `Effect` and is taken over."""
+    assert set(TABLE["effects"]) == set(NAMES)
+    for name, row in TABLE["effects"].items():
+        effect = find_effect(name)
+        for key, value in read_row(name).items():
+            assert hasattr(Effect, key), f"{name}: {key}"
+            assert getattr(type(effect), key) == value
+        assert set(row.get("formats", {})) <= {"urdf", "mjcf"}
+        assert set(row.get("parted_by", {}).values()) <= set(TABLE["motions"])
+
+
+def test_an_effect_of_ones_own_is_attributes_and_columns(session: SessionContext) -> None:
+    """Law: the same defaults serve a class without a row: figures, their prior, bounds and sentence."""
+
+    class Magnet(Effect):
+        id = "magnet"
+        figures = ("pull_Nm",)
+        prior = ("0.1 rated",)
+        bounds: ClassVar = {"pull_Nm": (0.0, "2 coulomb", "magnets are weak")}
+        sentence = "take the magnet off {where}: it pulls with {pull_Nm:N m}, {pull_Nm:?up,down}"
+
+        def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Array]:
+            return [np.sin(3.0 * run.motion.q[:, [joint]]) for run in session.runs]
+
+    effect, variant = Magnet(), Variant()
+    found = effect.parameters(session, 1, variant, np.array([0.5]), np.array([[0.01]]))
+    assert found["pull_Nm"].value == 0.5
+    assert effect.prior_scale(session, 1, variant) == pytest.approx([0.1 * rated_torque(session, 1)])
+    assert effect.physical(session, 1, found)["pull_Nm"].high == pytest.approx(2.0 * friction_level(session, 1)[0])
+    assert effect.action("joint_2", found) == "take the magnet off joint_2: it pulls with 0.5 N m [0.304, 0.696], up"

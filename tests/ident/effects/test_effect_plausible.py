@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.diagnosis.explained import of_a_slide
 from ident.effects.base import Effect, Interval, SessionContext
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.contact import ExternalContact, Push
-from ident.effects.joint_elasticity import STIFFEST
 from ident.effects.plausible import arm_reach, impossible, undefined
 from ident.robot.arm import ArmModel
 
@@ -87,8 +85,8 @@ def test_what_may_be_zero_is_no_finding(effect: Effect, session: SessionContext)
         ),
         ("thermal_friction", {"viscous_change": -1.4, "coulomb_change": 0.1}, "viscous_change -1.4"),
         ("presliding_hysteresis", {"amplitude_Nm": 2.0, "displacement_rad": 0.9}, "slip after less"),
-        ("joint_elasticity", {"stiffness_Nm_rad": 120.0, "damping_Nms_rad": 1.0}, "fold up"),
-        ("joint_elasticity", {"stiffness_Nm_rad": STIFFEST, "damping_Nms_rad": 1.0}, "as good as rigid"),
+        ("joint_elasticity", {"stiffness_Nm_rad": 12.0, "damping_Nms_rad": 1.0}, "fold up"),
+        ("joint_elasticity", {"stiffness_Nm_rad": 1e9, "damping_Nms_rad": 1.0}, "as good as rigid"),
         ("gravity_misalignment", {"tilt_x_rad": 1.6, "tilt_y_rad": 0.0}, "turn the arm"),
         ("encoder_offset", {"offset_rad": -1.6}, "another one"),
         ("nonlinear_viscous_friction", {"coefficient": 400.0, "exponent": 0.5}, "its bend takes more"),
@@ -138,16 +136,6 @@ def test_what_to_do_bears_the_figures() -> None:
     assert "reads 11 % [8, 14] too little" in find_effect("torque_gain_error").action("joint_5", gain)
     warm = {"viscous_change": Interval(-0.4, -0.5, -0.3), "time_constant_s": Interval(360.0, 200.0, 500.0)}
     assert "12 minutes" in find_effect("thermal_friction").action("joint_2", warm)
-
-
-@pytest.mark.parametrize(("exponent", "way"), [(0.85, "more"), (0.5, "more"), (2.0, "less")])
-def test_a_curved_law_is_told_by_the_torque_off_a_straight_line(exponent: float, way: str) -> None:
-    """Law: between rest and a speed of 1 the law c |v|^e lies off its chord by what the sentence says at half of it."""
-    curved = {"coefficient": Interval(100.0, 80.0, 120.0), "exponent": Interval(exponent, exponent, exponent)}
-    told = find_effect("nonlinear_viscous_friction").action("joint_2", curved)
-    off = abs(0.5**exponent - 0.5 * 1.0**exponent)
-    assert f"at 0.5 rad/s {100 * off:.3g} N m [{80 * off:.3g}, {120 * off:.3g}] {way} than" in told
-    assert f"at 0.5 m/s {100 * off:.3g} N [" in of_a_slide(told)
 
 
 def test_friction_may_vary_more_than_there_is_where_it_was_not_seen(session: SessionContext) -> None:

@@ -12,6 +12,7 @@ from ident.arrays import Array
 from ident.effects.added_body import PLACE, point_mass
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
+from ident.model.inertia import parameter_scale
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
@@ -42,8 +43,38 @@ def test_a_load_has_a_height_only_where_it_is_tilted(session: SessionContext) ->
         for name, one in (("scara", hanging), ("six joints", session))
     }
     assert columns == {"scara": 3, "six joints": 4}
-    figures = effect.parameters(hanging, 0, effect.variants(hanging, 0)[0], np.ones(3), np.eye(3))
-    assert figures["com_z_m"].high - figures["com_z_m"].low == pytest.approx(0.6)
+    figures = effect.parameters(hanging, 0, effect.variants(hanging, 0)[0], np.ones(3), 0.01 * np.eye(3))
+    assert figures["com_z_m"].open == "both"
+    assert figures["com_x_m"].open == ""
+
+
+@pytest.mark.parametrize("name", ["payload", "link_inertial_error"])
+def test_of_a_bar_that_turns_about_a_fixed_point_the_moment_is_told_and_no_mass(recover: Recover, name: str) -> None:
+    """Law: 0.4 kg at 0.3 m of one level joint are 0.12 kg m, whatever the inertia says of the mass."""
+    bar = ArmModel.load("tm5-900", joints=["joint_2"])
+    session, at = make_session(bar, seconds=4.0, runs=2), (0.3, 0.0, 0.0)
+    body = point_mass(np.array(at)) + np.concatenate([np.zeros(4), 0.05 * np.array([1.0, 0, 1.0, 0, 0, 1.0])])
+    torque = difference(session, bar.with_inertial_parameters(bar.inertial_parameters + 0.4 * body))
+    effect = find_effect(name)
+    found = recover(effect, session, 0, torque)
+    mass = found["mass_kg" if name == "payload" else "mass_change_kg"]
+    assert mass.open == "both"
+    assert mass.low <= 0.4 <= mass.high
+    np.testing.assert_allclose(found["moment_about_axis_kgm"].value, 0.12, rtol=0.02)
+    assert "kg m" in effect.action("joint_2", found)
+    assert " kg [" not in effect.action("joint_2", found)
+
+
+def test_priors_follow_the_arm() -> None:
+    """Law: an arm of a thousand times the mass carries as much more, and a servo's a thousandth."""
+    arm = ArmModel.load("tm5-900", joints=["joint_2", "joint_3"])
+    heavy = arm.with_inertial_parameters(1024.0 * arm.inertial_parameters)
+    effect = find_effect("payload")
+    scales = [effect.prior_scale(make_session(one, seconds=1.0, runs=1), 0, Variant()) for one in (arm, heavy)]
+    assert scales[0] is not None
+    assert scales[1] is not None
+    assert scales[0][0] == pytest.approx(0.5 * arm.inertial_parameters[::10].sum())
+    assert scales[1][0] == pytest.approx(1024.0 * scales[0][0])
 
 
 def test_the_tool_side_is_the_flanges(arm: ArmModel) -> None:
@@ -145,3 +176,10 @@ def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionCo
     whole = find_effect("payload").screened(replace(session, tuned=tuned), [])
     assert len(whole.variants(session, 0)) == len(find_effect("payload").variants(session, 0))
     assert find_effect("link_inertial_error").screened(session, []).variants(session, link) == (Variant(),)
+
+
+def test_a_link_s_scale_follows_the_arm() -> None:
+    """Law: a tolerance is a share of the arm itself: the same arm, 1024 times lighter, is as well known."""
+    arm = ArmModel.load("tm5-900", joints=["joint_2", "joint_3"])
+    servo = arm.with_inertial_parameters(arm.inertial_parameters / 1024.0)
+    np.testing.assert_allclose(parameter_scale(servo) * 1024.0, parameter_scale(arm))

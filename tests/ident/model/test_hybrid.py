@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
+from ident import fit
 from ident.arrays import Array
 from ident.errors import InputError, ModelError
 from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
@@ -18,7 +19,7 @@ from ident.model.training_range import find_training_range
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import made_motions, random_states
+from tests.ident.made_up import made_motions, made_session, random_states, two_joint_arm
 
 LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
 DATA = [{"session": "made_up", "file": "run_1.parquet", "sha256": "ab" * 32}]
@@ -258,3 +259,19 @@ def test_writing_over_a_model_replaces_it_whole(fitted: FitResults, folder: Path
     replace(fitted.model, net=None).save(folder)
     assert {path.name for path in folder.iterdir()} == {".armgap.json", "robot.urdf", "arm.urdf", "model.toml"}
     assert not list(folder.parent.glob(".*part*"))
+
+
+def test_both_smoothers_lead_to_the_same_fit() -> None:
+    """filterpy's general filter by an option: the same losses to a millionth; another name is refused."""
+    two, found = two_joint_arm(), []
+    session = made_session(
+        two, lambda q, dq, ddq: two.inverse_dynamics(q, dq, ddq) + 5.0 * dq + 3.0 * np.sign(dq), [1], 20.0, 50.0
+    )
+    for smoother in ("fast", "filterpy"):
+        fitted = fit(session, two, FitOptions(inertia="nominal", net="none", smoother=smoother))
+        assert fitted.model.provenance["options"]["smoother"] == smoother
+        found.append(np.concatenate([fitted.loss.params.viscous, fitted.loss.params.coulomb]))
+    assert not np.array_equal(*found)
+    assert np.allclose(*found, rtol=1e-6)
+    with pytest.raises(InputError, match="--smoother"):
+        FitOptions(smoother="other")

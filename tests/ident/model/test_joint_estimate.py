@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import clear_of_stops, run_numbers, sum_blocks
-from ident.model.consistency import is_consistent, nearest_consistent, pseudo_inertia
+from ident.model.convex import is_consistent, nearest_consistent
 from ident.model.identification import Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
@@ -102,14 +102,6 @@ def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
 
 def test_identified_links_are_bodies(nominal: ArmModel) -> None:
     """Consistent inertias are bodies also where the base parameters' smallest change is none."""
-    matrix = pseudo_inertia(nominal.inertial_parameters.reshape(-1, 10))
-    assert np.allclose(matrix, np.swapaxes(matrix, -1, -2))
-    broken = nominal.inertial_parameters.copy()
-    broken[4] = -1.0
-    mended = nearest_consistent(broken, parameter_scale(nominal))
-    assert not is_consistent(broken)
-    assert is_consistent(mended)
-    assert np.array_equal(nearest_consistent(mended, parameter_scale(nominal)), mended)
     real = nominal.with_inertial_parameters(1.2 * nominal.inertial_parameters)
     assert is_consistent(identify(_measured(real, 7), nominal, "consistent").inertia.arm.inertial_parameters)
 
@@ -181,15 +173,26 @@ def _effects(rng: np.random.Generator, runs: int, walk: float, own: float) -> tu
 
 @pytest.mark.parametrize(("runs", "walk", "own"), [(6, 0.03, 0.01), (12, 0.03, 0.015), (12, 0.15, 0.03)])
 def test_friction_that_wanders_stays_within_what_is_told(runs: int, walk: float, own: float) -> None:
-    """The mean over the runs lies as far from the start as told: of 600 intervals about 95 % hold the start."""
+    """The mean over the runs lies as far from the start as reported: of 600 intervals about 95 % hold the start.
+
+    Of six runs 89 %: half of what is believed before the data is that nothing wanders.
+    """
     rng, beyond = np.random.default_rng(5), []
     for _ in range(50):
         effects, mean = _effects(rng, runs, walk, own)
         variance, dof = wandering(effects)
         beyond.append(np.abs(mean) > student_quantile(0.975, dof) * np.sqrt(variance + own**2 / runs))
-    assert 0.01 < np.mean(beyond) < 0.10
+    assert 0.01 < np.mean(beyond) < 0.12
     told = [np.sqrt(wandering(_effects(rng, runs, walk, own)[0])[0]).mean() for _ in range(20)]
     assert np.mean(told) < 2.0 * walk / np.sqrt(3.0)
+
+
+@pytest.mark.parametrize("runs", [6, 9, 12])
+def test_friction_that_never_wandered_is_known_nearly_as_well_as_if_that_were_known(runs: int) -> None:
+    """Independent changes: the interval of the mean is at most a quarter wider for what might have been."""
+    rng = np.random.default_rng(7)
+    wider = [np.sqrt(1.0 + wandering(_effects(rng, runs, 0.0, 0.02)[0])[0] * runs / 0.02**2) for _ in range(20)]
+    assert np.median(wider) < 1.25
 
 
 def test_independent_changes_are_no_wandering() -> None:
@@ -203,6 +206,22 @@ def test_independent_changes_are_no_wandering() -> None:
     assert not wandering([RunEffect(np.zeros((3, 2)), np.zeros(2), 1.0, np.zeros((1, 2, 2)), np.zeros((1, 2)))])[
         0
     ].any()
+
+
+def test_a_wider_level_has_a_wider_interval_about_the_same_estimate(nominal: ArmModel) -> None:
+    """And the summary has a row for each parameter that was fitted: joint, name, value, interval, unit."""
+    loss = identify(_measured(nominal, 3, runs=3), nominal, "base").loss
+    narrow, wide = loss.conf_int(0.95)[:, :3], loss.conf_int(0.99)[:, :3]
+    assert np.all(wide[..., 0] < narrow[..., 0])
+    assert np.all(narrow[..., 1] < wide[..., 1])
+    values = np.stack([getattr(loss.params, name) for name in NAMES[:3]], axis=1)
+    assert np.allclose(narrow.mean(axis=-1), values)
+    lines = loss.summary().splitlines()
+    assert len(lines) == 1 + 2 * 3
+    assert "95 % interval" in lines[0]
+    assert lines[6].split()[:2] == ["joint_2", "coulomb"]
+    assert lines[6].endswith("N m")
+    assert float(lines[6].split()[2]) == pytest.approx(values[1, 2], rel=1e-3)
 
 
 def test_rows_keep_clear_of_what_the_filter_makes_of_a_stop() -> None:

@@ -11,8 +11,8 @@ from ident.errors import InputError
 from ident.plant.hardware import draw_hardware
 from ident.plant.record import Channels, record_one
 from ident.plant.simulate import SimulationOptions, simulate
-from ident.plant.simulator import Simulator, feed_forward
-from ident.plant.world import FULL_CHOICES, FULL_TABLE, World, read_world_file
+from ident.plant.simulator import LARGEST_LOOP_RAD_S, Simulator, controller_gains, feed_forward, least_link_inertia
+from ident.plant.world import FULL, GROUPS, PRESETS, World, find_world, find_worlds, read_world_file, settle
 from ident.plant.world_arm import (
     channels_of,
     draw_world_arm,
@@ -20,7 +20,6 @@ from ident.plant.world_arm import (
     noise_floor,
     usable_band,
 )
-from ident.plant.world_presets import DEVELOPMENT, GROUPS, PRESETS, QUOTED, find_world, find_worlds, settle
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import TICK_S, via_spline
 from ident.trajectories.stepped import stepped
@@ -42,9 +41,9 @@ def trace(hardware):  # type: ignore[no-untyped-def]
 def test_worlds_lie_within_the_full_table_and_their_arms_load(name: str) -> None:
     for seed in range(20):
         world = PRESETS[name].draw(np.random.default_rng(seed))
-        for key, (low, high) in FULL_TABLE.items():
-            assert low <= getattr(world, key) <= high
-        assert all(getattr(world, key) in options for key, options in FULL_CHOICES.items())
+        for key, options in FULL.items():
+            value = getattr(world, key)
+            assert value in options if isinstance(options[0], str | bool) else options[0] <= value <= options[1]
         assert World.from_dict(world.to_dict()) == world
         assert ArmModel.load(world.robot).n >= 4
 
@@ -53,13 +52,13 @@ def test_the_full_range_reaches_every_decade_and_every_choice() -> None:
     worlds = [PRESETS["any"].draw(np.random.default_rng(seed)) for seed in range(200)]
     noise = np.log10([world.encoder_noise_rad for world in worlds])
     assert (np.histogram(noise, [-6, -5, -4, -3])[0] > 40).all()
-    for key, options in FULL_CHOICES.items():
-        assert {getattr(world, key) for world in worlds} == set(options)
+    for key, options in FULL.items():
+        assert not isinstance(options[0], str | bool) or {getattr(world, key) for world in worlds} == set(options)
 
 
 def test_worlds_to_tune_on_and_worlds_to_quote_have_none_in_common() -> None:
-    assert not set(DEVELOPMENT) & set(QUOTED)
-    assert {one.name for one in find_worlds("all")} >= set(QUOTED)
+    assert not set(GROUPS["development"]) & set(GROUPS["quoted"])
+    assert {one.name for one in find_worlds("all")} >= set(GROUPS["quoted"])
     left = [one.name for one in find_worlds("development,-scara")]
     assert left == [name for name in GROUPS["development"] if name != "scara"]
 
@@ -67,7 +66,7 @@ def test_worlds_to_tune_on_and_worlds_to_quote_have_none_in_common() -> None:
 def test_a_file_fixes_what_it_names_and_leaves_the_rest_to_its_preset(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "mine.toml"
     path.write_text('preset = "fine-encoder"\nrate_hz = 125\ntorque_noise = [0.01, 0.02]\nvelocity = "none"\n')
-    world = read_world_file(path, PRESETS).draw(np.random.default_rng(0))
+    world = read_world_file(path).draw(np.random.default_rng(0))
     assert (world.name, world.rate_hz, world.velocity) == ("mine", 125, "none")
     assert 0.01 <= world.torque_noise <= 0.02
     assert world.encoder_noise_rad <= 5e-6
@@ -210,3 +209,17 @@ def test_a_world_simulates_again_the_same_and_tells_itself(name: str) -> None:
         np.testing.assert_array_equal(run.effort, same.effort)
         assert (run.velocity is None) == (world.velocity == "none")
         assert channels_of(world).rate == pytest.approx(1.0 / np.median(np.diff(run.time)), rel=0.1)
+
+
+@pytest.mark.parametrize("robot", ["tm5-900", "panda", "scara"])
+@pytest.mark.parametrize("elastic", [False, True])
+def test_no_speed_loop_is_faster_than_its_ticks_can_follow(robot: str, elastic: bool) -> None:
+    """Law: damping over the least inertia that a motor feels is bounded; where nothing is fast, gains are as asked."""
+    world = replace(PRESETS["any"].draw(np.random.default_rng(3)), robot=robot, bandwidth_hz=30.0, rotor_scale=0.3)
+    stiff = draw_world_arm(ArmModel.load(robot), world, np.random.default_rng(1))
+    stiff = stiff.replace(drive=stiff.drive._replace(elastic=np.full(stiff.n, elastic)))
+    lightest = stiff.drive.rotor_inertia if elastic else least_link_inertia(stiff)
+    assert np.all(controller_gains(stiff)[1] / lightest <= LARGEST_LOOP_RAD_S * (1.0 + 1e-9))
+    soft = stiff.replace(bandwidth=2.0)
+    stiffness, damping = controller_gains(soft)
+    assert np.allclose(damping * soft.bandwidth, 2.0 * soft.damping_ratio * stiffness)

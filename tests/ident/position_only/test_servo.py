@@ -127,3 +127,58 @@ def test_a_table_without_effort_goes_through_the_command(tmp_path: Path) -> None
     assert check_file(tmp_path / "told.json")["joints"]["shoulder"]["figures"]["total_lag_s"]["unit"] == "s"
     with pytest.raises(InputError, match="is for `ident servo`"):
         diagnose(tmp_path / "run.csv", "tm5-900")
+
+
+def test_a_data_set_of_an_so101_is_told_in_one_command(tmp_path: Path) -> None:
+    """LeRobot's names and degrees: nothing has to be written before."""
+    import json
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+    runs = [record(Servo(load=0.0, zero=0.0), k) for k in range(4)]
+    for folder in ("data/chunk-000", "meta"):
+        (tmp_path / folder).mkdir(parents=True)
+    labels = {"dtype": "float32", "shape": [6], "names": [f"{name}.pos" for name in names]}
+    features = dict.fromkeys(["observation.state", "action"], labels)
+    (tmp_path / "meta/info.json").write_text(json.dumps({"features": features}))
+    table: dict[str, list[object]] = {"observation.state": [], "action": [], "timestamp": [], "episode_index": []}
+    for k, run in enumerate(runs):
+        assert run.position_command is not None
+        for column, values in (("observation.state", run.position), ("action", run.position_command)):
+            table[column] += [[float(row[0])] * 6 for row in np.degrees(values)]
+        table["timestamp"] += run.time.tolist()
+        table["episode_index"] += [k] * len(run)
+    pq.write_table(pa.table(table), tmp_path / "data/chunk-000/file-000.parquet")
+    found = CliRunner().invoke(app, ["servo", str(tmp_path), "--robot", "so101", "--json", str(tmp_path / "out.json")])
+    assert found.exit_code == 0, found.output
+    joints = json.loads((tmp_path / "out.json").read_text())["joints"]
+    assert set(joints) >= set(names[:5])
+    lag = joints["shoulder_pan"]["figures"]["lag_s"]
+    assert lag["value"] == pytest.approx(0.6 / 8.0, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["counts", "iso", "zoned"])
+def test_counts_and_iso_times_read_as_radians_and_seconds(kind: str, tmp_path: Path) -> None:
+    """Law: a log in counts about the middle of a turn, or with ISO times, is the log in radians and seconds."""
+    from datetime import UTC, datetime, timedelta
+
+    from ident.recordings.load import load_session
+
+    run = record(Servo(), 0)
+    assert run.position_command is not None
+    pair = np.column_stack([run.position[:, 0], run.position_command[:, 0]])
+    start = datetime(2026, 5, 3, 14, 0, 0, tzinfo=UTC if kind == "zoned" else None)
+    times = [f"{t:.6f}" for t in run.time]
+    if kind != "counts":
+        times = [(start + timedelta(seconds=float(t))).isoformat(timespec="microseconds") for t in run.time]
+    else:
+        pair = np.round(pair * 4096 / (2 * np.pi)) + 2048
+        (tmp_path / "log.toml").write_text("counts_per_turn = 4096\n")
+    lines = [",".join([time, *(repr(float(v)) for v in row)]) for time, row in zip(times, pair, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,a/position,a/position_command", *lines]) + "\n")
+    (read,) = load_session(tmp_path / "log.csv", with_effort=False).runs
+    np.testing.assert_allclose(read.time - read.time[0], run.time - run.time[0], atol=1e-5)
+    np.testing.assert_allclose(read.position, run.position, atol=np.pi / 4096)
+    assert read.issues == ()

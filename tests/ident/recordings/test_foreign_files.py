@@ -221,12 +221,12 @@ def test_effort_may_come_in_another_topic(run: Recording, tmp_path: Path) -> Non
     assert np.abs(read.position - run.position[:-1]).max() < 0.02**2 / 8 * 1.01
 
 
-def test_a_bag_of_ros_1_gives_back_the_run(run: Recording, tmp_path: Path) -> None:
-    """The same JointState in the older bag."""
+def write_old_bag(path: Path, run: Recording) -> None:
+    """A run as JointState in a bag of ROS 1."""
     types = get_typestore(Stores.ROS1_NOETIC)
     known, kind = types.types, "sensor_msgs/msg/JointState"
     header, time = known["std_msgs/msg/Header"], known["builtin_interfaces/msg/Time"]
-    with OldWriter(tmp_path / "run.bag") as writer:
+    with OldWriter(path) as writer:
         topic = writer.add_connection("/joint_states", kind, typestore=types)
         for k in range(len(run)):
             nanoseconds = round(run.time[k] * 1e9)
@@ -238,6 +238,11 @@ def test_a_bag_of_ros_1_gives_back_the_run(run: Recording, tmp_path: Path) -> No
                 run.effort[k],
             )
             writer.write(topic, START + nanoseconds, types.serialize_ros1(message, kind))
+
+
+def test_a_bag_of_ros_1_gives_back_the_run(run: Recording, tmp_path: Path) -> None:
+    """The same JointState in the older bag."""
+    write_old_bag(tmp_path / "run.bag", run)
     read = load_session(tmp_path / "run.bag").runs[0]
     np.testing.assert_allclose(read.time, run.time, atol=1e-9)
     np.testing.assert_array_equal(read.position, run.position)

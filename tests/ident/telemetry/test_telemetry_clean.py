@@ -38,9 +38,11 @@ def test_one_long_run_is_enough(clean: Session, arm: ArmModel) -> None:
 
 
 def test_inertias_and_friction_that_are_off_are_no_fault_of_the_telemetry(clean: Session, arm: ArmModel) -> None:
-    """A model 30 % too light, and a payload that no one told: for the diagnosis to find, not for this check."""
+    """A model 30 % too light: the torque's scale is told, with masses as a cause, and nothing is refused."""
     lighter = arm.with_inertial_parameters(0.7 * np.array(arm.inertial_parameters))
-    assert inspect(clean, lighter).issues == ()
+    report = inspect(clean, lighter)
+    assert report.is_fit
+    assert {issue.issue for issue in report.issues} == {"torque_scale"}
 
 
 def test_coarse_channels_are_healthy(clean: Session, arm: ArmModel) -> None:

@@ -74,9 +74,9 @@ def test_one_joint_in_amperes_is_found(clean: Session, arm: ArmModel) -> None:
     assert_refused(report, "effort_not_torque", ("joint_2",))
 
 
-def test_swapped_joints_are_no_joint_torque(clean: Session, arm: ArmModel) -> None:
+def test_swapped_torques_are_told_by_their_joints(clean: Session, arm: ArmModel) -> None:
     report = inspect(spoil(clean, lambda run: run.replace(effort=run.effort[:, [1, 0, 2, 3, 4, 5]])), arm)
-    assert_refused(report, "effort_not_torque", ("joint_2",))
+    assert_refused(report, "columns_swapped", ("joint_1", "joint_2"))
 
 
 def test_a_computed_torque_is_told_from_a_measured_one(clean: Session, arm: ArmModel) -> None:

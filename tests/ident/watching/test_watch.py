@@ -112,6 +112,7 @@ def test_what_is_still_written_waits(arms: Path, tmp_path: Path) -> None:
     os.utime(next((tmp_path / "cell" / "today").glob("*.parquet")))
     found = watch(tmp_path / "cell", tmp_path / "store", ROBOT, diagnosed=False, settle=3600.0)
     assert (found.fresh, found.waiting) == ((), ("cell/today",))
+    assert "cell/today: waits" in found.summary()
 
 
 def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
@@ -120,7 +121,7 @@ def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
     told = ["--store", str(tmp_path / "store"), "--robot", ROBOT, "--once", "--settle", "0", "--no-diagnose"]
     done = CliRunner().invoke(app, ["watch", str(tmp_path / "cell"), *told, "--json", str(tmp_path / "watch.json")])
     assert done.exit_code == 0, done.output
-    assert "1 arms, 1 sessions, 1 of them new" in done.output
+    assert "1 arm, 1 session, 1 of them new" in done.output
     check_file(tmp_path / "watch.json")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")

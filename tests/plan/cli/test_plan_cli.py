@@ -59,6 +59,24 @@ def test_compares_and_draws(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("name", ["motion.csv", "motion.yaml", "motion.parquet"])
+def test_a_motion_file_is_never_older_than_its_task(tmp_path: Path, name: str) -> None:
+    """Written over our own file, never over the user's; a task without a plan exits 3 and leaves no old motion."""
+    path, out = scene(tmp_path, TABLE3), tmp_path / name
+    arguments = ["solve", str(path), "--evaluations", "30", "--no-gap", "--out", str(out)]
+    for _ in range(2):
+        assert CliRunner().invoke(app, arguments).exit_code == 0
+    motion = out.read_bytes()
+    path.write_text(TABLE3.replace("duration_s = 0.65", "duration_s = 0.05"))
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 3
+    assert "0.05 s is too short" in outcome.output
+    assert {one.name for one in tmp_path.iterdir()} == {"scene.toml"}
+    out.write_bytes(motion + b"#" if name != "motion.yaml" else b"mine")
+    outcome = CliRunner().invoke(app, arguments)
+    assert isinstance(outcome.exception, InputError) == (name != "motion.parquet")
+
+
 def test_timeline_holds_arm_and_obstacle(tmp_path: Path) -> None:
     """Read back, the recording has the moving arm, the obstacle, torques and clearance."""
     task = opened(DATA / "obstacle.toml")

@@ -1,15 +1,13 @@
-"""Friction laws that a diagnosis named, in what planners make of them: torque, slopes, symbols, tables, bound."""
+"""Friction laws that a diagnosis named, in what planners make of them: torque, slopes, tables, bound."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from ident.model.named_laws import NamedLaw, named_torque
-from plan.dynamics.named_friction import law_symbols
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.solving.bound import lower_bound
@@ -69,23 +67,6 @@ def test_derivatives_are_those_of_the_torque(nets: bool) -> None:
     parts = found.by_position, found.by_speed, found.by_acceleration
     for order, joint, slope in slopes_by_differences(arm, states):
         assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-4)
-
-
-@pytest.mark.parametrize("law", ALL, ids=list(LAWS))
-def test_symbols_are_the_law_clear_of_rest_and_smooth_at_rest(law: NamedLaw) -> None:
-    names = ("q", "dq", "load")
-    q, dq, load = (ca.SX.sym(name, 1, 1) for name in names)
-    torque = law_symbols(law, q, dq, load, ca.tanh(dq / 0.02), 0.02)
-    function = ca.Function("law", [q, dq, load], [torque, ca.jacobian(torque, ca.vertcat(q, dq, load))])
-    rng = np.random.default_rng(5)
-    for angle, speed, push in rng.normal(size=(20, 3)) * [1.0, 0.5, 3.0] + [0.0, 3.0, 40.0]:
-        exact = named_torque(
-            [law],
-            *(np.full((1, 3), value) for value in (angle, speed, push)),  # type: ignore[arg-type]
-            np.full(3, 0.02),
-        )[0, law.joint]
-        assert float(function(angle, speed, push)[0]) == pytest.approx(exact, rel=2e-3, abs=1e-4)
-    assert np.isfinite(np.array(function(0.3, 0.0, 0.0)[1])).all()
 
 
 def test_the_grids_loop_knows_the_laws() -> None:

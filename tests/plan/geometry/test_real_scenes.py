@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
 
@@ -11,8 +12,9 @@ from ident.robot.arm import ArmModel
 from plan.geometry.boxes import Box
 from plan.geometry.clearance_proof import prove_clearance
 from plan.geometry.mesh_obstacles import holds, read_mesh
-from plan.geometry.scene import Carried, Scene
+from plan.geometry.scene import Scene
 from plan.geometry.solids import Solid
+from plan.geometry.tool import Carried, name_links
 from plan.problem.task_file import load_task
 from plan.solving.set_up import require_valid_ends, set_up
 from plan.spline import Splines
@@ -228,14 +230,59 @@ def test_what_is_carried_is_checked(tmp_path: Path) -> None:
     tip = arm.forward_kinematics(q)[arm.links[-1]]
     crate = Box("crate", 0, np.eye(3), tip[:3, 3] + 0.5 * tip[:3, 2], np.full(3, 0.05))
     assert Scene.build(arm, [crate]).proximity.clearance(q) > 0.01
-    held = Scene.build(arm, [crate], carried=Carried(arm.links[-1], (rod,), ("link_4",)))
+    held = Scene.build(arm, [crate], carried=[Carried(rod, touches=("link_4",))])
     assert held.proximity.clearance(q) < 0.0
     names = {held.pair_name(i) for i in range(len(held.pairs))}
     assert {"rod and crate", "rod and link_2"} <= names
     assert "rod and link_4" not in names
     assert ("link_4", "rod") in {pair.links for pair in held.unchecked}
-    with pytest.raises(InputError, match="no link 'gripper'"):
-        Scene.build(arm, carried=Carried(arm.links[-1], (rod,), ("gripper",)))
+    for wrong in (Carried(rod, touches=("gripper",)), Carried(rod, "gripper")):
+        with pytest.raises(InputError, match="no link 'gripper'"):
+            Scene.build(arm, carried=[wrong])
+
+
+@pytest.mark.parametrize(
+    ("robot", "link", "tip"),
+    [
+        ("panda", None, "panda_hand_tcp"),
+        ("panda", "panda_link8", "panda_link8"),
+        ("panda", "panda_link4", "panda_link4"),
+        ("ur10", None, "tool0"),
+        ("ur10", "ee_link", "ee_link"),
+        ("tm5-900", None, "flange"),
+    ],
+)
+def test_a_tool_is_where_its_frame_is(robot: str, link: str | None, tip: str) -> None:
+    """What hangs on a frame, the URDF's tip if none is named, is placed as Pinocchio places that frame."""
+    arm, place, rng = ArmModel.load(robot), np.array([0.01, -0.02, 0.05]), np.random.default_rng(0)
+    tool = Box("tool", 0, random_rotation(rng), place, np.full(3, 0.02))
+    scene = Scene.build(arm, carried=name_links(arm, [Carried(tool, link)]))
+    (box,) = (box for box in scene.boxes if box.name == "tool")
+    q = rng.uniform(-1.0, 1.0, arm.n)
+    data = arm.model.createData()
+    pin.framesForwardKinematics(arm.model, data, q)
+    wanted = data.oMf[arm.model.getFrameId(tip)].act(place)
+    assert data.oMi[box.joint].act(box.centre) == pytest.approx(wanted, abs=1e-9)
+    assert all(scene.boxes[a].joint < scene.boxes[b].joint for a, b in scene.pairs[scene.own])
+
+
+def test_a_payload_hangs_where_it_is_said(tmp_path: Path) -> None:
+    """Its centre is given in the tip's frame or the named one; results name it; no link in mid-arm carries it."""
+    arm, torques = ArmModel.load("panda"), {}
+    ends = "start_deg = [0, 0, 0, -90, 0, 30, 0]\ngoal_deg = [9, 0, 0, -90, 0, 30, 0]\n"
+    head = f'robot = "panda"\n[task]\n{ends}duration_s = 2\n'
+    for link, com in ((None, [0.0, 0.0, 0.0]), ("panda_hand", [0.0, 0.0, 0.1034]), ("panda_link7", [0.0, 0.0, 0.0])):
+        named = "" if link is None else f'link = "{link}"\n'
+        (tmp_path / "scene.toml").write_text(f"{head}[payload]\nmass_kg = 2\ncom_m = {com}\n{named}")
+        found = set_up(load_task(tmp_path / "scene.toml"))
+        still = np.zeros((1, 1, arm.n))
+        torques[link] = found.model.torque(found.start[None, None], still, still)[0, 0]
+        assert found.carried == ({"name": "payload", "link": link or "panda_hand_tcp", "mass_kg": 2.0, "com_m": com},)
+    assert torques[None] == pytest.approx(torques["panda_hand"], abs=1e-6)
+    assert np.abs(torques[None] - torques["panda_link7"]).max() > 1.0
+    (tmp_path / "scene.toml").write_text(f'{head}[payload]\nmass_kg = 2\nlink = "panda_link4"\n')
+    with pytest.raises(InputError, match="'panda_link4' is not moved by the last joint"):
+        set_up(load_task(tmp_path / "scene.toml"))
 
 
 def test_a_payload_takes_torque(tmp_path: Path) -> None:

@@ -52,19 +52,19 @@ def test_tip_reaches_its_targets(task: PlanningProblem) -> None:
 
 def test_trees_connect_clear_of_the_box(task: PlanningProblem) -> None:
     """The path joins start and goal, and every edge keeps the margin at twice the resolution."""
-    options = TreeOptions(margin=0.005)
+    options = TreeOptions(margins=0.005)
     low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
     path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(0))
     assert path.found
     assert path.points[[0, -1]] == pytest.approx(np.array([START, GOAL]))
-    fine = TreeOptions(margin=0.0, resolution=0.02)
+    fine = TreeOptions(margins=0.0, resolution=0.02)
     assert all(edge_is_free(task.scene, a, b, fine) for a, b in zip(path.points, path.points[1:], strict=False))
     assert np.abs(np.diff(path.points, axis=0)).max() <= options.step + 1e-9
 
 
 def test_pruning_shortens_and_stays_free(task: PlanningProblem) -> None:
     """A pruned path is no longer, free, and no further node can be taken out."""
-    options = TreeOptions(margin=0.005)
+    options = TreeOptions(margins=0.005)
     low, high = np.minimum(START, GOAL) - 0.7, np.maximum(START, GOAL) + 0.7
     path = connect(task.scene, START, GOAL, low, high, options, np.random.default_rng(1)).points
     short = prune(task.scene, path, options)

@@ -17,7 +17,7 @@ from tests.plan.worlds import MONITOR, ledger, problem
 
 def by_our_trees(planner: OmplToppra, task: PlanningProblem, rng: np.random.Generator) -> np.ndarray:
     """A path as OMPL would give it, where OMPL may be missing."""
-    options = TreeOptions(margin=task.margin + 0.005)
+    options = TreeOptions(margins=task.limits.clearance + 0.005)
     found = connect(task.scene, task.start, task.goal, task.limits.lower, task.limits.upper, options, rng)
     return prune(task.scene, found.points, options)
 

@@ -5,16 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plan.dynamics.power import METRICS
+from plan.initial.at_limits import quickest_of_each_joint
 from plan.initial.starts import straight
 from plan.planners import local_model, turning
+from plan.planners.brute_force import BruteForce
 from plan.planners.descent import begin, descend, refine
+from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.reference import Reference
 from plan.planners.sequential import Sequential, begin_course, bounds
 from plan.planners.transcription import Grid
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import certify
-from tests.plan.worlds import GOAL, MONITOR, START, ledger, problem
+from plan.problem.time_law import find_time_law
+from tests.plan.worlds import GOAL, MONITOR, START, dense_net, joint_nets, ledger, model, problem
 
 QUICK = Sequential(starts=2, more=0, kept=(1,), levels=(1, 1))
 
@@ -74,13 +78,14 @@ def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
 
 
 @pytest.mark.parametrize("objective", ["energy", "time"])
-def test_better_than_the_reference_of_few_vias(objective: str) -> None:
-    """Free knots reach at least what two via points reach, and what they reach is allowed."""
-    task = problem(objective=objective, free="vias" if objective == "energy" else "both")
-    known = Reference().run([task], ledger(), np.random.default_rng(0)).best
+def test_better_than_few_vias(objective: str) -> None:
+    """Free knots reach at least what five via points reach, and what they reach is allowed."""
+    task = problem(vias=5, objective=objective, free="vias" if objective == "energy" else "both")
+    task = replace(task, limits=replace(task.limits, jerk=np.full(3, 1e6)))  # ends without acceleration for both
+    known = Sequential(named=True).run([task], ledger(), np.random.default_rng(0)).best
     best = QUICK.run([task], ledger(), np.random.default_rng(0)).best
     assert best.feasible
-    assert best.cost < known.cost * 0.999
+    assert best.cost <= known.cost * 1.001
 
 
 def test_more_via_points_never_end_worse() -> None:
@@ -149,9 +154,57 @@ def test_steps_end_with_the_budget() -> None:
 
 
 def test_first_step_is_taken_from_the_start() -> None:
-    """A course before its first step is the initial trajectory."""
+    """A course before its first step is the initial trajectory, on knots that are named."""
     task = problem(duration=1.0)
-    course = begin_course(task)
+    course = begin_course(task, named=True)
     assert begin(course.local, course.x).look.cost == course.look.cost
     points = course.local.splines(course.x).at(np.linspace(0.0, 1.0, 50))[0]
     assert points == pytest.approx(task.decode(task.initial).at(np.linspace(0.0, 1.0, 50))[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_named_via_points_end_at_or_below_the_grid(metric: str) -> None:
+    """On the knots that are given the optimum is at or below the best point of a 6⁶ grid, and flat to first order."""
+    task = problem(metric=metric, grows=False)
+    best = Sequential().run([task], ledger(), np.random.default_rng(0)).best
+    grid = BruteForce(levels=6).run([task], ledger(), np.random.default_rng(0)).best
+    assert best.feasible
+    assert best.problem.via_count == task.via_count
+    assert best.cost <= grid.cost * (1 + 1e-4)
+    around = task.evaluate(best.x + np.concatenate([np.eye(6), -np.eye(6)]) * np.radians(0.5)).cost
+    assert np.all(around >= best.cost - 5e-3)
+
+
+@pytest.mark.parametrize("net", [joint_nets(), dense_net()], ids=["default", "paper"])
+def test_named_via_points_with_a_net(net: object) -> None:
+    """With a net inside, CMA-ES finds nothing more than 0.1 % better."""
+    task = problem(model=model(net), grows=False)
+    best = Sequential().run([task], ledger(), np.random.default_rng(0)).best
+    other = Evolution(most=3000).run([task], ledger(), np.random.default_rng(0)).best
+    assert best.cost <= other.cost * 1.001
+
+
+def test_named_time_stamps_meet_a_limit() -> None:
+    """With the path's via points kept the time optimum breaks nothing, and some joint is at its limit."""
+    task = problem(objective="time", free="times")
+    best = Sequential().run([task], ledger(), np.random.default_rng(0)).best
+    assert best.problem.vias == pytest.approx(task.vias)
+    found = certify(task, best.splines)
+    assert best.feasible
+    assert max(found.torque_share.max(), found.speed_share.max()) > 0.99
+    assert best.cost < 0.6 * 0.65
+
+
+def test_the_shortest_time_does_not_hang_on_the_guess() -> None:
+    """From guesses ten times apart the same motion is found, executed as it is planned."""
+    task = problem(objective="time", free="both")
+    task = replace(task, limits=replace(task.limits, acceleration=np.full(3, 15.0), jerk=np.full(3, 300.0)))
+    found = []
+    for guess in (0.3, 3.0):
+        guessed = replace(task, durations=np.full(3, guess / 3))
+        found.append(QUICK.run([guessed], ledger(), np.random.default_rng(0)).best)
+    assert found[0].cost == pytest.approx(found[1].cost, rel=1e-6)
+    quickest = quickest_of_each_joint(task)
+    assert quickest is not None
+    assert found[0].cost <= 1.02 * quickest.durations.sum() or certify(task, found[0].splines).torque_share.max() > 0.95
+    assert find_time_law(task, found[0].splines).duration == pytest.approx(found[0].cost)

@@ -9,6 +9,7 @@ import pytest
 from ident.robot.arm import ArmModel
 from plan.dynamics.manipulability import Manipulability
 from plan.dynamics.power import energy
+from plan.geometry.margins import SHORT, find_cuts, why_refused
 from plan.problem.problem import SHARE, TIME_NODES, PlanningProblem
 from tests.plan.worlds import MONITOR, problem, three_joints
 
@@ -79,12 +80,34 @@ def test_feasible_is_always_better() -> None:
     assert value[near].max() < value[deep].min()
 
 
-def test_margin_shrinks_near_the_ends() -> None:
-    """Where start or goal are closer to something than the clearance asked for, half their distance is kept."""
-    wide = problem(MONITOR, clearance=0.5)
-    ends = wide.scene.separation(np.stack([wide.start, wide.goal])).min()
-    assert wide.margin == pytest.approx(0.5 * ends)
-    assert problem(MONITOR).margin == 0.005
+def test_each_pair_has_its_own_margin() -> None:
+    """A pair keeps what was asked for, or what it has at an end; of the arm's own pairs that is a cut with its name."""
+    task = problem(MONITOR, clearance=0.1)
+    have = task.scene.gaps(task.ends).min(axis=0)
+    assert (have < 0.1).any()
+    assert (have > 0.1).any()
+    assert np.all(task.margins.pairs <= 0.1)
+    assert task.margins.pairs == pytest.approx(np.minimum(have, 0.1), abs=SHORT)
+    found = {cut.pair: cut for cut in find_cuts(task.scene, task.ends, 0.1)}
+    exact = np.array([task.scene.distances(q) for q in task.ends])
+    for pair, least in enumerate(exact.min(axis=0)):
+        assert (pair in found) == (task.scene.own[pair] and least < 0.1)
+        if pair in found:
+            assert found[pair].kept == pytest.approx(least)
+            assert found[pair].links == task.scene.names_of(pair)
+            assert found[pair].end == ("start", "goal")[int(exact[1, pair] < exact[0, pair])]
+    assert not find_cuts(task.scene, task.ends, 0.005)
+
+
+def test_an_obstacle_nearer_than_asked_is_refused_by_name() -> None:
+    """An end may be near its own links but not near an obstacle; asked for less, it may."""
+    task = problem(MONITOR)
+    distances = np.where(task.scene.own, np.inf, task.scene.distances(task.start))
+    refused = why_refused(task.scene, task.start, distances.min() + 2 * SHORT)
+    assert refused is not None
+    assert f"{task.scene.pair_name(int(np.argmin(distances)))} are " in refused[0]
+    assert "task.clearance_m" in refused[1]
+    assert why_refused(task.scene, task.start, distances.min()) is None
 
 
 def test_manipulability_is_yoshikawas() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from plan.show.paper_page import write_page
 from plan.solving.compare import Comparison
-from plan.solving.paper import PAPER, Effort, Line, Repeat, repeat_paper
+from plan.solving.paper import PAPER, Effort, Line, Repeat, _details, repeat_paper
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
 
@@ -16,18 +16,21 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     task = problem()
     result = solve(task, "reference", gap=False)
     failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
-    lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0))
+    details = _details("ga", task.vias, 4.25, 0.125)
+    lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0), Line("Table 3", "GA", "J", (), (3.0,), 1.0, details))
     compared = Comparison("fig. 10", "energy", 100, 1.0, (result,))
-    repeat = Repeat(lines, compared, {"figure_11": (task, result)}, Effort(epochs=7))
+    repeat = Repeat(lines, compared, {"figure_11": (task, result), "figure_13_6": (task, result)}, Effort(epochs=7))
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
     assert "7 epochs" in text
     assert "can't be repeated" in text
-    for name in ("figure_10.png", "figure_11.png"):
+    assert "(72.4, 22.9, -98.6) deg; 417 s; gain 10.5 %" in text
+    assert "deg; 4.25 s; gain 12.5 %" in text
+    for name in ("figure_10.png", "figure_11.png", "figure_13_6.png"):
         assert f"({name})" in text
         assert (tmp_path / name).is_file()
-    assert "figure_13" not in text
+    assert "figure_13_7" not in text
 
 
 @pytest.mark.slow

@@ -9,13 +9,13 @@ import pytest
 
 from plan.geometry.boxes import Box
 from plan.initial.starts import straight
-from plan.planners import Budget
+from plan.planners import Budget, Candidate
 from plan.planners.evolution import Evolution
 from plan.problem.result import certify
 from plan.problem.task_file import Trial
 from plan.solving.compare import compare, cost_at
 from plan.solving.set_up import find_obstruction
-from plan.solving.solve import find_starts, solve
+from plan.solving.solve import _certified, find_starts, solve
 from tests.plan.worlds import GOAL, MONITOR, START, joint_nets, ledger, model, problem, three_joints
 
 # Two walls from 24 cm beside the base's axis outwards and far up; the wrist's far side is 29 cm from the axis in every
@@ -102,7 +102,8 @@ def test_goal_inside_an_obstacle() -> None:
     tip = three_joints().forward_kinematics(GOAL)["link_6"][:3, 3]
     result = solve(problem(Box("crate", 0, np.eye(3), tip, [0.1, 0.1, 0.1])), "cma")
     assert result.status == "infeasible"
-    assert "goal is in collision" in result.reason
+    assert "the goal is not allowed: " in result.reason
+    assert " collide there" in result.reason
     assert "crate" in result.reason
 
 
@@ -189,6 +190,24 @@ def test_mended_between_samples() -> None:
     assert result.certificate is not None
     assert result.certificate.torque_share.max() <= 1.0 + 1e-9
     assert result.certificate.speed_share.max() <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("objective", ["time", "energy"])
+def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
+    """A limit passed by half a thousandth costs a fifth of a per cent at most, and no search all over again."""
+    task = replace(problem(duration=1.0), objective=objective, free="both" if objective == "time" else "vias")
+    splines = solve(task, budget=Budget(40), gap=False).splines
+    assert splines is not None
+    limits = replace(task.limits, speed=splines.top_speed[0] / 1.0005)
+    tight = task.with_initial(splines, limits=limits)
+    own, (cost,) = ledger(), tight.initial_evaluation.cost
+    own.best = Candidate(tight, tight.initial, float(cost), 0.0)
+    found, certificate = _certified(own, np.random.default_rng(0))
+    assert found is not None
+    assert certificate is not None
+    assert not certificate.broken
+    assert found.cost <= 1.002 * cost
+    assert own.evaluations < 300
 
 
 def test_six_joints() -> None:

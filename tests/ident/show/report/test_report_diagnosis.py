@@ -120,8 +120,16 @@ def test_first_action_is_about_most_of_the_gap(tmp_path: Path) -> None:
     record["findings"][0]["action"] = "look at the gear"
     assert first_action({**record, "verdict": "named"}) == "Look at the gear."
     assert first_action(record).startswith("Record this next: ")
+    record["findings"][0]["probability"] = 0.48
+    tied = first_action({**record, "verdict": "named"})
+    assert tied.startswith(
+        "Act on none yet, for it may be Stribeck friction or nonlinear viscous friction; record this"
+    )
     record["gap"]["joint_2"]["tuned_away_Nm"] = 1.25
     assert "fit the arm's own inertias" in first_action(record)
+    assert "fit the arm's own inertias" in first_action(
+        {**record, "verdict": "named"}
+    )  # a doubt outranks a name of 48 %
     record["gap"]["joint_2"]["fixed_rms_Nm"] = 0.2 * record["gap"]["joint_2"]["rms_Nm"]
     assert first_action(record).startswith("Record this again")
     text = written(tmp_path, record).replace("\xa0", " ")

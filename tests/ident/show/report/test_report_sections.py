@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.model.net_gate import JointGate
+from ident.model.net_shrinkage import JointGate
 from ident.show.palette import RUNG_COLOURS, rung_colours, rung_name
 from ident.show.report import ReportInput
 from ident.show.report.comparison import ComparisonSection, restrict
@@ -38,6 +38,14 @@ def test_headline_follows_the_share_left(source: ReportInput, left: float, words
     text = headline(score)
     assert words in text
     assert f"{fixed(left * score.rmse_mean[0, -1])} N m" in text
+
+
+@pytest.mark.parametrize(("factor", "said"), [(3.0, True), (-3.0, True), (1.0, False), (0.2, False)])
+def test_headline_says_where_the_last_rung_errs_by_more_energy(source: ReportInput, factor: float, said: bool) -> None:
+    """However much torque it explains: with both figures, root mean square over the runs."""
+    score = scaled(source.evaluation.pooled, 0.1)
+    score.energy_error[-1] = factor * score.energy_error[-2]
+    assert ("Not in energy" in headline(score)) == said
 
 
 def test_rungs_that_change_nothing_are_not_told(source: ReportInput) -> None:

@@ -1,0 +1,141 @@
+"""Writes what of the documentation is made from code and data: figures of the checks, and the references.
+
+    python docs/write.py            # figures into README.md and docs/*.md, references into docs/reference/
+    python docs/write.py --check    # status 1 where a figure on a page is not that of docs/figures.toml
+    python docs/write.py --sixty    # runs README's first snippet, and writes what it prints below it
+
+Figures stand on a page between `<!-- figures: NAME -->` and `<!-- end of figures -->`; nobody types them there.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+PAGES = (ROOT / "README.md", *sorted(HERE.glob("*.md")))
+BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end of figures -->)", re.DOTALL)
+SIXTY = re.compile(r"(<!-- sixty -->\n```python\n(.*?)```\n).*?(<!-- end of sixty -->)", re.DOTALL)
+# As much of what a snippet prints as a front page shows [lines].
+SHOWN = 5
+HEAD = "<!-- written by docs/write.py -->\n"
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table of Markdown."""
+    cells = [[str(cell).replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+    lines = [columns, ["---"] * len(columns), *cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def figures(data: Mapping[str, Any]) -> str:
+    """One table of the data file, with the command, date and commit that it is of."""
+    text = table(data["columns"], data["rows"])
+    words = [data["about"], f"By `{data['command']}`, {data['date']}, commit {data['commit']}.", data.get("note", "")]
+    return f"{' '.join(word for word in words if word)}\n\n{text}"
+
+
+def with_figures(text: str, data: Mapping[str, Any]) -> str:
+    """A page with its blocks of figures as the data file has them."""
+    return BLOCK.sub(lambda block: f"{block[1]}{figures(data[block[2]])}{block[3]}", text)
+
+
+def with_output(text: str) -> str:
+    """The front page with the first lines that its first snippet prints now."""
+    (snippet,) = (found[2] for found in SIXTY.finditer(text))
+    done = subprocess.run([sys.executable, "-c", snippet], cwd=ROOT, capture_output=True, text=True, check=True)
+    lines = [line[:118] + "…" if len(line) > 119 else line for line in done.stdout.splitlines()[:SHOWN]]
+    shown = "\n".join([*lines, "  …"])
+    return SIXTY.sub(lambda block: f"{block[1]}\n```text\n{shown}\n```\n{block[3]}", text)
+
+
+def describe_command(package: str, name: str, command: Any) -> str:
+    """A command with its arguments and options."""
+    rows = []
+    for option in command.params:
+        if option.name == "help":
+            continue
+        names = ", ".join(f"`{one}`" for one in (*option.opts, *option.secondary_opts) if one.startswith("-"))
+        needed = "needed" if option.required else "" if option.default in (None, (), "") else f"`{option.default}`"
+        rows.append((names or f"`{option.name}`", needed, getattr(option, "help", "") or ""))
+    return f"## {package} {name}\n\n{command.help}\n\n{table(('', 'default', ''), rows)}"
+
+
+def commands() -> str:
+    """All commands of both packages, from the code that parses them."""
+    from ident.cli.app import app as ident_app
+    from plan.cli.app import app as plan_app
+
+    sections = [
+        describe_command(package, name, command)
+        for package, app in (("ident", ident_app), ("plan", plan_app))
+        for name, command in sorted(typer.main.get_command(app).commands.items())  # type: ignore[attr-defined]
+    ]
+    return HEAD + "# Commands\n\nEvery command has `--help`.\n\n" + "\n".join(sections)
+
+
+def session_keys() -> str:
+    """The keys of session.toml."""
+    from ident.recordings.session_toml import KEYS
+
+    lines = "Every key may be left out. `ident new` writes the file with its guesses.\n\n"
+    columns = ("key", "unit", "if left out", "what", "example")
+    rows = [(f"`{name}`", key.unit, key.default, key.meaning, f"`{key.example}`") for name, key in KEYS.items()]
+    return HEAD + "# session.toml\n\n" + lines + table(columns, rows)
+
+
+def scene_keys() -> str:
+    """The tables and keys of scene.toml."""
+    from plan.problem.scene_keys import KEYS
+
+    parts = []
+    for name, keys in KEYS.items():
+        title = f"[{name}]" if name else "At the top"
+        parts.append(f"## {title}\n\n" + table(("key", "what"), [(f"`{key}`", what) for key, what in keys.items()]))
+    return HEAD + "# scene.toml\n\nUnits stand in the names of the keys.\n\n" + "\n".join(parts)
+
+
+def settings() -> str:
+    """The numbers by which a diagnosis decides."""
+    from ident.diagnosis.settings import DiagnosisSettings
+
+    return HEAD + f"# Settings of a diagnosis\n\n```text\n{DiagnosisSettings().describe()}\n```\n"
+
+
+def main(options: list[str]) -> int:
+    """Writes, or checks, all pages; see the module."""
+    data = tomllib.loads((HERE / "figures.toml").read_text(encoding="utf-8"))
+    stale = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        fresh = with_figures(text, data)
+        if fresh != text:
+            stale.append(page.name)
+            if "--check" not in options:
+                page.write_text(fresh, encoding="utf-8")
+    if "--check" in options:
+        print(
+            f"not as docs/figures.toml: {', '.join(stale)}" if stale else "all figures are those of docs/figures.toml"
+        )
+        return 1 if stale else 0
+    if "--sixty" in options:
+        front = ROOT / "README.md"
+        front.write_text(with_output(front.read_text(encoding="utf-8")), encoding="utf-8")
+        return 0
+    made = {"commands": commands(), "session_toml": session_keys(), "scene_toml": scene_keys(), "settings": settings()}
+    (HERE / "reference").mkdir(exist_ok=True)
+    for name, text in made.items():
+        (HERE / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

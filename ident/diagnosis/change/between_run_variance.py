@@ -1,0 +1,208 @@
+"""Does a change stand out against what runs of one set differ by among themselves?
+
+An effect of size one is what was found to have come with the later set. In each run r its size d_r about its set's mean
+is estimated from what the model with the change leaves, with a variance v_r of its own by the noise. What the d_r of
+one set differ by beyond that is a variance component of random effects,
+
+    τ² = max(0, Σ (d − d̄)² / v − Σ (R_s − 1)) / C,
+
+and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
+of its set's information. A change is reported where F = 1 / (k V) is beyond chance for its k columns, among all.
+
+Friction is not free from run to run: it is a random walk, as gears warm. What it goes from a run to the next,
+x ~ N(0, q + v) with v by the noise of both, adds up, and a session of R runs that set out where the last one did has a
+mean that is off by q R / 3. Five steps a set, in noise, leave q open by much: an estimate of zero says little. With a
+scaled inverse chi² prior about what this arm's joints usually do, every q counts by how likely the steps are.
+
+Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Satterthwaite 1946 (degrees of freedom);
+Gelman et al., Bayesian Data Analysis (scaled inverse chi²), for why the estimate alone is too sure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.change.friction_drift import SAME_DAY, DayToDay
+from ident.diagnosis.change.paired_sums import PairedSums, Sides
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.run_spread import excess_over_noise, residual_weights
+
+# Degrees of freedom that a variance from runs has beside those of the runs: arms of one kind differ by little.
+PRIOR_DOF = 2.0
+# Points of the grid over q, and how far it goes to either side of what is usual, as a factor on q.
+POINTS, REACH = 61, 1e4
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a change stands against the runs' own differences.
+
+    Attributes:
+        p_value: For all changes asked.
+        error: Standard deviation of its size, as a share of it.
+        spread: Standard deviation from run to run of the effect, as a share of the change.
+        widening: Factor on the half-widths of intervals that count the blocks' noise alone.
+        daily: What of the error is there whatever the runs say, as one day differs from the next.
+    """
+
+    p_value: float
+    error: float
+    spread: float
+    widening: float
+    daily: float = 0.0
+
+    @property
+    def of_the_day(self) -> bool:
+        """Whether the error is mostly what days differ by."""
+        return self.daily > np.sqrt(0.5) * self.error
+
+
+def measure_standing(
+    sums: PairedSums,
+    sides: Sides,
+    model: Projection,
+    group: Group,
+    beta: Float[Array, " k"],
+    covariance: Float[Array, "k k"],
+    asked: int,
+    day: DayToDay = SAME_DAY,
+) -> Standing:
+    """Holds a change against the runs.
+
+    Args:
+        sums: The sums.
+        sides: Which runs are of which set.
+        model: The baseline with all named changes.
+        group: The change.
+        beta: Its scaled coefficients.
+        covariance: Their covariance by blocks.
+        asked: How many changes were asked for.
+        day: What it may differ by though nothing was done, as a share of it.
+    """
+    score, power = _by_block(sums, model, group, beta)
+    runs = len(sides.later)
+    total, count = np.zeros((2, runs))
+    np.add.at(total, sides.run_of_block, score)
+    np.add.at(count, sides.run_of_block, power)
+    seen = count > 1e-9 * count.max(initial=1e-300)
+    size = np.where(seen, total / np.where(seen, count, 1.0), 0.0)
+    left = score - size[sides.run_of_block] * power
+    # By how much blocks of one run vary more than whitened noise would.
+    noise = max(1.0, float(left @ left) / max(float(power.sum()), 1e-300))
+    by_noise = noise / np.where(seen, count, 1.0)
+    spread, free, share = _component(size, by_noise, count, sides, seen)
+    # What the other columns leave of the change's own sums, from the model that holds it.
+    at = np.flatnonzero(np.isin(model.inside, group.columns))
+    along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ beta
+    by_blocks = float(along @ covariance @ along) / max(float(beta @ along), 1e-300) ** 2
+    by_runs = spread**2 * share
+    of_sides = [np.flatnonzero((sides.later == side) & seen) for side in (False, True)]
+    sets = [(size[here], by_noise[here], number) for here, number in zip(of_sides, day.sessions, strict=True)]
+    wandering = estimate_random_walk(sets, day.step)
+    # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
+    of_runs = np.where(by_runs > wandering.variance, by_runs**2 / (free + PRIOR_DOF), 0.0)
+    estimated = by_blocks**2 / max(len(score) - 1.0, 1.0) + of_runs
+    variance = by_blocks + np.maximum(by_runs, wandering.variance) + day.error**2
+    dof = variance**2 / (estimated + 1e-300)
+    k = len(beta)
+    p_value = min(1.0, asked * float(wandering.weight @ fisher.sf(1.0 / (k * variance), k, dof)))
+    reach = _quantile(variance, dof, wandering.weight) / 1.96
+    error = float(np.sqrt(wandering.weight @ variance))
+    widening = reach / float(np.sqrt(max(by_blocks, 1e-300)))
+    return Standing(p_value, error, float(spread), max(1.0, widening), day.error)
+
+
+def _quantile(variance: Float[Array, " m"], dof: Float[Array, " m"], weight: Float[Array, " m"]) -> float:
+    """Where 97.5 % of a mixture of Student's distributions lie below."""
+
+    def above(x: float) -> float:
+        return float(weight @ student.sf(x / np.sqrt(variance), dof)) - 0.025
+
+    far = float(np.max(student.ppf(0.975, dof) * np.sqrt(variance)))
+    return float(brentq(above, 0.0, far * (1.0 + 1e-9)))
+
+
+def _by_block(
+    sums: PairedSums, model: Projection, group: Group, beta: Float[Array, " k"]
+) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
+    """In each block the product of the effect, of the change's size and in all runs, with what is left; its square."""
+    evidence, columns = sums.evidence, sums.in_all_runs(group)
+    weights = residual_weights(evidence, model)
+    blocks = len(evidence.fold_of_block)
+    score, power = np.zeros((2, blocks))
+    for j in group.acts_on(evidence.layout.n):
+        local = evidence.layout.local[j]
+        at = np.array([evidence.layout.places[j][int(column)] for column in columns])
+        own = np.zeros(len(local))
+        own[at] = beta
+        seen = evidence.times(j, own)
+        score += seen @ weights[local]
+        power += seen @ own
+    return score, np.maximum(power, 0.0)
+
+
+def _component(
+    size: Float[Array, " R"],
+    variance: Float[Array, " R"],
+    power: Float[Array, " R"],
+    sides: Sides,
+    seen: Array,
+) -> tuple[float, float, float]:
+    """Spread from run to run, its degrees of freedom, and what share of its square the change's variance holds."""
+    excess, free, scale, share = 0.0, 0, 0.0, 0.0
+    for side in (False, True):
+        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
+        if not len(here):
+            continue
+        beyond, unit = excess_over_noise(size[here], variance[here])
+        excess, scale = excess + beyond, scale + unit
+        free += len(here) - 1
+        share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
+    return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """What the difference of both sets' means may be off by.
+
+    Attributes:
+        variance: Its variance at each of some points.
+        weight: How likely each is; they sum to one.
+    """
+
+    variance: Float[Array, " m"]
+    weight: Float[Array, " m"]
+
+
+NO_WALK = RandomWalk(np.zeros(1), np.ones(1))
+
+
+def estimate_random_walk(
+    sets: Sequence[tuple[Float[Array, " R"], Float[Array, " R"], int]], usual: float
+) -> RandomWalk:
+    """How likely each size of the random walk of friction is.
+
+    Args:
+        sets: Of each set the sizes of the change in its runs, in their order, their variances by the noise, and the
+            number of sessions that the runs come from.
+        usual: Standard deviation of a step as this arm's joints have it; 0 for what does not wander.
+    """
+    if usual <= 0.0:
+        return NO_WALK
+    steps = np.concatenate([np.diff(size) ** 2 for size, _, _ in sets])
+    noise = np.concatenate([variance[1:] + variance[:-1] for _, variance, _ in sets])
+    share = sum(len(size) / count / 3.0 / count for size, _, count in sets if len(size))
+    q = usual**2 * np.geomspace(1.0 / REACH, REACH, POINTS)
+    logs = -0.5 * PRIOR_DOF * (np.log(q) + usual**2 / q)
+    of_steps = np.add.outer(q, noise)
+    logs -= 0.5 * np.sum(np.log(of_steps) + steps / of_steps, axis=1)
+    weight: Array = np.exp(logs - logs.max())
+    return RandomWalk(q * share, weight / weight.sum())

@@ -1,0 +1,116 @@
+"""Bodies of several links that these recordings confound, and the place of each.
+
+A body on one link and one on the next pull alike at every joint below them; what tells them apart is what they do at
+the joint between, and their inertia. Two models of as many columns, neither part of the other, are compared by what
+each leaves of every block, d their difference: Σ d / (√B std d) is a standard normal if both are as far from the truth,
+whatever the truth and however far. Log evidence takes the model's own errors for noise: of small differences it is too
+sure.
+
+What a body's second moments lack about a place known beforehand, a second body elsewhere makes up for, and is then
+reported beside the true one (`ident.effects.added_body`). So each is laid out once more about where it was found.
+
+Source: Vuong 1989 (likelihood ratio tests for model selection and non-nested hypotheses).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.change.candidates import MASS, changes
+from ident.diagnosis.change.gain_uncertainty import BODIES
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Projection, project
+from ident.diagnosis.regression.run_spread import residual_weights
+from ident.diagnosis.selection.search import Search
+from ident.effects.added_body import centre_of
+from ident.effects.base import Effect, SessionContext
+from ident.effects.rigid_body import LinkInertialError, UnknownPayload
+
+# Two places are told apart by more than so many standard deviations.
+APART = 2.0
+
+
+def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
+    """Places at which a change explains as much, nearest first: the same effect elsewhere, for bodies any body.
+
+    Args:
+        search: The search that gave the names.
+        groups: All names.
+        slot: Which of them is asked about.
+    """
+    own, evidence, gram = groups[slot], search.evidence, search.evidence.gram()
+    others = [group for k, group in enumerate(groups) if k != slot]
+    beside = project(gram, evidence, search.prior, others)
+    best = search.best_by_key(beside, others)
+    left = squares_by_block(evidence, project(gram, evidence, search.prior, groups))
+    found = []
+    for score, rival in best.values():
+        if rival.key == own.key or score <= 0.0 or not _alike(own, rival):
+            continue
+        there = squares_by_block(evidence, project(gram, evidence, search.prior, [*others, rival]))
+        if not told_apart(there - left):
+            found.append((score, rival))
+    return tuple(rival for _, rival in sorted(found, key=lambda pair: -pair[0]))
+
+
+def squares_by_block(evidence: Evidence, model: Projection) -> Float[Array, " B"]:
+    """What a model leaves of each block, in squares of the noise."""
+    weights = residual_weights(evidence, model)
+    left = np.zeros(len(evidence.fold_of_block))
+    for j, local in enumerate(evidence.layout.local):
+        left += evidence.times(j, weights[local]) @ weights[local]
+    return left
+
+
+def told_apart(difference: Float[Array, " B"]) -> bool:
+    """Whether one model leaves more than another beyond what blocks differ by."""
+    blocks = len(difference)
+    return bool(difference.sum() > APART * np.sqrt(blocks) * difference.std(ddof=1))
+
+
+def _alike(own: Group, rival: Group) -> bool:
+    bodies = own.effect.id in BODIES and rival.effect.id in BODIES
+    return bodies or (rival.effect.id == own.effect.id and rival.joint != own.joint)
+
+
+def place_bodies(search: Search, others: Sequence[Group], session: SessionContext) -> tuple[Effect, ...]:
+    """All changes that are asked for, each body about the place at which it alone would explain most.
+
+    Args:
+        search: A search over a first design.
+        others: What changed beside the body.
+        session: The runs.
+    """
+    model = project(search.evidence.gram(), search.evidence, search.prior, others)
+    best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]
+    places: dict[str, dict[int, Float[Array, " 3"]]] = {name: {} for name in BODIES}
+    arm = session.runs[0].arm
+    for group in best:
+        _, scaled = model.gain(group)
+        beta = scaled / search.evidence.scale[group.columns]
+        place = _centre(group, session, beta)
+        if place is not None:
+            link = arm.n - 1 if group.effect.scope == "arm" else group.joint
+            places[group.effect.id][link] = place
+    payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
+    placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
+    return tuple(placed.get(effect.id, effect) for effect in changes())
+
+
+def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:
+    """Where a body is by its estimate, no farther out than a tool's centre; None of what weighs nothing."""
+    arm = session.runs[0].arm
+    asked = group.effect.asked(session)
+    figures = group.effect.parameters(asked, group.joint, group.variant, beta, np.zeros((len(beta), len(beta))))
+    if group.effect.id == UnknownPayload.id:
+        mass = figures[MASS].value
+        moment = abs(mass) * np.array([figures[f"com_{axis}_m"].value for axis in "xyz"])
+        mass = abs(mass)
+    else:
+        mass = figures["mass_change_kg"].value
+        moment = np.array([figures[f"moment_change_{axis}_kgm"].value for axis in "xyz"])
+    return centre_of(arm, mass, moment)

@@ -1,0 +1,123 @@
+"""What a change of friction may be besides: another day, or another gain of the reading.
+
+Friction differs between two sessions though nothing was done to the arm: joints are some kelvin warmer, grease has
+settled. A mean of few sessions is no better known than that, however many runs they have. And where friction is most of
+what a joint's torque is, a gain that changed scales it as more or less friction would: nothing in the recordings tells
+the two apart.
+
+Source: Bittencourt and Gunnarsson 2010 (static friction falls by about one per cent a kelvin); runs of different days
+of a UR10e differ by 2 to 5 % of their friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.regression.design import Group
+from ident.diagnosis.regression.least_squares import Projection
+from ident.effects.base import SessionContext
+from ident.effects.typical_sizes import friction_level
+
+FRICTION, GAIN, BY_LOAD = "friction_change", "torque_gain_error", "load_dependent_friction"
+# Share of what friction by load explains that a gain explains alone, from which on it is one.
+NEARLY_ALL = 0.95
+# Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.
+DAY_TO_DAY = 0.02
+
+
+@dataclass(frozen=True)
+class DayToDay:
+    """What friction differs by though nothing was done, as shares of a change.
+
+    Attributes:
+        error: Standard deviation between any two sets of sessions, whatever their runs say.
+        step: Usual standard deviation from a run to the next; 0 for what does not wander.
+        sessions: Number of sessions of each set.
+    """
+
+    error: float = 0.0
+    step: float = 0.0
+    sessions: tuple[int, int] = (1, 1)
+
+
+SAME_DAY = DayToDay()
+# Two shares are the same if they differ by less than so many standard deviations.
+SAME = 2.0
+
+
+def share_of_friction(group: Group, session: SessionContext, beta: Array) -> float:
+    """Size of a change of friction, as a share of the joint's friction [1].
+
+    Any law of friction passes for another level of it where a joint moves little: all are held against the same.
+
+    Args:
+        group: The change.
+        session: The runs.
+        beta: Its coefficients.
+    """
+    runs = group.effect.asked(session)
+    columns = np.concatenate(group.effect.columns(runs, group.joint, group.variant))
+    friction = np.concatenate([run.friction[:, group.joint] for run in runs.runs])
+    return float(np.sqrt(np.mean((columns @ beta) ** 2) / max(np.mean(friction**2), 1e-300)))
+
+
+def day_to_day(
+    group: Group, session: SessionContext, beta: Array, spread: Float[Array, " n"], sessions: tuple[int, int]
+) -> DayToDay:
+    """What friction differs by though nothing was done to the arm, as shares of the change found.
+
+    Args:
+        group: The change; of one that is not of friction nothing is expected.
+        session: The runs.
+        beta: Its coefficients.
+        spread: By how much each joint's friction differs from run to run of one set, as a share.
+        sessions: Number of sessions of each set.
+    """
+    if group.effect.id not in OF_FRICTION:
+        return SAME_DAY
+    share = max(share_of_friction(group, session, beta), 1e-12)
+    between = DAY_TO_DAY * np.sqrt(1.0 / sessions[0] + 1.0 / sessions[1])
+    # One joint's few runs say little of how far it wanders; what is usual at this arm's joints says more.
+    return DayToDay(float(between / share), float(np.median(spread) / share), sessions)
+
+
+def is_gain_by_load(model: Projection, gain: Group, other: Group) -> bool:
+    """Whether friction by load is a gain in disguise: beside both directions of load it holds the load itself.
+
+    Where the gain alone explains nearly all that it explains, nothing of it is friction, and no day's friction stands
+    behind the gain.
+
+    Args:
+        model: All that is known beside both.
+        gain: What may be a gain.
+        other: What may be friction by load at the same joint.
+    """
+    if (gain.effect.id, other.effect.id, gain.joint) != (GAIN, BY_LOAD, other.joint):
+        return False
+    alone, whole = (model.gain(one)[0] for one in (gain, other))
+    return bool(alone >= NEARLY_ALL * whole)
+
+
+def may_be_gain(group: Group, session: SessionContext, beta: Array, covariance: Float[Array, "2 2"]) -> bool:
+    """Whether a change of friction is the same share of all friction, at a joint whose torque is mostly friction.
+
+    Args:
+        group: The change.
+        session: The runs.
+        beta: Its coefficients.
+        covariance: Theirs.
+    """
+    if group.effect.id != FRICTION:
+        return False
+    rigid, friction = (
+        np.concatenate([getattr(run, kind)[:, group.joint] for run in session.runs]) for kind in ("rigid", "friction")
+    )
+    level = np.array(friction_level(session, group.joint))
+    dry, viscous = beta / level
+    spread = covariance / np.outer(level, level)
+    error = np.sqrt(max(spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1], 0.0))
+    return bool(rigid.std() < friction.std() and abs(dry - viscous) < SAME * error)

@@ -1,0 +1,208 @@
+"""Two sets of runs in one regression: the baseline that both share, and the sums of every change that is tested.
+
+The baseline holds every law in all runs alike, hundreds of columns, of which short or slow recordings tell a part. With
+nothing known of the rest it takes any size, passes through every sample, and runs away on those that it has not seen:
+so each law's coefficients have a prior of their largest plausible size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.change.candidates import IN_THE_BASELINE, changes, points
+from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
+from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
+from ident.diagnosis.change.static_joints import StaticJoint
+from ident.diagnosis.regression.baseline import Baseline, fit_baseline
+from ident.diagnosis.regression.design import Group, NotTestable, layout_of
+from ident.diagnosis.regression.dwells import HeldFriction
+from ident.diagnosis.regression.gram import gather
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.noise import Whitening
+from ident.diagnosis.regression.run_spread import estimate_held, estimate_run_spread
+from ident.diagnosis.regression.runs import build_session
+from ident.effects.base import Effect, SessionContext, Variant
+from ident.effects.typical_sizes import rated_torque
+from ident.model.linearisation import LEAST_MOVING
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
+
+# Standard deviation of a URDF's numbers, as a share of each link's own: two sets of recordings need no good one.
+LOOSE_SHARE = 0.5
+# Standard deviation of a shared law's coefficients, in their largest plausible size: twice what a diagnosis believes.
+LOOSE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What an earlier design found.
+
+    Attributes:
+        spread: Friction's variation from run to run.
+        whitening: The noise.
+        held: Each joint's level of static friction [N m].
+    """
+
+    spread: Float[Array, " n"]
+    whitening: Whitening
+    held: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PairedDesign:
+    """Two sets of runs, seen through one baseline.
+
+    Attributes:
+        baseline: Tuned on the larger set.
+        session: The runs of both sets.
+        sides: Which runs are of which set.
+        sums: The sums.
+        silent: What can't be seen in any of these runs.
+        doubt: How well the gains are known.
+        asked: All that may have changed.
+        still: Joints of whose own torque nothing is told.
+    """
+
+    baseline: Baseline
+    session: SessionContext
+    sides: Sides
+    sums: PairedSums
+    silent: tuple[NotTestable, ...]
+    doubt: GainUncertainty = STATED
+    asked: tuple[Effect, ...] = ()
+    still: tuple[StaticJoint, ...] = ()
+
+    @property
+    def known(self) -> Known:
+        """What a further design need not find again."""
+        evidence = self.sums.evidence
+        return Known(evidence.spread, evidence.whitening, tuple(one.friction for one in evidence.dwells))
+
+    @property
+    def judged(self) -> list[int]:
+        """Joints of which there are rows."""
+        return [int(j) for j in np.flatnonzero(self.sums.evidence.samples)]
+
+    @cached_property
+    def prior(self) -> Prior:
+        """The loose belief in the URDF, and how large the laws may be that both sets share."""
+        return loose_prior(self.sums, self.session, self.baseline)
+
+
+def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
+    """What is known of the baseline beforehand."""
+    prior = Prior.of(sums.evidence, baseline.prior)
+    return replace(prior, further=common_information(sums, session))
+
+
+def build_design(
+    before: Sequence[Motion],
+    after: Sequence[Motion],
+    arm: ArmModel,
+    apart: frozenset[str] = IN_THE_BASELINE,
+    known: Known | None = None,
+    shared: tuple[Effect, ...] = (),
+    asked: tuple[Effect, ...] | None = None,
+    still: tuple[StaticJoint, ...] = (),
+) -> PairedDesign:
+    """Tunes the baseline and sums all columns.
+
+    Args:
+        before, after: The runs of both sets.
+        arm: The user's arm.
+        apart: Effects that are not part of the baseline.
+        known: What an earlier design found, if there was one.
+        shared: Further effects of the baseline, that are not asked for as changes.
+        asked: All that may have changed; the catalogue's if None.
+        still: Joints of whose own torque nothing is told.
+    """
+    asked = changes() if asked is None else asked
+    swapped = len(after) > len(before)
+    first, second = (after, before) if swapped else (before, after)
+    at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
+    motions = [*first, *second]
+    shared = (*shared, HeldFriction())
+    later = (np.arange(len(motions)) >= len(first)) ^ swapped
+    baseline = fit_baseline(first, arm, LOOSE_SHARE, still=at_rest)
+    session = build_session(baseline, motions, common_clock=False)
+    silent, grids = _grids(session, asked)
+    grids += _grids(session, shared)[1]
+    layout = layout_of(session, baseline.base.rank, grids, silent)
+    sides = partition_sides(session, later)
+    whitening = None if known is None else known.whitening
+    both = gather(session, baseline, layout, whitening, sides.partition, alike=len(first), rest=True)
+    sums = pair_sums(both, sides, apart, frozenset(effect.id for effect in shared))
+    evidence = sums.evidence.with_held(known.held) if known else sums.evidence
+    sums = replace(sums, evidence=evidence.with_dwells())
+    prior = loose_prior(sums, session, baseline)
+    if known is not None:
+        spread = known.spread
+    else:
+        held = [one.friction for one in estimate_held(sums.evidence, _with_all(sums, prior))]
+        sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
+        spread = _spread(sums, sides, prior)
+    sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
+    return PairedDesign(baseline, session, sides, sums, tuple(silent), asked=asked, still=still)
+
+
+def _grids(
+    session: SessionContext, effects: Sequence[Effect]
+) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
+    """Every effect at every joint with its points, and what can't be seen."""
+    silent: list[NotTestable] = []
+    grids: list[tuple[Effect, int, Sequence[Variant]]] = []
+    for effect in effects:
+        asked = effect.asked(session)
+        for joint in range(session.n if effect.scope == "joint" else 1):
+            if reason := effect.untestable(asked, joint):
+                silent.append(NotTestable(effect, joint, reason))
+            else:
+                grids.append((effect, joint, points(effect, session, joint)))
+    return silent, grids
+
+
+def _spread(sums: PairedSums, sides: Sides, prior: Prior) -> Float[Array, " n"]:
+    """By how much friction varies from run to run of either set, whatever changed between them.
+
+    Of a single run a side nobody knows: then it is taken to vary much.
+    """
+    wide = np.full(sums.evidence.layout.n, sums.evidence.settings.wide_spread)
+    runs = len(sides.later)
+    if runs <= 2:
+        return wide
+    model = _with_all(sums, prior)
+    # Each set has its own level: one degree of freedom more than a lone session takes.
+    evidence = sums.evidence.with_run_spread(wide)
+    found = estimate_run_spread(evidence, model) * np.sqrt((runs - 1) / (runs - 2))
+    return np.minimum(found, wide)
+
+
+def _with_all(sums: PairedSums, prior: Prior) -> Projection:
+    """A model with every change that has a law, each at one point of its grid; friction may vary much."""
+    evidence = sums.evidence
+    evidence = evidence.with_run_spread(np.full(evidence.layout.n, evidence.settings.wide_spread))
+    first = {group.key: group for group in reversed(evidence.layout.groups)}
+    free = [group for group in first.values() if group.effect.id != "unlisted_change"]
+    return project(evidence.gram(), evidence, prior, free)
+
+
+def common_information(sums: PairedSums, session: SessionContext) -> Float[Array, " f"]:
+    """Information on the scaled coefficient of each of the baseline's further columns."""
+    layout, scale = sums.evidence.layout, sums.evidence.scale
+    sizes = [_largest(group, session) for group in sums.common]
+    first = layout.tuned - layout.further
+    std = LOOSE * np.concatenate([*sizes, np.zeros(0)]) * scale[first : layout.tuned]
+    return 1.0 / std**2
+
+
+def _largest(group: Group, session: SessionContext) -> Float[Array, " k"]:
+    """Largest plausible size of a law's coefficients; of one of which nothing is known, what its joint can give."""
+    sizes = group.effect.prior_scale(group.effect.asked(session), group.joint, group.variant)
+    if sizes is None:
+        return np.full(len(group.columns), rated_torque(session, group.joint))
+    return np.broadcast_to(sizes, len(group.columns))

@@ -1,0 +1,212 @@
+"""From sums of columns in all runs to sums of the same columns in the later set alone.
+
+Every candidate has its columns in all runs; in the later set alone they are what changed. Both kinds are
+columns of one regression: the first stand in the baseline, for what is wrong with the model before is wrong after, the
+second are the candidates. A block lies in one set, so the sums of the second follow from those of the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Int
+from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
+from ident.diagnosis.regression.block_sums import WhitenedSums
+from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
+from ident.diagnosis.regression.dwells import DwellRows
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.partition import Partition
+from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
+from ident.effects.base import SessionContext
+
+# Folds of each set; a set of fewer runs is cut into pieces.
+FOLDS, PIECES = 5, 3
+# Blocks of each set: as many as a diagnosis has of one. Of fewer than the second number no test can tell anything: all
+# of their signs are alike by chance in one of a hundred cases.
+SIDE_BLOCKS, FEWEST_BLOCKS = 64, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Which runs and blocks are of the later set.
+
+    Attributes:
+        later: Whether each run is of the later set.
+        run_of_block: Run of each block.
+        partition: How time is cut; no fold holds runs of both sets.
+    """
+
+    later: Bool[Array, " R"]
+    run_of_block: Int[Array, " B"]
+    partition: Partition
+
+    @property
+    def later_blocks(self) -> Bool[Array, " B"]:
+        return np.asarray(self.later[self.run_of_block])
+
+    @property
+    def later_folds(self) -> Bool[Array, " F"]:
+        folds = self.partition.folds
+        return np.array([bool(self.later_blocks[folds == fold].any()) for fold in range(int(folds.max()) + 1)])
+
+    @property
+    def too_short(self) -> bool:
+        """Whether one of the sets is too short for any test."""
+        blocks = int(self.later_blocks.sum())
+        return min(blocks, len(self.run_of_block) - blocks) < FEWEST_BLOCKS
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Runs of the earlier and of the later set."""
+        return int((~self.later).sum()), int(self.later.sum())
+
+
+def partition_sides(
+    session: SessionContext, later: Bool[Array, " R"], settings: RegressionSettings = USUAL_REGRESSION
+) -> Sides:
+    """Cuts the runs of both sets, which follow each other, into blocks and folds.
+
+    Each set has blocks of its own length: a short one must speak as often as a long one, or no test could hear it.
+    """
+    motions = [run.motion for run in session.runs]
+    lengths = np.array([motion.filtered_length for motion in motions])
+    seconds = lengths * np.array([motion.interval * motion.lowpass.factor for motion in motions])
+    totals = np.where(later, seconds[later].sum(), seconds[~later].sum())
+    counts = np.maximum(1, np.round(seconds / np.maximum(settings.shortest_block_s, totals / SIDE_BLOCKS)).astype(int))
+    starts = tuple(
+        np.linspace(0, length, count, endpoint=False).astype(int) for length, count in zip(lengths, counts, strict=True)
+    )
+    parts = np.maximum(1, np.round(seconds / settings.stretch_s)).astype(int)
+    stretches = np.concatenate(
+        [
+            first + np.arange(count) * part // count
+            for first, count, part in zip(np.cumsum(parts) - parts, counts, parts, strict=True)
+        ]
+    )
+    run_of_block = np.repeat(np.arange(len(later)), counts)
+    folds = _folds(run_of_block, later)
+    return Sides(later, run_of_block, Partition(starts, np.cumsum(counts) - counts, folds, stretches))
+
+
+def _folds(run_of_block: Int[Array, " B"], later: Bool[Array, " R"]) -> Int[Array, " B"]:
+    """Fold of each block: whole runs of one set, or pieces where a set has few runs."""
+    folds = np.zeros(len(run_of_block), dtype=int)
+    first = 0
+    for side in (False, True):
+        here = later[run_of_block] == side
+        runs = run_of_block[here] - run_of_block[here].min()
+        dealt = runs % FOLDS if runs.max() + 1 >= PIECES else np.arange(len(runs)) % PIECES
+        folds[here] = first + dealt
+        first = int(folds[here].max()) + 1
+    return folds
+
+
+@dataclass(frozen=True, eq=False)
+class PairedSums:
+    """The sums of both kinds of columns.
+
+    Attributes:
+        evidence: Its layout's groups are the changes; the same effects in all runs are part of the baseline.
+        always: For each change the columns that hold its effect in all runs.
+        common: The effects whose columns in all runs are the baseline's further ones, in their order.
+    """
+
+    evidence: Evidence
+    always: dict[int, Int[Array, " k"]]
+    common: tuple[Group, ...]
+
+    def in_all_runs(self, group: Group) -> Int[Array, " k"]:
+        """The columns of a change's effect in all runs."""
+        return self.always[int(group.columns[0])]
+
+
+def pair_sums(
+    evidence: Evidence,
+    sides: Sides,
+    apart: frozenset[str] = IN_THE_BASELINE,
+    shared: frozenset[str] = frozenset(),
+) -> PairedSums:
+    """The sums with every candidate twice: in all runs, and in the later set alone.
+
+    Args:
+        evidence: Sums of all candidates' columns in all runs.
+        sides: Which blocks are of which set.
+        apart: Effects whose columns in all runs are not part of the baseline.
+        shared: Effects that are part of the baseline alone: they are not asked for as changes.
+    """
+    old = evidence.layout
+    asked = [group for group in old.groups if group.effect.id not in shared]
+    common = [group for group in old.groups if group.effect.id not in apart]
+    shadows = [group for group in old.groups if group.effect.id in apart]
+    start = old.rank + LOSS_FIGURES * old.n
+    source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
+    origin = np.append(np.concatenate(source), old.size)
+    first = np.cumsum([len(columns) for columns in source])
+    always = {
+        int(g.columns[0]): at + np.arange(len(g.columns)) for g, at in zip((*common, *shadows), first, strict=False)
+    }
+    split = int(first[len(common) + len(shadows)])
+    groups, twins, at = [], {}, split
+    for group in asked:
+        columns = at + np.arange(len(group.columns))
+        at += len(columns)
+        groups.append(Group(ChangeOf(group.effect), group.joint, group.variant, columns))
+        twins[int(columns[0])] = always[int(group.columns[0])]
+    layout = _layout(old, groups, origin, first[len(common)] - start)
+    return PairedSums(_sums(evidence, layout, origin, split, sides), twins, tuple(common))
+
+
+def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:
+    """Where each column stands: with its joint if its source did."""
+    start = old.rank + LOSS_FIGURES * old.n
+    new = np.arange(start, len(origin) - 1)
+    return Layout(
+        rank=old.rank,
+        n=old.n,
+        groups=tuple(groups),
+        own=tuple(new[np.isin(origin[new], own)] for own in old.own),
+        shared=new[np.isin(origin[new], old.shared)],
+        silent=old.silent,
+        further=int(further),
+    )
+
+
+def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
+    """The sums in the new layout: those of the later set's columns are zero in blocks of the earlier set."""
+    white: list[Array] = []
+    plain: list[Array] = []
+    friction: list[Array] = []
+    dwells: list[DwellRows] = []
+    pieces_before = ~sides.later_blocks[evidence.friction.block]
+    for j, local in enumerate(layout.local):
+        places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])
+        off = (local >= split) & (local < layout.size)
+        for sums, before, found in (
+            (evidence.free.of_joint[j], ~sides.later_blocks, white),
+            (evidence.plain[j], ~sides.later_folds, plain),
+        ):
+            part = sums[:, places[:, None], places]
+            part[np.ix_(before, off)] = 0.0
+            part[np.ix_(before, np.arange(len(local)), off)] = 0.0
+            found.append(part)
+        tied = evidence.friction.sums[j][:, :, places]
+        tied[np.ix_(pieces_before, np.arange(2), off)] = 0.0
+        friction.append(tied)
+        if evidence.dwells:
+            held = evidence.dwells[j]
+            rows = held.rows[:, places]
+            rows[np.ix_(~sides.later_blocks[held.block], off)] = 0.0
+            dwells.append(replace(held, rows=rows))
+    return replace(
+        evidence,
+        layout=layout,
+        scale=evidence.scale[origin],
+        free=WhitenedSums(tuple(white), evidence.fold_of_block),
+        plain=tuple(plain),
+        noise_power=evidence.noise_power[origin],
+        friction=replace(evidence.friction, sums=tuple(friction)),
+        dwells=tuple(dwells),
+    )

@@ -1,0 +1,107 @@
+"""What of each joint's samples is evidence, and joints that stand still in one of two sets of recordings.
+
+At rest dry friction holds any torque up to its level: of such a joint's own torque only what goes beyond that shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.diagnosis.regression.dwells import find_holds, find_turns
+from ident.effects.typical_sizes import LEAST_TRAVEL
+from ident.model.linearisation import LEAST_MOVING
+from ident.motion.motion import Motion
+
+LEFT_OUT = "ends of runs and of holds, which filters blur"
+WHEN = {(True, False): "before", (False, True): "after", (True, True): "before and after"}
+
+
+@dataclass(frozen=True)
+class StaticJoint:
+    """A joint of whose torque only what goes beyond its static friction shows.
+
+    Attributes:
+        joint: Its number.
+        name: Its name.
+        when: `before`, `after`, or `before and after`.
+        crept: Whether it moved, but no faster than its encoder's noise.
+    """
+
+    joint: int
+    name: str
+    when: str
+    crept: bool
+
+    @property
+    def reason(self) -> str:
+        """Why, and what would tell."""
+        how = "moved no faster than its encoder's noise" if self.crept else "stood still"
+        return f"it {how} {self.when}; record runs that move it faster"
+
+    def to_dict(self) -> dict[str, str]:
+        return {"joint": self.name, "when": self.when, "reason": self.reason}
+
+
+@dataclass(frozen=True)
+class SamplesUsed:
+    """What a joint's samples are to a comparison, as shares of all of them.
+
+    Attributes:
+        joint: Its name.
+        in_motion: Where it moves and its friction is known: each sample is a row.
+        at_rest: In holds: each of them is one observation within static friction.
+        holds: Their number.
+        turning: Near a stop or a turn: each such stretch is one observation within static friction.
+    """
+
+    joint: str
+    in_motion: float
+    at_rest: float
+    holds: int
+    turning: float
+
+    @property
+    def left_out(self) -> float:
+        """The share that is no evidence."""
+        return max(0.0, 1.0 - self.in_motion - self.at_rest - self.turning)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**vars(self), "left_out": self.left_out, "why": LEFT_OUT}
+
+
+def count_samples(motions: Sequence[Motion]) -> tuple[SamplesUsed, ...]:
+    """What each joint's samples are to a comparison.
+
+    Args:
+        motions: The runs of both sets.
+    """
+    total = sum(motion.filtered_length for motion in motions)
+    moving = sum(motion.settled.sum(axis=0) for motion in motions) / total
+    found = []
+    for j, name in enumerate(motions[0].joints):
+        holds, turns = ([one for motion in motions for one in find(motion)[j]] for find in (find_holds, find_turns))
+        rest, turning = (sum(one.stop - one.start for one in some) / total for some in (holds, turns))
+        found.append(SamplesUsed(name, float(moving[j]), rest, len(holds), turning))
+    return tuple(found)
+
+
+def find_static_joints(before: Sequence[Motion], after: Sequence[Motion]) -> tuple[StaticJoint, ...]:
+    """Joints that hardly move in one of two sets of runs."""
+    still = np.array([sum(motion.moving.sum(axis=0) for motion in side) < LEAST_MOVING for side in (before, after)])
+    found = []
+    for j in np.flatnonzero(still.any(axis=0)):
+        sides = [side for side, at_rest in zip((before, after), still[:, j], strict=True) if at_rest]
+        travel = min(_travel(side, int(j)) for side in sides)
+        when = WHEN[bool(still[0, j]), bool(still[1, j])]
+        found.append(StaticJoint(int(j), before[0].joints[j], when, travel >= LEAST_TRAVEL))
+    return tuple(found)
+
+
+def _travel(side: Sequence[Motion], joint: int) -> float:
+    """How far a joint goes in a set of runs [rad or m]."""
+    q = np.concatenate([motion.q[:, joint] for motion in side])
+    return float(q.max() - q.min())

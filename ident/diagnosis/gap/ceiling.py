@@ -1,0 +1,104 @@
+"""What is left at a joint beside the names, and how much of it a flexible function of the state could explain.
+
+The discrepancy of the posterior sees what changes slowly over its inputs. What goes up and down a hundred times a turn
+(teeth, a motor's poles) it does not: that repeats wherever the joint passes again, so that neighbours of the angle
+foretell it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ident.arrays import Array, Float
+from ident.diagnosis.gap.residuals import RunResidual
+from ident.diagnosis.gap.settings import USUAL_CEILING, CeilingSettings
+from ident.diagnosis.regression.posterior import LeftAtJoint
+
+
+@dataclass(frozen=True, eq=False)
+class Ceiling:
+    """How much of what is left at a joint can be explained.
+
+    Attributes:
+        rms: What would be left [N m].
+        before: What is left [N m].
+        kind: What it depends on, or None if nothing explains it: state, memory, time, coupling.
+        sure: Whether the fall is more than chance.
+        evidence: Log Bayes factor of a discrepancy against none [nats].
+    """
+
+    rms: float
+    before: float
+    kind: str | None
+    sure: bool
+    evidence: float = 0.0
+
+
+def measure_ceiling(
+    series: Sequence[RunResidual], joint: int, left: LeftAtJoint | None, settings: CeilingSettings = USUAL_CEILING
+) -> Ceiling:
+    """What could be explained of what is left at a joint beside the names.
+
+    Args:
+        series: Residuals of all runs.
+        joint: The joint.
+        left: What a discrepancy sees there; None where nothing stands out of the noise.
+        settings: What counts as more than chance.
+    """
+    moving = [item.counts[:, joint] for item in series]
+    y = np.concatenate([item.after[inside, joint] for item, inside in zip(series, moving, strict=True)])
+    q = np.concatenate(
+        [item.run.motion.q[item.run.motion.coarse][inside, joint] for item, inside in zip(series, moving, strict=True)]
+    )
+    piece = np.concatenate(
+        [np.full(int(inside.sum()), item.index) for item, inside in zip(series, moving, strict=True)]
+    )
+    before = float(np.sqrt(np.mean(y**2))) if len(y) else 0.0
+    share, kind, sure, evidence = 0.0, None, False, 0.0
+    if left is not None:
+        evidence = left.evidence
+        sure = evidence >= settings.least_nats and left.share >= settings.least_fall
+        share, kind = (left.share, left.kind) if sure else (0.0, None)
+    repeated = _repeated(q, y, piece, settings)
+    if repeated > share:
+        share, kind, sure = repeated, "state", True
+    return Ceiling(before * float(np.sqrt(1.0 - share)), before, kind, sure, evidence)
+
+
+def _repeated(q: Float[Array, " t"], y: Float[Array, " t"], piece: Array, settings: CeilingSettings) -> float:
+    """Share of the mean square that the same angles of other runs foretell; 0 where it is no more than chance."""
+    if len(np.unique(piece)) < settings.folds:
+        piece = np.arange(len(y)) * 3 * settings.folds // max(len(y), 1)
+    step = max(1, len(y) // settings.most_samples)
+    q, y, piece = q[::step, None], y[::step], piece[::step]
+    if len(y) < settings.least_samples:
+        return 0.0
+    fold = np.unique(piece, return_inverse=True)[1] % settings.folds
+    falls = []
+    for k in range(settings.folds):
+        rest, held = fold != k, fold == k
+        error = y[held] - _neighbours(q[rest], y[rest], q[held], settings)
+        falls.append(1.0 - float(np.mean(error**2)) / max(float(np.mean(y[held] ** 2)), 1e-300))
+        if sum(fall <= 0 for fall in falls) > settings.folds - settings.sure_folds:
+            return 0.0
+    mean, error = float(np.mean(falls)), float(np.std(falls, ddof=1)) / np.sqrt(settings.folds)
+    return mean if mean > max(settings.least_fall, error) else 0.0
+
+
+def _neighbours(
+    x: Float[Array, "t 1"], y: Float[Array, " t"], other: Float[Array, "s 1"], settings: CeilingSettings
+) -> Float[Array, " s"]:
+    """Mean of the nearest samples, shrunk as far as one half of the samples foretells the other."""
+    half = np.arange(len(y)) * settings.folds // max(len(y), 1) % 2 == 0
+
+    def nearest(one: Array, there: Array) -> Array:
+        return np.asarray(y[one][KDTree(x[one]).query(there, settings.neighbours)[1]].mean(axis=1))
+
+    foretold = np.concatenate([nearest(half, x[~half]), nearest(~half, x[half])])
+    true = np.concatenate([y[~half], y[half]])
+    shrink = np.clip(foretold @ true / max(float(foretold @ foretold), 1e-300), 0.0, 1.0)
+    return np.asarray(shrink * nearest(np.ones(len(y), dtype=bool), other))

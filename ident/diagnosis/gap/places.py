@@ -1,0 +1,119 @@
+"""Where the gap lies, in order of harm: the joints by torque beyond their noise, and of each the cells that stand out.
+
+A joint's harm is what its model errs by beyond noise, √(rms² − noise²) N m: of the tuned model, or, where a name that
+tuning hides acts on the joint or inertias were tuned beyond the URDF's tolerance, of the model with the URDF held
+fast, in which that was judged. Joints without a gap have no place. The joints of the first name come first, so that
+the first name, its action and the first place are about one thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from ident.arrays import Float
+from ident.diagnosis.gap.gap_map import Place, View
+from ident.diagnosis.gap.settings import USUAL_MAP, MapSettings
+
+
+@dataclass(frozen=True)
+class Harm:
+    """What a joint's model errs by beyond noise.
+
+    Attributes:
+        torque: Root mean square beyond noise [N m].
+        view: The model: `before` for the tuned one, `fixed` for that with the URDF held fast.
+    """
+
+    torque: float
+    view: View = "before"
+
+
+@dataclass(frozen=True)
+class NamedPlace:
+    """Where a name acts.
+
+    Attributes:
+        joints: The joints that it is reported of.
+        shown: The joints whose error falls by it.
+        absorbed: Whether it was judged with the URDF held fast.
+    """
+
+    joints: tuple[str, ...]
+    shown: Collection[str]
+    absorbed: bool
+
+
+class ClosesGap(Protocol):
+    """A name with its joints and the mean square that it closes there [N² m²]."""
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+    @property
+    def closed(self) -> float: ...
+
+
+Name = TypeVar("Name", bound=ClosesGap)
+
+
+def in_order_of_gap(names: Sequence[Name]) -> tuple[Name, ...]:
+    """Names by the gap that all names of their joints close together; of one joint by what each closes."""
+
+    def together(name: Name) -> float:
+        return sum(other.closed for other in names if set(other.joints) & set(name.joints))
+
+    return tuple(sorted(names, key=lambda name: (-together(name), -name.closed)))
+
+
+def measure_harm(
+    joints: Sequence[str],
+    errors: Mapping[View, Float[np.ndarray, " n"]],
+    tuned_away: Float[np.ndarray, " n"],
+    noise: Float[np.ndarray, " n"],
+    names: Sequence[NamedPlace],
+    loud: float,
+) -> dict[str, Harm]:
+    """Harm of every joint that has a gap, the joints of the first name first, then in order of harm.
+
+    Args:
+        joints: Their names.
+        errors: Held-out error of the tuned model, and of the model with the URDF held fast [N m].
+        tuned_away: What only inertias beyond the URDF's tolerance explain [N m].
+        noise: Noise floor [N m].
+        names: Where the names act, in their order.
+        loud: Error over noise from which on a joint without a name has a gap.
+    """
+    found: dict[str, Harm] = {}
+    for j, joint in enumerate(joints):
+        own = [one for one in names if joint in (*one.joints, *one.shown)]
+        hidden = tuned_away[j] > noise[j] or any(one.absorbed for one in own)
+        view: View = "fixed" if hidden and errors["fixed"][j] > errors["before"][j] else "before"
+        error = errors[view][j]
+        if error > (1.0 if own else loud) * noise[j]:
+            found[joint] = Harm(float(np.sqrt(error**2 - noise[j] ** 2)), view)
+    first = names[0].joints if names else ()
+    return dict(sorted(found.items(), key=lambda one: (one[0] not in first, -one[1].torque)))
+
+
+def rank_places(
+    maps: Mapping[View, Sequence[Place]], harm: Mapping[str, Harm], settings: MapSettings = USUAL_MAP
+) -> tuple[Place, ...]:
+    """The cells that stand out, joint by joint in the order of `harm`; of a joint the richest first, one an axis.
+
+    A cell stands out where it is denser in gap than in time by a factor, and by more than chance. A joint whose gap is
+    spread evenly has its densest cell alone. The slowest band of frequencies says of no gap where it lies.
+    """
+    found: list[Place] = []
+    for joint, one in harm.items():
+        cells = [place for place in maps[one.view] if place.joint == joint and place.density > 1.0]
+        cells = [place for place in cells if not (place.axis == "frequency" and place.low <= 0.0)]
+        sure = [p for p in cells if p.p_value <= settings.significant and p.density >= settings.least_density]
+        sure.sort(key=lambda p: (p.axis == "frequency", p.share_of_time - p.share_of_gap))
+        best = {place.axis: place for place in reversed(sure)}
+        chosen = [place for place in sure if best[place.axis] is place][: settings.places_each]
+        chosen = chosen or sorted(cells, key=lambda p: (p.axis == "frequency", -p.density))[:1]
+        found += [replace(place, beyond_noise_Nm=one.torque) for place in chosen]
+    return tuple(found[: settings.places_told])

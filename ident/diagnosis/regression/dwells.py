@@ -1,0 +1,301 @@
+"""Rest as evidence: each hold of a joint is one observation of its torque.
+
+A joint that rests holds what gravity and all that is static ask of it, but for dry friction, which may be anything
+within ± f_s. With x the mean of the columns and y that of the torque over the m samples of a hold,
+
+    y = xᵀβ + s a + e,  Var e = f_s² / 3 + noise² / m,
+
+where s is the sign of the motion that ended in the hold and a what friction leans to after it (`HeldFriction`, a column
+with a prior of its own: holds that are all approached from one side are off by the same). A hold in which the torque
+changes by more than friction can take up (a hand's push, a load put on), or through which the joint creeps on, is
+several. Of a hold that lies in several blocks of time each block has a row with as many times the variance: together
+they are worth one observation.
+
+Source: Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (static friction takes up any torque within its level).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.intervals import coefficient_interval
+from ident.effects.typical_sizes import coulomb_level
+from ident.motion.motion import Motion
+
+# Share of a hold that is kept at the least when its ends, which filter and smoother blur, are cut off.
+KEPT_SHARE = 1.0 / 3.0
+# A change of torque within a hold parts it where it is larger than so many levels of static friction and noise.
+JUMP_LEVELS, JUMP_NOISE = 2.0, 6.0
+# Standard deviation of what friction leans to after a motion, in units of its level.
+LEANING = 0.5
+# The shortest stretch between two such jumps [s].
+JUMP_SHORTEST_S = 0.1
+# An angle that a joint has kept from one run to the next [rad or m], beside the encoder's noise.
+SAME_ANGLE = 1e-3
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A stretch of one run's filtered samples in which a joint rests.
+
+    Attributes:
+        start, stop: First sample, and the one after the last; blurred ends are left out.
+        sign: Of the motion that ended in it; 0 where the run tells of none.
+        turn: Whether the joint does not rest but turns round, starts or stops, too near for friction to be known.
+    """
+
+    start: int
+    stop: int
+    sign: float
+    turn: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class DwellRows:
+    """What a joint's holds say: k rows, one a hold or a block's part of one.
+
+    Attributes:
+        rows: Means of the columns and, last, of the torque [N m].
+        sign: Of the motion that ended in each row's hold; 0 where nobody knows.
+        hold: Number of each row's hold.
+        sample: Middle sample (filtered) of each row in its run.
+        block: Block of time that each row lies in.
+        length: Samples behind each row.
+        angle: Mean position of the joint [rad or m].
+        friction: Level f_s of static friction [N m].
+        noise: Standard deviation of the torque's noise times the root of the samples that a mean is over [N m].
+    """
+
+    rows: Float[Array, "k p"]
+    sign: Float[Array, " k"]
+    hold: Int[Array, " k"]
+    sample: Int[Array, " k"]
+    block: Int[Array, " k"]
+    length: Int[Array, " k"]
+    angle: Float[Array, " k"]
+    friction: float
+    noise: float
+
+    @property
+    def std(self) -> Float[Array, " k"]:
+        """Standard deviation of each row's torque [N m]."""
+        parts = np.bincount(self.hold)[self.hold] if len(self.hold) else np.zeros(0)
+        return np.sqrt(parts * self.friction**2 / 3.0 + self.noise**2 / np.maximum(self.length, 1))
+
+    @property
+    def weighted(self) -> Float[Array, "k p"]:
+        """The rows in units of their standard deviations."""
+        return self.rows / np.maximum(self.std, 1e-12)[:, None]
+
+
+def find_holds(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
+    """Each joint's holds in a run."""
+    moving, heading = motion.moving, np.sign(motion.dq[motion.coarse])
+    return tuple(_holds_of(moving[:, j], heading[:, j], int(motion.blurred[j])) for j in range(motion.n))
+
+
+def _holds_of(moving: Bool[Array, " t"], heading: Float[Array, " t"], reach: int) -> tuple[Hold, ...]:
+    found = []
+    for start, stop in _stretches(~moving):
+        if stop - start < reach:  # a turn
+            continue
+        cut = min(reach, int((1.0 - KEPT_SHARE) * (stop - start) / 2.0))
+        found.append(Hold(start + cut, stop - cut, float(heading[start - 1]) if start else 0.0))
+    return tuple(found)
+
+
+def find_turns(motion: Motion) -> tuple[tuple[Hold, ...], ...]:
+    """Each joint's stretches that neither are settled nor have a hold in them; the ends of a run are left out."""
+    found = []
+    for j, holds in enumerate(find_holds(motion)):
+        reach, last = int(motion.blurred[j]), motion.filtered_length
+        unknown = ~motion.settled[:, j]
+        unknown[:reach] = unknown[last - reach :] = False
+        stretches = _stretches(unknown)
+        free = [(a, b) for a, b in stretches if not any(a < one.stop and one.start < b for one in holds)]
+        found.append(tuple(Hold(a, b, 0.0, turn=True) for a, b in free))
+    return tuple(found)
+
+
+def _stretches(mask: Bool[Array, " t"]) -> list[tuple[int, int]]:
+    """First sample, and the one after the last, of each stretch where a mask is true."""
+    bounds = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in bounds.reshape(-1, 2)]
+
+
+def resting(motion: Motion) -> Bool[Array, "T n"]:
+    """Where each joint surely rests, at the rate before the filter."""
+    mask = np.zeros((len(motion.time), motion.n), dtype=bool)
+    factor = motion.lowpass.factor
+    for j, holds in enumerate(find_holds(motion)):
+        for one in holds:
+            mask[one.start * factor : one.stop * factor, j] = True
+    return mask
+
+
+def rested(run: RunContext) -> RunContext:
+    """The same run without any sliding where joints rest: what dry friction is there no law of motion tells."""
+    still = resting(run.motion)
+    return replace(run, direction=np.where(still, 0.0, run.direction), friction=np.where(still, 0.0, run.friction))
+
+
+def dwell_rows(
+    motion: Motion,
+    tables: Sequence[Float[Array, "t p"]],
+    friction: Float[Array, " n"],
+    noise: Float[Array, " n"],
+    blocks: Int[Array, " t"] | None = None,
+) -> tuple[DwellRows, ...]:
+    """Each joint's holds of one run as weighted rows.
+
+    Args:
+        motion: The run.
+        tables: Filtered columns of each joint, the torque last; made of a run that is `rested`.
+        friction: Each joint's level of static friction [N m].
+        noise: Standard deviation of each joint's torque noise times the root of the samples of a mean [N m].
+        blocks: Block of time of each filtered sample; one for all if None.
+    """
+    blocks = np.zeros(motion.filtered_length, dtype=int) if blocks is None else blocks
+    found = []
+    for j, (holds, turns) in enumerate(zip(find_holds(motion), find_turns(motion), strict=True)):
+        q, jump = motion.q[motion.coarse, j], JUMP_LEVELS * friction[j] + JUMP_NOISE * noise[j]
+        parted = _parted((*holds, *turns), tables[j][:, -1], q, jump, motion)
+        pieces = [
+            (start, stop, one.sign, number)
+            for number, one in enumerate(parted)
+            for start, stop in pairwise([one.start, *_changes(blocks, one), one.stop])
+        ]
+        start, stop, sign, hold = np.array(pieces, dtype=float).reshape(-1, 4).T
+        first, last = start.astype(int), stop.astype(int)
+        middle = (first + last) // 2
+        found.append(
+            DwellRows(
+                rows=_means(tables[j], first, last),
+                sign=sign,
+                hold=hold.astype(int),
+                sample=middle,
+                block=blocks[middle],
+                length=last - first,
+                angle=_means(q[:, None], first, last)[:, 0],
+                friction=float(friction[j]),
+                noise=float(noise[j]),
+            )
+        )
+    return tuple(found)
+
+
+def _parted(
+    holds: Sequence[Hold], torque: Float[Array, " t"], q: Float[Array, " t"], jump: float, motion: Motion
+) -> list[Hold]:
+    """Holds of a joint, parted where the torque jumps or the joint has crept on; of motion after that nobody knows."""
+    least, found = round(JUMP_SHORTEST_S / (motion.interval * motion.lowpass.factor)) + 1, []
+    for one in holds:
+        sign = one.sign
+        whole = [(0, one.stop - one.start)]
+        for first, last in whole if one.turn else _quiet(torque[one.start : one.stop], jump, least):
+            for start, stop in _within(q, one.start + first, one.start + last, motion.settings.forgetting_travel):
+                found.append(Hold(start, stop, sign))
+                sign = 0.0
+    return found
+
+
+def _changes(blocks: Int[Array, " t"], hold: Hold) -> Int[Array, " k"]:
+    """Samples of a hold at which another block of time begins."""
+    return np.asarray(hold.start + 1 + np.flatnonzero(np.diff(blocks[hold.start : hold.stop])))
+
+
+def _quiet(torque: Float[Array, " t"], jump: float, least: int) -> list[tuple[int, int]]:
+    """Stretches in which the torque changes by no more than a jump: halved where their halves' means differ most.
+
+    What changes by more within a moment is the jump itself, and left out.
+    """
+    count = len(torque)
+    if np.ptp(torque) <= jump:
+        return [(0, count)]
+    if count < 2 * least:
+        return []
+    sums = np.cumsum(torque)
+    at = np.arange(least, count - least + 1)
+    apart = sums[at - 1] / at - (sums[-1] - sums[at - 1]) / (count - at)
+    score = np.abs(apart) * np.sqrt(at * (count - at))
+    middle = int(at[np.argmax(score)])
+    later = _quiet(torque[middle:], jump, least)
+    return [*_quiet(torque[:middle], jump, least), *((middle + a, middle + b) for a, b in later)]
+
+
+def _within(q: Float[Array, " t"], start: int, stop: int, travel: float) -> list[tuple[int, int]]:
+    """Stretches over which a joint goes no further than a travel."""
+    found = []
+    while start < stop:
+        gone = np.abs(q[start:stop] - q[start]) > travel
+        end = start + int(np.argmax(gone)) if gone.any() else stop
+        found.append((start, max(end, start + 1)))
+        start = found[-1][1]
+    return found
+
+
+def _means(table: Float[Array, "t p"], start: Int[Array, " k"], stop: Int[Array, " k"]) -> Float[Array, "k p"]:
+    return np.array([table[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)]).reshape(-1, table.shape[1])
+
+
+def join_runs(parts: Sequence[DwellRows], alike: int | None = None) -> DwellRows:
+    """One joint's rows of several runs, in their order; a hold that a run ends in and the next begins in is one.
+
+    Args:
+        parts: The rows of each run; at least one.
+        alike: How many of the first runs are of one and the same arm: no hold goes on from these to the others.
+    """
+    hold, number, kept = [], 0, np.nan
+    for k, one in enumerate(parts):
+        own = one.hold + number
+        if len(own):
+            begins = k != alike and one.sign[0] == 0.0 and abs(one.angle[0] - kept) < SAME_ANGLE
+            own = own - int(begins)
+            number, kept = int(own[-1]) + 1, float(one.angle[-1])
+        hold.append(own)
+    whole = {
+        name: np.concatenate([getattr(one, name) for one in parts])
+        for name in ("rows", "sign", "sample", "block", "length", "angle")
+    }
+    return DwellRows(hold=np.concatenate(hold), friction=parts[0].friction, noise=parts[0].noise, **whole)
+
+
+def static_level(session: SessionContext) -> Float[Array, " n"]:
+    """Each joint's level of static friction as its Coulomb friction has it, or a typical one [N m]."""
+    return np.array([coulomb_level(session, joint) for joint in range(session.n)])
+
+
+class HeldFriction(Effect):
+    """What dry friction leans to at rest: a torque of the sign of the motion that ended there, a part of f_s."""
+
+    id = "held_friction"
+    summary = "friction that a joint keeps after it came to rest"
+    defining = ("held_Nm",)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        found = []
+        for run in session.runs:
+            column = np.zeros((len(run.motion.time), 1))
+            factor = run.motion.lowpass.factor
+            for one in find_holds(run.motion)[joint]:
+                column[one.start * factor : one.stop * factor] = one.sign
+            found.append(column)
+        return found
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        return {"held_Nm": coefficient_interval(0, coefficients, covariance)}
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        signs = (one.sign for run in session.runs for one in find_holds(run.motion)[joint])
+        return None if any(signs) else f"{session.joint_names[joint]} never comes to rest"
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([LEANING * coulomb_level(session, joint)])

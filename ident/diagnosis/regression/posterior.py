@@ -1,0 +1,285 @@
+"""Names beside a discrepancy: what a flexible function of the state still sees, and what a law is worth beside it.
+
+With R the whitened sums of a joint's discrepancy columns D and its torque y after the baseline and the names (a Schur
+complement), D w with w ~ N(0, S) adds to the log evidence
+
+    L(S) = ½ gᵀ (G + S⁻¹)⁻¹ g − ½ log |I + S^½ G S^½|,    G = R_DD, g = R_Dy,
+
+and S, one variance a block, is where L is greatest. L is near zero where names and baseline explain a joint down to its
+noise; beside a law that stands in for another cause it is not. A law is believed by its part gain / (gain + L) of what
+can be explained at its joints, L beside it.
+
+Source: Kennedy and O'Hagan 2001 (discrepancy); Searle, Casella and McCulloch 1992 (variance components); MacKay 1992.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.design import Group, layout_of
+from ident.diagnosis.regression.discrepancy import BLOCKS, Discrepancy
+from ident.diagnosis.regression.dwells import HeldFriction
+from ident.diagnosis.regression.gram import Evidence, gather
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.run_spread import residual_weights
+from ident.effects.base import SessionContext
+
+# Variances of a block that are tried, in squares of the whitened noise: decades from none to a thousand times its
+# deviation, then half a decade about the best.
+DECADES, HALVES = np.concatenate([[0.0], 10.0 ** np.arange(-2.0, 6.1)]), 10.0 ** np.array([-0.5, 0.5])
+MOST_ROUNDS = 4
+# Mean square of a joint's whitened rows from which on it is looked into: noise itself is one.
+LOUD = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class LeftAtJoint:
+    """What a discrepancy sees at a joint beside a model.
+
+    Attributes:
+        evidence: Its log Bayes factor against no discrepancy [nats].
+        kind: The block that explains most of it: state, memory, time or coupling; None where there is none.
+        share: Share of the model's mean square that it explains, what its freedom would explain of noise taken off.
+    """
+
+    evidence: float
+    kind: str | None
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What one law is worth beside a discrepancy at the joints where it acts.
+
+    Attributes:
+        gain: Log likelihood that it gains without a discrepancy [nats].
+        left: Log evidence of a discrepancy beside it [nats].
+    """
+
+    gain: float
+    left: float
+
+    @property
+    def share(self) -> float:
+        """The law's part of all that can be explained at its joints."""
+        return self.gain / max(self.gain + self.left, 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Names at their best points and a discrepancy at every joint, in sums of their own.
+
+    Attributes:
+        evidence: Sums of the baseline, the names and the discrepancy.
+        prior: The URDF's tolerance.
+        names: The named effects.
+        blocks: For each joint the columns of each block.
+    """
+
+    evidence: Evidence
+    prior: Prior
+    names: tuple[Group, ...]
+    blocks: tuple[tuple[Int[Array, " m"], ...], ...]
+
+    @classmethod
+    def gather(
+        cls, session: SessionContext, baseline: Baseline, known: Evidence, prior: Prior, names: Sequence[Group]
+    ) -> Posterior:
+        """One more pass over the recordings, for names and discrepancies alone.
+
+        Args:
+            session: The runs.
+            baseline: The tuned model.
+            known: Sums of the first pass: their noise, and how much friction varies from run to run.
+            prior: The URDF's tolerance.
+            names: The named effects at their points.
+        """
+        grids = [(group.effect, group.joint, [group.variant]) for group in names]
+        kinds = [Discrepancy(block) for block in BLOCKS]
+        grids += [(kind, j, list(kind.variants(session, j))) for j in range(session.n) for kind in kinds]
+        layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
+        evidence = gather(session, baseline, layout, known.whitening, rest=True).with_dwells()
+        evidence = evidence.with_run_spread(known.spread).with_dispersion(known.dispersion)
+        flexible = [group.columns for group in layout.groups[len(names) :]]
+        blocks = tuple(tuple(flexible[j * len(kinds) : (j + 1) * len(kinds)]) for j in range(session.n))
+        believed = Prior.believing(evidence, baseline, prior.error)
+        return cls(evidence, believed, layout.groups[: len(names)], blocks)
+
+    def left_at(self, joint: int, names: Sequence[Group]) -> LeftAtJoint:
+        """What a discrepancy sees at a joint beside the baseline and some names."""
+        model = project(self.evidence.gram(), self.evidence, self.prior, names)
+        sums = self._part(model, np.concatenate(self.blocks[joint]))
+        found = estimate_variances(sums, _sizes(self.blocks[joint]))
+        if not found.variances.any():
+            return LeftAtJoint(0.0, None, 0.0)
+        return LeftAtJoint(found.evidence, found.kind, self._explained(joint, model, found))
+
+    def beside(self, slot: int, joints: Sequence[int]) -> Beside:
+        """What a name is worth beside a discrepancy at some joints.
+
+        Args:
+            slot: Number of the name.
+            joints: Where it acts.
+        """
+        group, others = self.names[slot], [other for k, other in enumerate(self.names) if k != slot]
+        model = project(self.evidence.gram(), self.evidence, self.prior, others)
+        width, gain, left = len(group.columns), 0.0, 0.0
+        for j in joints:  # a joint's discrepancy explains its own rows: their evidence adds up
+            sums = self._part(model, np.concatenate([group.columns, *self.blocks[j]]))
+            own, across, alone = sums[:width, :width], sums[:width, width:], sums[width:, width:]
+            own = own + 1e-6 * np.diag(np.diag(own))
+            with_it = alone - across.T @ np.linalg.solve(own, across)
+            gain = 0.5 * float(alone[-1, -1] - with_it[-1, -1])
+            left += estimate_variances(_nonnegative(with_it), _sizes(self.blocks[j])).evidence
+        return Beside(gain, left)
+
+    def _part(self, model: Projection, columns: Int[Array, " c"]) -> Float[Array, "c c"]:
+        """Sums of some columns and the torque after a model.
+
+        Encoder noise was taken off them: a column that is mostly noise may come out below zero, and gets as much back.
+        """
+        at = np.append(columns, len(model.rest) - 1)
+        sums = model.rest[np.ix_(at, at)].copy()
+        sums[np.arange(len(columns)), np.arange(len(columns))] += self.evidence.noise_power[columns]
+        return _nonnegative(sums)
+
+    def dispersion(self, joint: int) -> float:
+        """Mean square of whitened rows that the baseline and a discrepancy leave at a joint, one at the least.
+
+        What not even a flexible function explains there is noise to whatever else is estimated.
+        """
+        model = project(self.evidence.gram(), self.evidence, self.prior)
+        found = estimate_variances(self._part(model, np.concatenate(self.blocks[joint])), _sizes(self.blocks[joint]))
+        _, after = self._squares(joint, model, found, self.evidence.total[joint])
+        return max(1.0, after / self._free_samples(joint, found))
+
+    def _explained(self, joint: int, model: Projection, found: Variances) -> float:
+        """Share of a model's mean square at a joint that a discrepancy explains, in N² m²."""
+        before, after = self._squares(joint, model, found, self.evidence.plain[joint].sum(axis=0))
+        free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
+        return max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
+
+    def _squares(
+        self, joint: int, model: Projection, found: Variances, sums: Float[Array, "p p"]
+    ) -> tuple[float, float]:
+        """Squares that a model leaves of a joint's rows without and with a discrepancy.
+
+        Beside a discrepancy the model itself is another: it no longer makes up for what the discrepancy explains.
+        """
+        columns, local = np.concatenate(self.blocks[joint]), self.evidence.layout.local[joint]
+        weights = residual_weights(self.evidence, model)
+        beside = weights.copy()
+        beside[columns] -= found.weights
+        beside[model.inside] += model.slopes[:, columns] @ found.weights
+        before, after = (float(one[local] @ sums @ one[local]) for one in (weights, beside))
+        return before, after
+
+    def _free_samples(self, joint: int, found: Variances) -> float:
+        count = max(float(self.evidence.samples[joint]), 1.0)
+        return max(count - found.freedom, 0.1 * count)
+
+
+def measure_dispersion(
+    session: SessionContext, baseline: Baseline, evidence: Evidence, prior: Prior
+) -> Float[Array, " n"]:
+    """By how much more than whitened noise each joint leaves that not even a discrepancy explains.
+
+    Args:
+        session: The runs.
+        baseline: The tuned model.
+        evidence: Sums of the first pass.
+        prior: The URDF's tolerance.
+    """
+    weights = residual_weights(evidence, project(evidence.gram(), evidence, prior))
+    joints = range(evidence.layout.n)
+    loud = [evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD for j in joints]
+    if not any(loud):
+        return np.ones(evidence.layout.n)
+    posterior = Posterior.gather(session, baseline, evidence, prior, ())
+    return np.array([posterior.dispersion(j) if one else 1.0 for j, one in enumerate(loud)])
+
+
+@dataclass(frozen=True, eq=False)
+class Variances:
+    """Variances of a discrepancy's blocks where its evidence is greatest.
+
+    Attributes:
+        evidence: Log Bayes factor against no discrepancy [nats].
+        variances: Of each block, in squares of the whitened noise.
+        weights: Mean of the columns' coefficients.
+        freedom: Number of parameters that the coefficients are worth.
+        kinds: What each block explains of the torque, whitened squares.
+    """
+
+    evidence: float
+    variances: Float[Array, " b"]
+    weights: Float[Array, " m"]
+    freedom: float
+    kinds: Float[Array, " b"]
+
+    @property
+    def kind(self) -> str | None:
+        """The block that explains most."""
+        return BLOCKS[int(np.argmax(self.kinds)) % len(BLOCKS)] if self.variances.any() else None
+
+
+def estimate_variances(sums: Float[Array, "m m"], sizes: Sequence[int]) -> Variances:
+    """Variances of blocks by marginal likelihood, one block after the other over a grid.
+
+    Args:
+        sums: Whitened sums of all blocks' columns and, last, the torque, after the model beside which they stand.
+        sizes: Number of columns of each block.
+    """
+    matrix, target = sums[:-1, :-1], sums[:-1, -1]
+    variances, best = np.zeros(len(sizes)), 0.0
+    for _ in range(MOST_ROUNDS):
+        before = best
+        for block in range(len(sizes)):
+            for grid in (DECADES, variances[block] * HALVES):
+                tried = np.repeat(variances[None], len(grid), axis=0)
+                tried[:, block] = grid
+                values = [_log_evidence(matrix, target, _deviations(one, sizes)) for one in tried]
+                if max(values) > best:
+                    best, variances = max(values), tried[int(np.argmax(values))]
+        if best - before < 0.05:
+            break
+    deviations = _deviations(variances, sizes)
+    inner = deviations[:, None] * matrix * deviations
+    factor = cho_factor(inner + np.eye(len(matrix)))
+    weights = deviations * cho_solve(factor, deviations * target)
+    freedom = float(np.trace(cho_solve(factor, inner)))
+    bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+    kinds = [float(weights[a:b] @ matrix[a:b, a:b] @ weights[a:b]) for a, b in pairwise(bounds)]
+    return Variances(best, variances, weights, freedom, np.array(kinds))
+
+
+def _log_evidence(matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"]) -> float:
+    used = deviations > 0.0
+    if not used.any():
+        return 0.0
+    scale = deviations[used]
+    root = np.linalg.cholesky(scale[:, None] * matrix[np.ix_(used, used)] * scale + np.eye(len(scale)))
+    half = solve_triangular(root, scale * target[used], lower=True, check_finite=False)
+    return 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
+
+
+def _deviations(variances: Float[Array, " b"], sizes: Sequence[int]) -> Float[Array, " m"]:
+    """Standard deviation of each column's coefficient."""
+    return np.concatenate([np.full(size, np.sqrt(one / size)) for one, size in zip(variances, sizes, strict=True)])
+
+
+def _sizes(blocks: Sequence[Int[Array, " m"]]) -> list[int]:
+    return [len(block) for block in blocks]
+
+
+def _nonnegative(sums: Float[Array, "m m"]) -> Float[Array, "m m"]:
+    """Sums that encoder noise was taken off, without directions that came out below zero."""
+    values, vectors = np.linalg.eigh(0.5 * (sums + sums.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -1,0 +1,174 @@
+"""Looking again and again as runs come in: is enough recorded to be sure, or what is missing?
+
+A test that is made after every few runs, until it says what one waits for, is wrong more often than a test that is made
+once. So the k-th look is given the share 6 / (π² k²) of the chance α of a false name; over all looks, however many, the
+shares add up to one, and the chance that any look gives a false name is α at most (Boole's inequality). Where evidence
+and not a p-value decides, the same share is asked for in nats.
+
+Source: Lan and DeMets 1983 (error spending).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import ceil, exp, log, pi
+from typing import Any
+
+from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.errors import InputError, plural
+
+# The first look: fewer runs can't be left out whole (as in the block sums); each later one has this many times the
+# runs of the one before, so that all looks together cost about three times the last (both chosen).
+FIRST_RUNS, GROWTH = 5, 1.5
+# The least p-value that flips can give is this share of what a look may spend (chosen: else no name could pass it).
+RESOLUTION = 0.5
+NOISES = ("encoder", "torque")
+
+
+@dataclass(frozen=True)
+class RepeatedLook:
+    """One look at the first runs.
+
+    Attributes:
+        runs: How many.
+        seconds: Their duration together [s].
+        verdict: Of the diagnosis.
+        family_error: Chance of a false name that was spent.
+        missing: What keeps it from being sure; empty where it is.
+    """
+
+    runs: int
+    seconds: float
+    verdict: str
+    family_error: float
+    missing: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        record = {**vars(self), "minutes": self.seconds / 60.0, "missing": list(self.missing)}
+        del record["seconds"]
+        return record
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedLooks:
+    """All looks until the diagnosis was sure, or the runs were at their end.
+
+    Attributes:
+        sure: How sure it was to be.
+        looks: In order.
+        diagnosis: That of the last look.
+    """
+
+    sure: float
+    looks: tuple[RepeatedLook, ...]
+    diagnosis: Diagnosis
+
+    @property
+    def enough(self) -> bool:
+        """Whether the last look was sure."""
+        return not self.looks[-1].missing
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a record of the diagnosis holds of it."""
+        last = self.looks[-1].to_dict()
+        return {
+            "sure": self.sure,
+            "enough": self.enough,
+            **{key: last[key] for key in ("runs", "minutes", "missing")},
+            "looks": [look.to_dict() for look in self.looks],
+        }
+
+    def words(self) -> str:
+        """In one line."""
+        last = self.looks[-1]
+        amount = f"{plural(last.runs, 'run')} ({last.seconds / 60.0:.1f} min)"
+        if self.enough:
+            return f"sure after {amount}, looked at {len(self.looks)} times: that much is enough"
+        return f"not sure after {amount}: {'; '.join(last.missing)}"
+
+
+def look_until(
+    look: Callable[[int, DiagnosisSettings], Diagnosis], total: int, sure: float, settings: DiagnosisSettings = USUAL
+) -> RepeatedLooks:
+    """Looks at more and more runs until the diagnosis is sure.
+
+    Args:
+        look: Diagnoses so many of the first runs, by some settings.
+        total: How many there are.
+        sure: Least probability of every name, and one less the chance of a false name over all looks.
+        settings: By which a single look is made.
+
+    Raises:
+        InputError: It can't be so sure.
+    """
+    most = settings.selection.most_sure
+    if not 0.5 <= sure <= most:
+        raise InputError("--until", f"{sure:g}", f"choose between 0.5 and {most:g}: no name is ever surer")
+    looks: list[RepeatedLook] = []
+    for number, runs in enumerate(count_runs(total), start=1):
+        spent = spend(settings, min(1.0 - sure, settings.selection.family_error), number)
+        diagnosis = look(runs, spent)
+        seconds = float(diagnosis.session["duration_s"])
+        missing = tuple(find_missing(diagnosis, sure))
+        looks.append(RepeatedLook(runs, seconds, diagnosis.verdict, spent.selection.family_error, missing))
+        if not missing:
+            break
+    return RepeatedLooks(sure, tuple(looks), diagnosis)
+
+
+def count_runs(total: int) -> Iterator[int]:
+    """Numbers of runs at which it is looked; all of them at last."""
+    runs = min(FIRST_RUNS, total)
+    while runs < total:
+        yield runs
+        runs = ceil(GROWTH * runs)
+    yield total
+
+
+def spend(settings: DiagnosisSettings, error: float, number: int) -> DiagnosisSettings:
+    """Settings of one of many looks.
+
+    Args:
+        settings: Of a single one.
+        error: Chance of a false name that all looks together may have.
+        number: Which look it is, from one.
+    """
+    share = 6.0 / (pi * number) ** 2
+    held, nats = settings.selection, -log(share * error / settings.selection.family_error)
+    slow = held.slow_error * exp(-nats)
+    wandering = settings.regression.wandering
+    wandering = replace(wandering, draws=max(wandering.draws, ceil(1.0 / (RESOLUTION * slow))))
+    selection = replace(
+        held,
+        family_error=share * error,
+        slow_error=slow,
+        flips=max(held.flips, ceil(1.0 / (RESOLUTION * share * error))),
+        absorbed_nats=held.absorbed_nats + nats,
+        inertial_odds=held.inertial_odds * exp(nats),
+        event_nats=held.event_nats + nats,
+        burst_nats=held.burst_nats + nats,
+    )
+    return replace(settings, selection=selection, regression=replace(settings.regression, wandering=wandering))
+
+
+def find_missing(diagnosis: Diagnosis, sure: float) -> Iterator[str]:
+    """What keeps a diagnosis from being sure; nothing where it is."""
+    if diagnosis.verdict == "no_gap":
+        limits = () if diagnosis.details is None else diagnosis.details.detectable
+        # What shows nothing at all no amount of runs shows; what shows too little does with more of them.
+        hidden = [one for one in limits if one.hidden and one.bound_by in NOISES and one.value is not None]
+        places = sorted({f"{one.effect.id} of {diagnosis.joints[one.joint]}" for one in hidden})
+        if places:
+            yield f"noise still hides {', '.join(places)}"
+        return
+    if diagnosis.verdict in ("not_testable", "refused"):
+        yield f"the verdict is {diagnosis.verdict}"
+        return
+    if diagnosis.verdict != "named":
+        yield "part of the gap has no name" if diagnosis.findings else "the gap has no name"
+    for one in diagnosis.findings:
+        if one.estimate.probability < sure:
+            rivals = f", not told from {', '.join(one.estimate.rivals[1:])}" if len(one.estimate.rivals) > 1 else ""
+            yield f"{one.effect} of {', '.join(one.joints)} is sure to {one.estimate.probability:.2f}{rivals}"

@@ -1,0 +1,223 @@
+"""How far tuning moved each link from its URDF: what it absorbs no residual shows, so it is always reported.
+
+Of the inertial numbers π only the base parameters β = B π act on the torques. The solved model knows their change δ
+with information J, whatever the URDF says. Two things are reported of each link:
+
+- About its joint's axis: the first moment of all that turns with the joint, averaged over full turns of the joints
+  behind it. That is the combination that gravity shows, M = W π with W in the row space of B, so it needs no prior.
+- The link's own mass and first moment. Those are no base parameters: which link a change belongs to hangs on how wrong
+  each may be. Every link has a variance of its own, σ_k, a URDF's usual error unless
+
+      log p(y | σ) = ½ hᵀ (J + P)⁻¹ h − ½ log|J + P| + ½ log|P|,    P = (B S(σ) Bᵀ)⁻¹,  h = J δ,
+
+  speaks for more at that link (automatic relevance determination, one link after the other). Numbers of which the
+  recordings take away less than half of the prior's variance are left out: they are the URDF's word.
+
+A link is beyond tolerance where the interval of one of its own numbers lies wholly beyond three standard deviations of
+a usual URDF; or, where its own are not determined and the recordings speak for more at that link, that about its axis.
+
+Source: MacKay 1992 and Tipping 2001 (relevance determination); Gautier 1991 (base parameters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.diagnosis.regression.baseline import Baseline
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Prior, Projection
+from ident.effects.knowledge import Interval
+from ident.model.inertia import base_prior
+from ident.robot.arm import ArmModel
+
+# Factors of a URDF's usual error that one link may be off by (chosen: up to 80 % of its own size), and log odds that
+# one link is off by more than the others, for each link that there is (law: odds of 150 to 1).
+FACTORS, LEAST_NATS = (3.0, 8.0, 20.0), 5.0
+# Standard deviations of a usual URDF beyond which a link is wrong (law: one link in 400 of right ones).
+BEYOND = 3.0
+# Share of a number's prior variance that recordings must take away for it to be reported (chosen: most of it).
+LEAST_SHARE = 0.5
+# A URDF so many times less sure than usual says nothing (chosen: beyond the size of any link).
+UNKNOWN = 100.0
+# A moment below this share of mass × reach of all that turns is none: gravity does not show at the joint.
+LEAST_MOMENT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TunedLink:
+    """Change of a link from its URDF.
+
+    Attributes:
+        joint: The joint that moves it.
+        mass: Change of its mass [kg]; None where the recordings don't determine it.
+        moment: Change of its first moment in its joint's frame, by axis, as far as determined [kg m].
+        about_axis: Change of the first moment about the joint's axis of all that turns with it, along the URDF's own
+            [kg m]; None where gravity shows nothing of it.
+        urdf_moment: What the URDF says of that moment [kg m]; 0 where that is no more than URDFs are off by.
+        beyond_tolerance: Whether it is more than URDFs are wrong by.
+    """
+
+    joint: str
+    mass: Interval | None
+    moment: Mapping[str, Interval]
+    about_axis: Interval | None
+    urdf_moment: float
+    beyond_tolerance: bool
+
+    @property
+    def share(self) -> Interval | None:
+        """Change about the axis as a share of the URDF's moment."""
+        if self.about_axis is None or self.urdf_moment == 0.0:
+            return None
+        return Interval(*(getattr(self.about_axis, end) / self.urdf_moment for end in ("value", "low", "high")))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its record; what is not determined is left out."""
+        record: dict[str, Any] = {"joint": self.joint, "beyond_tolerance": self.beyond_tolerance}
+        if self.mass is not None:
+            record["mass_kg"] = self.mass.to_dict()
+        record["moment_kgm"] = {axis: one.to_dict() for axis, one in self.moment.items()}
+        if self.about_axis is not None:
+            record["about_axis_kgm"] = self.about_axis.to_dict()
+        if self.share is not None:
+            record["about_axis_share"] = self.share.to_dict()
+        return record
+
+    def figures(self) -> dict[str, Interval]:
+        """Its changes by name."""
+        named = {"mass_change_kg": self.mass, "about_axis_kgm": self.about_axis}
+        moments = {f"moment_change_{axis}_kgm": one for axis, one in self.moment.items()}
+        return {name: one for name, one in named.items() if one is not None} | moments
+
+    def words(self, link: str) -> str:
+        """What is wrong with the URDF's link, in a sentence."""
+        parts = [] if self.share is None else [f"the moment about its axis by {self.share.words('%', 100.0)}"]
+        parts += [] if self.mass is None else [f"its mass by {self.mass.words('kg')}"]
+        moved = parts or [f"its moment along {axis} by {one.words('kg m')}" for axis, one in self.moment.items()]
+        how = f"tuning moved {' and '.join(moved)}"
+        return f"{link} is off by more than URDFs are: {how}; mend its <inertial>, or the gain of {self.joint}"
+
+
+def measure_tuned_links(
+    baseline: Baseline, evidence: Evidence, projection: Projection, prior: Prior, inflation: float
+) -> dict[str, TunedLink]:
+    """Change of every link, by its name.
+
+    Args:
+        baseline: The user's arm, and which combinations of its inertias were tuned.
+        evidence: Scale and layout of the columns.
+        projection: The solved model, the named effects in it.
+        prior: The belief about the URDF that it was solved with.
+        inflation: How many times the modelled variance blocks vary.
+    """
+    arm, mapping = baseline.nominal, baseline.base.mapping
+    information, score = _of_recordings(evidence, projection, prior, inflation)
+    std = _relevant(baseline, information, score)
+    posterior = np.linalg.inv(information + base_prior(baseline.base, std))
+    lift = (std[:, None] ** 2 * mapping.T) @ base_prior(baseline.base, std)
+    change = lift @ (posterior @ score)
+    variance = std**2 - np.sum(lift * (mapping * std**2).T, axis=1) + np.sum((lift @ posterior) * lift, axis=1)
+    own = [_interval(value, width) for value, width in zip(change, np.sqrt(np.maximum(variance, 0.0)), strict=True)]
+    known = variance < (1.0 - LEAST_SHARE) * std**2
+    # As good as no prior: what the recordings leave open stays far wider than a URDF's error.
+    free = np.linalg.inv(information + base_prior(baseline.base, UNKNOWN * baseline.number_std))
+    found = {}
+    for k, link in enumerate(arm.links):
+        at = range(10 * k, 10 * k + 4)
+        about, urdf, usual = _about_axis(baseline, k, free, free @ score)
+        wrong = [_is_beyond(own[i], baseline.number_std[i]) for i in at if known[i]]
+        if about is not None and std[at[0]] > baseline.number_std[at[0]]:
+            wrong.append(_is_beyond(about, usual))
+        moment = {axis: own[i] for axis, i in zip("xyz", at[1:], strict=True) if known[i]}
+        mass = own[at[0]] if known[at[0]] else None
+        found[link] = TunedLink(arm.joint_names[k], mass, moment, about, urdf, any(wrong))
+    return found
+
+
+def _of_recordings(
+    evidence: Evidence, projection: Projection, prior: Prior, inflation: float
+) -> tuple[Float[Array, "r r"], Float[Array, " r"]]:
+    """Information of the recordings alone about the base parameters, the model's other columns free, and its score."""
+    rank = evidence.layout.rank
+    scale = evidence.scale[:rank]
+    whole = np.linalg.inv(projection.spread[:rank, :rank])
+    values, vectors = np.linalg.eigh(whole - prior.base)
+    information = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    score = whole @ projection.estimate[:rank]
+    return information * np.outer(scale, scale) / inflation, score * scale / inflation
+
+
+def _relevant(baseline: Baseline, information: Float[Array, "r r"], score: Float[Array, " r"]) -> Float[Array, " 10n"]:
+    """Standard deviation of every link's numbers: a URDF's usual error, more where the recordings speak for it."""
+    n = baseline.nominal.n
+    std, least = baseline.number_std.copy(), LEAST_NATS + float(np.log(n))
+
+    def evidence(of: Float[Array, " 10n"]) -> float:
+        prior = base_prior(baseline.base, of)
+        both = information + prior
+        occam = np.linalg.slogdet(both)[1] - np.linalg.slogdet(prior)[1]
+        return 0.5 * float(score @ np.linalg.solve(both, score) - occam)
+
+    reached = evidence(std)
+    for _ in range(n):
+        tried = []
+        for k, factor in ((k, factor) for k in range(n) for factor in FACTORS):
+            other = std.copy()
+            other[10 * k : 10 * k + 10] = factor * baseline.number_std[10 * k : 10 * k + 10]
+            tried.append((evidence(other), k, factor))
+        best, k, factor = max(tried)
+        if best < reached + least:
+            break
+        reached, std[10 * k : 10 * k + 10] = best, factor * baseline.number_std[10 * k : 10 * k + 10]
+    return std
+
+
+def turning_moment(arm: ArmModel, joint: int) -> Float[Array, "3 10n"]:
+    """Maps the links' numbers to the first moment, in a joint's frame, of all that turns with it [kg m].
+
+    Averaged over full turns of the revolute joints behind it, which leaves of each link what lies along its axis.
+    """
+    mass, moment = np.zeros((1, 10 * arm.n)), np.zeros((3, 10 * arm.n))
+    for k in reversed(range(joint, arm.n)):
+        mass[0, 10 * k], moment[:, 10 * k + 1 : 10 * k + 4] = 1.0, moment[:, 10 * k + 1 : 10 * k + 4] + np.eye(3)
+        if k == joint:
+            return moment
+        axis, place = arm.joint_axes[k], arm.model.jointPlacements[k + 1]
+        kept = moment if arm.sliding_joints[k] else np.outer(axis, axis) @ moment
+        moment = place.rotation @ kept + np.outer(place.translation, mass)
+    return moment
+
+
+def _about_axis(
+    baseline: Baseline, joint: int, covariance: Float[Array, "r r"], change: Float[Array, " r"]
+) -> tuple[Interval | None, float, float]:
+    """Change of the moment about a joint's axis along the URDF's own, the URDF's, and what a usual URDF is off by."""
+    arm, mapping = baseline.nominal, baseline.base.mapping
+    axis = arm.joint_axes[joint]
+    rows = (np.eye(3) - np.outer(axis, axis)) @ turning_moment(arm, joint)
+    urdf = rows @ arm.inertial_parameters
+    size = float(np.linalg.norm(urdf))
+    mass = float(arm.inertial_parameters[10 * joint :: 10].sum())
+    if arm.sliding_joints[joint] or size < LEAST_MOMENT * mass:
+        return None, size, 0.0
+    along = urdf / size @ rows
+    weights = np.linalg.lstsq(mapping.T, along, rcond=None)[0]
+    told = np.linalg.norm(weights @ mapping - along) < 1e-6 * np.linalg.norm(along)
+    std = float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
+    usual = float(np.sqrt(np.sum((along * baseline.number_std) ** 2)))
+    if not told or not 0.0 < std < usual:
+        return None, size, usual
+    return _interval(float(weights @ change), std), size if size > usual else 0.0, usual
+
+
+def _interval(value: float, std: float) -> Interval:
+    return Interval(float(value), float(value - 1.96 * std), float(value + 1.96 * std))
+
+
+def _is_beyond(change: Interval, usual: float) -> bool:
+    return max(change.low, -change.high) > BEYOND * usual

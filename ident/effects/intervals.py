@@ -1,0 +1,113 @@
+"""Intervals of what is reported, from the coefficients of an effect's columns and their covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.effects.knowledge import Interval
+
+# Draws behind an interval: its ends are then sure to a twentieth of its width.
+INTERVAL_DRAWS = 400
+
+
+def grid_interval(value: float, grid: Sequence[float]) -> Interval:
+    """A point of a grid with what the grid can resolve: half-way (by ratio) to its neighbours."""
+    points = np.unique(np.asarray([*grid, value], dtype=float))
+    at = int(np.searchsorted(points, value))
+    if len(points) == 1:
+        return Interval(value, value / 2.0, value * 2.0)
+    down = points[at - 1] if at > 0 else value**2 / points[at + 1]
+    up = points[at + 1] if at + 1 < len(points) else value**2 / points[at - 1]
+    return Interval(value, float(np.sqrt(value * down)), float(np.sqrt(value * up)))
+
+
+def exactly(value: float) -> Interval:
+    """A figure that was not estimated."""
+    return Interval(value, value, value)
+
+
+def coefficient_interval(
+    index: int, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], scale: float = 1.0
+) -> Interval:
+    """Interval of one coefficient times a known factor."""
+    value = scale * float(coefficients[index])
+    reach = 1.96 * abs(scale) * float(np.sqrt(max(covariance[index, index], 0.0)))
+    return Interval(value, value - reach, value + reach)
+
+
+def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
+    """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
+    size = float(np.linalg.norm(coefficients))
+    along = coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
+    reach = 1.96 * float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return Interval(size, max(0.0, size - reach), size + reach)
+
+
+def wave_figures(
+    order: float, coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]
+) -> dict[str, Interval]:
+    """What is reported of a wave: its amplitude, its order and its phase."""
+    return {
+        "amplitude_Nm": amplitude_interval(coefficients, covariance),
+        "order": exactly(order),
+        "phase_rad": phase_interval(coefficients, covariance),
+    }
+
+
+def phase_interval(coefficients: Float[Array, " 2"], covariance: Float[Array, "2 2"]) -> Interval:
+    """Interval of φ in A cos(x − φ) from (cos, sin) coefficients [rad]."""
+    size = float(np.hypot(*coefficients))
+    phase = float(np.arctan2(coefficients[1], coefficients[0]))
+    across = np.array([-np.sin(phase), np.cos(phase)])
+    spread = float(np.sqrt(max(across @ covariance @ across, 0.0)))
+    reach = min(np.pi, 1.96 * spread / size) if size > 0.0 else np.pi
+    return Interval(phase, phase - reach, phase + reach)
+
+
+def linear_interval(
+    weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], shift: float = 0.0
+) -> Interval:
+    """Interval of a linear combination of coefficients."""
+    value = float(weights @ coefficients) + shift
+    reach = 1.96 * float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
+    return Interval(value, value - reach, value + reach)
+
+
+def drawn_interval(
+    function: Callable[[Float[Array, " k"]], float], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]
+) -> Interval:
+    """95 % interval of any function of coefficients that are not negative, from draws of them.
+
+    For what bends within the coefficients' spread, where the delta method tells anything.
+    """
+    if not covariance.any():
+        return Interval(*3 * (function(coefficients),))
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    # The same draws every time: a figure is told the same when it is told again.
+    normal = np.random.default_rng(0).standard_normal((INTERVAL_DRAWS, len(coefficients)))
+    drawn = coefficients + (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    told = np.array([function(one) for one in np.maximum(drawn, 0.0)])
+    value, (low, high) = function(coefficients), np.quantile(told, (0.025, 0.975))
+    return Interval(value, min(value, float(low)), max(value, float(high)))
+
+
+def delta_interval(
+    function: Any, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], step: float = 1e-4
+) -> Interval:
+    """Interval of a smooth function of coefficients by the delta method, derivatives by central differences."""
+    if not covariance.any():
+        return Interval(*3 * (float(function(coefficients)),))
+    size = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 1e-12) * step / 1e-2
+    gradient = np.array(
+        [
+            (function(coefficients + size[i] * unit) - function(coefficients - size[i] * unit)) / (2 * size[i])
+            for i, unit in enumerate(np.eye(len(coefficients)))
+        ]
+    )
+    value = float(function(coefficients))
+    reach = 1.96 * float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
+    return Interval(value, value - reach, value + reach)

@@ -1,0 +1,131 @@
+"""The links of a patched arm: the URDF's, tuned, and changed by the identified effects; each a body that can exist.
+
+A simulator integrates what identification only solves for: a link whose inertia no body has makes motion unstable or is
+refused. Tuning says only which combinations of inertial numbers act on the torques, so that among all links of the same
+torques those nearest to the URDF's that are bodies can be taken. The same holds for an identified error of a link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+from ident.model.convex import pseudo_inertia
+from ident.model.inertia import base_parameters, parameter_scale
+from ident.robot.arm import ArmModel
+
+# How much more the torques count than the numbers behind them, when bodies are sought.
+TORQUE_WEIGHT = 1e6
+# Least eigenvalue of a sought body's pseudo-inertia, as a share of its mass [m²].
+BODY_MARGIN = 1e-6
+# A link that the URDF itself leaves without extent is not held to having one.
+LEAST_EIGENVALUE = -1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Change of each link against the URDF.
+
+    Attributes:
+        tuned: By tuning, shape (n, 10).
+        named: By named link errors, shape (n, 10).
+        missed: Share of the changes' torque that no bodies give, 0 where they could be written whole.
+        mended: Links that as they were fitted could be no body, and were written as the nearest ones.
+    """
+
+    tuned: Float[Array, "n 10"]
+    named: Float[Array, "n 10"]
+    missed: float
+    mended: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> Float[Array, "n 10"]:
+        """Both changes."""
+        return self.tuned + self.named
+
+
+def ten_numbers(pseudo: Float[Array, "4 4"]) -> Float[Array, " 10"]:
+    """Mass, first and second moments of a pseudo-inertia."""
+    second = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], second[rows, columns]])
+
+
+def moved(link: Float[Array, " 10"], turn: Float[Array, "3 3"], shift: Float[Array, " 3"]) -> Float[Array, " 10"]:
+    """Ten inertial numbers in another frame, in which the old one stands at `shift`, turned by `turn`."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, shift
+    return ten_numbers(pose @ pseudo_inertia(link) @ pose.T)
+
+
+def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], Float[Array, "3 3"]]:
+    """Mass, centre of mass, and inertia about it, of ten inertial numbers about a frame."""
+    mass, (xx, xy, yy, xz, yz, zz) = float(link[0]), link[4:]
+    centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+
+
+_UNIT_BODIES = [pseudo_inertia(unit) for unit in np.eye(10)]
+
+
+def is_body(link: Float[Array, " 10"]) -> bool:
+    """Whether ten inertial numbers are those of a body."""
+    return bool(link[0] > 0.0 and np.linalg.eigvalsh(pseudo_inertia(link))[0] >= LEAST_EIGENVALUE)
+
+
+def lay_out(arm: ArmModel, tuning: Float[Array, "n 10"], errors: Callable[[Array], Float[Array, "n 10"]]) -> Links:
+    """What becomes of the links.
+
+    An identified error is reported as a change of one link. Where that alone leaves no body, the links together give
+    its torque.
+
+    Args:
+        arm: The arm as its URDF describes it.
+        tuning: Change by tuning.
+        errors: Change by identified link errors, given the tuning as it is written.
+    """
+    tuned, missed = nearest_bodies(arm, tuning)
+    named = errors(tuned)
+    if named.any():
+        whole, missed = nearest_bodies(arm, tuning + named)
+        named = whole - tuned
+    return Links(freeze(tuned), freeze(named), missed)
+
+
+def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[Array, "n 10"], float]:
+    """The change nearest to a tuned one that leaves bodies, torques first.
+
+        min ‖B (Δ − Δ₀) / β‖² · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body
+
+    Args:
+        arm: The arm as its URDF describes it; links that are no bodies there are left free.
+        tuning: Δ₀.
+
+    Returns:
+        The change, and the part of BΔ₀ that it misses, as a share.
+    """
+    nominal = arm.inertial_parameters.reshape(arm.n, 10)
+    held = [j for j in range(arm.n) if is_body(nominal[j])]
+    if all(is_body(nominal[j] + tuning[j]) for j in held):
+        return np.array(tuning), 0.0
+    import cvxpy as cp  # slow to load: only where something is solved
+
+    scale, mapping = parameter_scale(arm), base_parameters(arm).mapping
+    size = np.sqrt(np.diag(mapping * scale**2 @ mapping.T))
+    moved = cp.Variable(10 * arm.n)  # Δ − Δ₀ in units of scale
+    torque = (mapping * scale) / size[:, None]
+    links = (nominal + tuning).ravel() + cp.multiply(scale, moved)
+    constraints = [
+        sum(links[10 * j + k] * _UNIT_BODIES[k] for k in range(10)) >> BODY_MARGIN * scale[10 * j] * np.eye(4)
+        for j in held
+    ]
+    objective = TORQUE_WEIGHT * cp.sum_squares(torque @ moved) + cp.sum_squares(moved)
+    cp.Problem(cp.Minimize(objective), constraints).solve(solver=cp.CLARABEL)
+    if moved.value is None:
+        return np.zeros_like(tuning), 1.0
+    missed = np.linalg.norm(torque @ moved.value) / np.linalg.norm(torque @ (tuning.ravel() / scale))
+    return tuning + (scale * moved.value).reshape(tuning.shape), float(missed)

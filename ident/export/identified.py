@@ -1,0 +1,378 @@
+"""One identified arm: bodies, losses and effects, made from a diagnosis, a comparison or a model. All formats take it.
+
+Read from the JSON alone, so that a patch can be made where the recordings are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float, freeze
+from ident.diagnosis.baseline_record import LINK_KEYS, LOSS_KEYS
+from ident.diagnosis.result import SCHEMA
+from ident.effects.base import Effect, Interval
+from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.errors import InputError
+from ident.export.bodies import Links, is_body, lay_out, nearest_bodies
+from ident.export.standalone.chain import link_change
+from ident.export.standalone.laws import KNOWN
+from ident.export.standalone.log import Effect as ModuleEffect
+from ident.export.standalone.masses import MASSES
+from ident.export.standalone.motion import Losses
+from ident.model.hybrid import HybridModel
+from ident.motion.settings import FOR_DIAGNOSIS
+from ident.provenance import files_of
+from ident.robot.arm import ArmModel
+from ident.robot.content import content_of
+from ident.untrusted_files import read_record, require_finite
+
+COMPARISON = "ident.comparison/1"
+WHOLE_ARM = -1
+# Ends of names of parameters that no body or gear has below zero.
+POSITIVE = (
+    "stribeck_velocity_rad_s",
+    "displacement_rad",
+    "time_constant_s",
+    "gap_rad",
+    "limit_Nm",
+    "mass_kg",
+    "delay_s",
+)
+# A loss that a solver left just below zero is zero, in its own unit.
+ROUNDING = 1e-9
+# Smallest transition width, where a model's friction turns round at once [rad/s].
+SHARPEST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One identified effect.
+
+    Attributes:
+        effect: Its id.
+        joint: Index of its joint; -1 for the whole arm.
+        joints: Names of the joints where it shows.
+        figures: The reported parameters with their intervals.
+        law: Coefficients and shape of its law where the reported parameters leave them open, or None.
+        kind: The effect itself, or None where it is none of those that are known.
+    """
+
+    effect: str
+    joint: int
+    joints: tuple[str, ...]
+    figures: Mapping[str, Interval]
+    law: Mapping[str, Any] | None = None
+    kind: Effect | None = None
+
+    @property
+    def has_law(self) -> bool:
+        """Whether the written module knows its torque."""
+        return self.effect in KNOWN or (self.kind is not None and self.kind.law is not None)
+
+    @property
+    def of_the_log(self) -> bool:
+        """Whether it is one of the log alone."""
+        return self.kind is not None and self.kind.of_the_log
+
+    @property
+    def of_the_bodies(self) -> bool:
+        """Whether it goes with the arm's bodies, gravity or zeros: then it is no joint's own."""
+        return self.joint < 0 or self.effect in MASSES
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters' values, and what the law needs besides and follows from them."""
+        found = {name: figure.value for name, figure in self.figures.items()}
+        if self.kind is not None:
+            told = self.law or {"coefficients": (), "shape": {}}
+            found |= self.kind.law_figures(found, tuple(map(float, told["coefficients"])), told["shape"])
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """A tuned baseline.
+
+    Attributes:
+        losses: Rotor inertia, viscous and Coulomb friction.
+        links: Change of the URDF's inertial numbers, shape (n, 10).
+    """
+
+    losses: Losses
+    links: Float[Array, "n 10"]
+
+    @classmethod
+    def none(cls, n: int) -> Tuning:
+        """No losses, the URDF's own inertias: what a diagnosis without a baseline leaves to assume."""
+        zero = np.zeros(n)
+        return cls(Losses(zero, zero, zero, np.full(n, 0.01), zero), freeze(np.zeros((n, len(LINK_KEYS)))))
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedArm:
+    """An arm as it was identified.
+
+    Attributes:
+        nominal: As its URDF describes it; joints that were not recorded are locked.
+        losses: Rotor inertia and friction of its joints, fitted beside the effects.
+        links: Change of its links against the URDF, each link a body that can exist.
+        changes: Its identified effects.
+    """
+
+    nominal: ArmModel
+    losses: Losses
+    links: Links
+    changes: tuple[Change, ...] = ()
+
+    @classmethod
+    def tuned_to(cls, nominal: ArmModel, tuning: Tuning, changes: Sequence[Change] = ()) -> IdentifiedArm:
+        """An arm from a tuning and effects; links that no body could be become the nearest bodies."""
+        numbers = nominal.inertial_parameters.reshape(nominal.n, 10)
+
+        def errors(tuned: Array) -> Float[Array, "n 10"]:
+            wrong = np.zeros((nominal.n, 10))
+            for change in changes:
+                if change.effect == "link_inertial_error":
+                    wrong[change.joint] += link_change(numbers[change.joint] + tuned[change.joint], change.values)
+            return wrong
+
+        return cls(nominal, tuning.losses, lay_out(nominal, tuning.links, errors), tuple(changes))
+
+    @classmethod
+    def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
+        """The URDF as it is: its bodies, damping and friction."""
+        plain = Tuning.none(nominal.n)
+        stated = replace(plain.losses, viscous=nominal.model.damping, coulomb=nominal.model.friction)
+        return cls.tuned_to(nominal, Tuning(stated, plain.links))
+
+    @classmethod
+    def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
+        """A fitted model, its net, offsets and shared shafts aside.
+
+        Args:
+            model: The model.
+            nearest: Whether links that no body could be become the nearest bodies.
+
+        Raises:
+            InputError: Links that no body could be.
+        """
+        nominal, n = model.nominal, model.nominal.n
+        given, numbers = (one.inertial_parameters.reshape(n, 10) for one in (nominal, model.arm))
+        wrong = [link for link, row, old in zip(nominal.links, numbers, given, strict=True) if _is_wrong(row, old)]
+        change = numbers - given
+        if wrong and not nearest:
+            what = f"its {', '.join(wrong)} could be no real body"
+            remedy = "give --nearest to write the nearest bodies, or fit with --inertia consistent"
+            raise InputError("the model", what, remedy)
+        if wrong:
+            change, missed = nearest_bodies(nominal, change)
+        links = Links(freeze(change), freeze(np.zeros((n, 10))), missed if wrong else 0.0, tuple(wrong))
+        loss = model.loss
+        widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
+        losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
+        return cls(nominal, losses, links, tuple(_of_law(law, nominal.joint_names) for law in model.named))
+
+    @property
+    def tuned(self) -> ArmModel:
+        """The arm with tuned links, without the identified link errors."""
+        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.tuned.ravel())
+
+    @property
+    def whole(self) -> ArmModel:
+        """The arm with all that was identified of its links."""
+        return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.total.ravel())
+
+    @property
+    def effects(self) -> list[ModuleEffect]:
+        """The effects whose law is known, as the laws take them."""
+        return in_module(self.changes)
+
+
+def in_module(changes: Sequence[Change]) -> list[ModuleEffect]:
+    """Effects as the module's laws take them; those without a law are left out."""
+    return [(change.effect, change.joint, change.values) for change in changes if change.has_law]
+
+
+def _is_wrong(link: Array, given: Array) -> bool:
+    """Whether an identified link is no body; one that the URDF itself leaves without extent is written as it is."""
+    return not is_body(link) and not np.array_equal(link, given)
+
+
+def _of_law(law: Any, joints: tuple[str, ...]) -> Change:
+    """A model's law as an effect: its shape as parameters, its coefficients with their intervals."""
+    figures = {name: Interval(value, value, value) for name, value in law.shape.items()}
+    figures |= {f"coefficient_{k}": Interval(*one) for k, one in enumerate(law.figures)}
+    known = {"coefficients": [value for value, _, _ in law.figures], "shape": dict(law.shape)}
+    return Change(law.effect, law.joint, (joints[law.joint],), figures, known, find_effect(law.effect))
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis, or a comparison, as a patch needs it.
+
+    Attributes:
+        path: Its file.
+        joints: Joints of the diagnosed arm.
+        verdict: Its verdict.
+        changes: The identified effects.
+        tuned: The baseline tuned together with them.
+        alone: The baseline tuned without them.
+        urdf: Losses tuned without them and with the URDF's own link inertias.
+        has_baseline: Whether the file says how the baseline was tuned.
+        cutoff: Corner of the common filter that it was made with [Hz].
+        content: Digest of the arm that it was made with (`content_of`); "" where the file does not say.
+        runs: First digits of the hashes of the files that it was made from.
+    """
+
+    path: Path
+    joints: tuple[str, ...]
+    verdict: str
+    changes: tuple[Change, ...]
+    tuned: Tuning
+    alone: Tuning
+    urdf: Tuning
+    has_baseline: bool
+    cutoff: float
+    content: str = ""
+    runs: frozenset[str] = frozenset()
+
+    @classmethod
+    def load(cls, path: Path, catalogue: Sequence[Effect] = CATALOGUE) -> Diagnosed:
+        """Reads the JSON that `ident diagnose --json` or `ident compare --json` writes.
+
+        Args:
+            path: Its file.
+            catalogue: The effects that it may hold.
+
+        Raises:
+            InputError: No such file, not a diagnosis, or one without an effect.
+        """
+        record = read_record(path, (SCHEMA, COMPARISON), "give the JSON of `ident diagnose` or `ident compare`")
+        return cls.of_record(record, catalogue, path)
+
+    @classmethod
+    def of_record(
+        cls,
+        record: dict[str, Any],
+        catalogue: Sequence[Effect] = CATALOGUE,
+        path: Path = Path("diagnosis"),
+        needed: bool = True,
+    ) -> Diagnosed:
+        """Takes the record of a diagnosis that was never a file, or was read already.
+
+        Args:
+            record: The record.
+            catalogue: The effects that it may hold.
+            path: Where it comes from, for messages.
+            needed: Whether it must hold an effect; else tuning alone will do.
+
+        Raises:
+            InputError: It is damaged, or holds no effect where one is needed.
+        """
+        try:
+            return cls._of(path, record, {effect.id: effect for effect in catalogue}, needed)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+            what = f"it is damaged ({type(error).__name__}: {error})"
+            raise InputError(path, what, "write it anew with `ident diagnose … --json`") from None
+
+    @classmethod
+    def _of(cls, path: Path, record: dict[str, Any], known: Mapping[str, Effect], needed: bool) -> Diagnosed:
+        joints = tuple(record["joints"])
+        if not joints or not all(isinstance(name, str) for name in joints):
+            raise ValueError(f"its joints are {joints!r}")
+        baseline, found = record.get("baseline", {}), record["findings" if "findings" in record else "changes"]
+        changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
+        if needed and not changes:
+            what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
+            raise InputError(path, what, "give a diagnosis with findings")
+        tuned, alone, urdf = (
+            _tuning(record[key], joints) if key in record else Tuning.none(len(joints))
+            for key in ("baseline", "baseline_alone", "baseline_urdf")
+        )
+        urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
+        origin = record.get("provenance", {})
+        content = str(origin.get("settings", {}).get("arm_sha256", ""))
+        is_tuned, cutoff = "baseline" in record, _cutoff(origin)
+        return cls(
+            path, joints, record["verdict"], changes, tuned, alone, urdf, is_tuned, cutoff, content, files_of(origin)
+        )
+
+    def fit_to(self, arm: ArmModel) -> ArmModel:
+        """The arm with the joints that the diagnosis does not know locked.
+
+        Raises:
+            InputError: The diagnosis is one of another arm.
+        """
+        foreign = [name for name in self.joints if name not in arm.joint_names]
+        if foreign:
+            remedy = f"give the --robot that it was made with; {arm.name} has {', '.join(arm.joint_names)}"
+            raise InputError(self.path, f"its joint {foreign[0]!r} is none of {arm.name}", remedy)
+        kept = arm.keeping(self.joints)
+        if self.content and self.content != content_of(kept):
+            what = f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
+            raise InputError(self.path, what, "give the --robot that it was made with, or diagnose with this one")
+        return kept
+
+    def candidates(self, arm: ArmModel) -> dict[str, IdentifiedArm]:
+        """The arms that could be written, by name: without the effects, tuned to the same recordings, and with them."""
+        arm = self.fit_to(arm)
+        return {
+            "before": IdentifiedArm.tuned_to(arm, self.urdf),
+            "tuned": IdentifiedArm.tuned_to(arm, self.alone),
+            "after": IdentifiedArm.tuned_to(arm, self.tuned, self.changes),
+        }
+
+
+def _cutoff(origin: Mapping[str, Any]) -> float:
+    cutoff = float(origin.get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
+    if not 0.0 < cutoff < np.inf:
+        raise ValueError(f"its cutoff_hz is {cutoff:g}")
+    return cutoff
+
+
+def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
+    effect, where = finding["effect"], tuple(finding["joints"])
+    figures = {name: _interval(effect, name, value) for name, value in finding["parameters"].items()}
+    law = baseline.get(where[0], {}).get("laws", {}).get(effect)
+    whole = kind is not None and kind.scope == "arm"
+    return Change(effect, WHOLE_ARM if whole else joints.index(where[0]), where, figures, law, kind)
+
+
+def _interval(effect: str, name: str, value: dict[str, Any]) -> Interval:
+    """A parameter with its interval; what the law can't take is refused here."""
+    if not isinstance(value, dict) or set(value) - {"open"} != {"value", "low", "high"}:
+        raise ValueError(f"{name} of {effect} is {value!r}, not a value with low and high")
+    middle, low, high = (require_finite(value[key], f"{name} of {effect}") for key in ("value", "low", "high"))
+    found = Interval(middle, low, high)
+    if found.low > found.high:
+        raise ValueError(f"{name} of {effect}: its interval begins above its end")
+    if found.value < 0.0 and name.endswith(POSITIVE):
+        raise ValueError(f"{name} of {effect} is {found.value:g}, which can't be negative")
+    return found
+
+
+def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
+    rows = [{"sliding_range_rad": 0.0, **record[joint]} for joint in joints]
+    losses = [
+        np.array([_no_less_than_zero(row[key], f"{key} of {joint}") for joint, row in zip(joints, rows, strict=True)])
+        for key in (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
+    ]
+    links = [
+        [require_finite(record[joint]["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
+        for joint in joints
+    ]
+    losses[3] = np.maximum(losses[3], 1e-4)
+    return Tuning(Losses(*losses), freeze(np.array(links)))
+
+
+def _no_less_than_zero(value: Any, name: str) -> float:
+    """A loss. Tuning leaves rounding of zero at most; a negative one would drive the arm."""
+    found = require_finite(value, name)
+    if found < -ROUNDING:
+        raise ValueError(f"{name} is {found:g}: a loss can't be negative")
+    return max(found, 0.0)

@@ -1,0 +1,228 @@
+"""A patched file as its simulator reads it back: predicted torque log, and motion under a logged torque.
+
+Both readers answer the same questions, so that a file is judged by what is in it and not by what was meant.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.export.mjcf_joint import SPRING_SUFFIX
+from ident.export.standalone.log import shifted
+from ident.export.standalone.motion import Losses
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+
+# Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
+ROLLOUT_STEP = 2.5e-4
+# The deflection of an elastic joint is integrated with steps no longer than this [s].
+SPRING_STEP = 1e-3
+
+
+class LoadedModel(ABC):
+    """A patched file in its simulator."""
+
+    @abstractmethod
+    def joint_torque(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
+    ) -> Float[Array, "T n"]:
+        """Torque that the motors deliver along a motion [N m]."""
+
+    @abstractmethod
+    def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
+        """What the log reads of a joint torque, as far as the file says [N m]."""
+
+    @abstractmethod
+    def roll_out(
+        self,
+        states: Float[Array, "2 w n"],
+        twists: Float[Array, "w 2 s"],
+        drive: Float[Array, "w T n"],
+        extra: Float[Array, "w T n"],
+        interval: float,
+    ) -> Float[Array, "2 w n"]:
+        """States after w stretches of time under what a log says of the torque.
+
+        Args:
+            states: Positions and velocities at their starts.
+            twists: What the springs' deflections and their rates are there (`deflections`).
+            drive: Logged torque, already earlier by the log's delay [N m].
+            extra: Joint torque added to it [N m].
+            interval: Sampling interval of both [s].
+        """
+
+    def deflections(
+        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
+    ) -> Float[Array, "T 3 s"]:
+        """Deflection, rate and acceleration of the model's s springs along a motion, of which no log tells."""
+        return np.zeros((len(q), 3, 0))
+
+    @property
+    def delay(self) -> float:
+        """Lateness of the log, as far as the file says [s]."""
+        return 0.0
+
+
+class LoadedUrdf(LoadedModel):
+    """A URDF in Pinocchio. Rotor inertia, and how friction turns round, stand in the parameter file instead."""
+
+    def __init__(
+        self,
+        path: Path,
+        locked: tuple[str, ...],
+        losses: Losses,
+        payload: Payload | None,
+    ) -> None:
+        arm = ArmModel.from_urdf(path.read_text(encoding="utf-8"), path)
+        arm = arm.locked([name for name in locked if name in arm.joint_names])
+        self.losses = replace(losses, viscous=arm.model.damping, coulomb=arm.model.friction)
+        self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
+
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        single = interval <= 0.0
+        slip = np.tanh(dq / self.losses.transition) if single else self.losses.direction(q, dq)
+        return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq, slip)
+
+    def _friction(self, dq: Array, slip: Array) -> Array:
+        return np.asarray(self.losses.viscous * dq + self.losses.coulomb * slip)
+
+    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        return torque
+
+    def roll_out(
+        self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
+    ) -> Float[Array, "2 w n"]:
+        """Semi-implicit Euler's method; what slides at the start has slid before."""
+        q, dq = np.array(states)
+        slip, stops = np.tanh(dq / self.losses.transition), self.losses.range > 0.0
+        reach = np.where(stops, self.losses.range, 1.0)
+        for torque in _at_steps(drive + extra, interval, ROLLOUT_STEP):
+            dq = dq + ROLLOUT_STEP * self.arm.forward_dynamics(q, dq, torque - self._friction(dq, slip))
+            q = q + ROLLOUT_STEP * dq
+            held = np.clip(slip + ROLLOUT_STEP * dq / reach, -1.0, 1.0)
+            slip = np.where(stops, held, np.tanh(dq / self.losses.transition))
+        return np.stack([q, dq])
+
+
+class LoadedMjcf(LoadedModel):
+    """An MJCF in MuJoCo, without its joint limits, which a log may touch."""
+
+    def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
+        spec = mujoco.MjSpec.from_file(str(path))
+        if payload is not None and payload.mass_kg > 0.0:
+            _carry(spec, joints[-1], payload)
+        self.model = spec.compile()
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+        self.data = mujoco.MjData(self.model)
+        named = {self.model.joint(i).name: i for i in range(self.model.njnt)}
+        self.main = np.array([self.model.jnt_dofadr[named[name]] for name in joints])
+        springs = [named[name + SPRING_SUFFIX] for name in joints if name + SPRING_SUFFIX in named]
+        self.springs = self.model.jnt_dofadr[springs]
+        motors = [self.model.actuator(name).id for name in joints]
+        self.motors = np.array(motors)
+        self.gear, self.bias = self.model.actuator_gear[motors, 0], self.model.actuator_biasprm[motors, 0]
+        sensors = [self.model.sensor(f"{name}_log").id for name in joints]
+        self.cutoff = np.where(self.model.sensor_cutoff[sensors] > 0.0, self.model.sensor_cutoff[sensors], np.inf)
+        self._delay = float(self.model.sensor_delay[sensors[0]])
+
+    @property
+    def delay(self) -> float:
+        return self._delay
+
+    def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
+        out = np.empty_like(q)
+        twists = self.deflections(q, dq, ddq, interval)
+        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
+            self._place(*state, *twists[k])
+            mujoco.mj_inverse(self.model, self.data)
+            out[k] = self.data.qfrc_inverse[self.main]
+        return out
+
+    def deflections(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T 3 s"]:
+        """From rest under the load, in small steps, the joints' motion on straight lines between samples."""
+        found = np.zeros((len(q), 3, len(self.springs)))
+        if len(self.springs) == 0 or interval <= 0.0:
+            return found
+        states = np.stack([q, dq, ddq], axis=1)
+        found[0] = self._sag(q[0])
+        for k in range(1, len(q)):
+            found[k] = self._deflect(states[k - 1], states[k], found[k - 1], interval)
+        return found
+
+    def _place(self, q: Array, dq: Array, ddq: Array, twist: Array, rate: Array, change: Array | float = 0.0) -> None:
+        for target, values, behind in (
+            (self.data.qpos, q, twist),
+            (self.data.qvel, dq, rate),
+            (self.data.qacc, ddq, change),
+        ):
+            target[self.main] = values
+            target[self.springs] = behind
+
+    def _sag(self, q: Array) -> Float[Array, "3 s"]:
+        """Deflections at rest under gravity."""
+        rest, none = np.zeros_like(q), np.zeros(len(self.springs))
+        self._place(q, rest, rest, none, none)
+        mujoco.mj_inverse(self.model, self.data)
+        stiffness = self.model.jnt_stiffness[self.model.dof_jntid[self.springs]]
+        return np.stack([-self.data.qfrc_inverse[self.springs] / stiffness, none, none])
+
+    def _deflect(self, before: Array, after: Array, twist: Array, interval: float) -> Float[Array, "3 s"]:
+        """Deflections, rates and accelerations one sample on."""
+        steps = max(1, int(np.ceil(interval / SPRING_STEP)))
+        x, v, change = twist
+        for step in range(1, steps + 1):
+            v = v + interval / steps * change
+            x = x + interval / steps * v
+            change = self._spring_acceleration(before + step / steps * (after - before), x, v)
+        return np.stack([x, v, change])
+
+    def _spring_acceleration(self, state: Array, x: Array, v: Array) -> Array:
+        """By what two inverse dynamics leave on the springs; each spring feels its own acceleration only."""
+        left = []
+        for change in (0.0, 1.0):
+            self._place(state[0], state[1], state[2], x, v, change)
+            mujoco.mj_inverse(self.model, self.data)
+            left.append(np.array(self.data.qfrc_inverse[self.springs]))
+        return np.asarray(-left[0] / (left[1] - left[0]))
+
+    def read_log(self, torque: Array, interval: float) -> Float[Array, "T n"]:
+        log = shifted(torque / self.gear - self.bias, self.delay, interval)
+        return np.clip(log, -self.cutoff, self.cutoff)
+
+    def roll_out(
+        self, states: Array, twists: Array, drive: Array, extra: Array, interval: float
+    ) -> Float[Array, "2 w n"]:
+        """MuJoCo's own steps, the log as `ctrl`."""
+        step, ends = float(self.model.opt.timestep), []
+        driven, added = (_at_steps(one, interval, step) for one in (drive, extra))
+        for k, twist in enumerate(twists):
+            mujoco.mj_resetData(self.model, self.data)
+            self._place(states[0, k], states[1, k], np.zeros_like(states[0, k]), *twist)
+            for logged, more in zip(driven[:, k], added[:, k], strict=True):
+                self.data.ctrl[self.motors] = logged
+                self.data.qfrc_applied[self.main] = more
+                mujoco.mj_step(self.model, self.data)
+            ends.append((self.data.qpos[self.main].copy(), self.data.qvel[self.main].copy()))
+        return np.moveaxis(np.array(ends), 1, 0)
+
+
+def _carry(spec: mujoco.MjSpec, last: str, payload: Payload) -> None:
+    """Fixes a session's known payload to the body of the last joint."""
+    body = spec.joint(last).parent.add_body(name="known_payload", pos=payload.com_m)
+    body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
+    body.explicitinertial = True
+
+
+def _at_steps(values: Float[Array, "w T n"], interval: float, step: float) -> Float[Array, "S w n"]:
+    """Values in the middle of a simulator's steps, between samples on straight lines."""
+    at = (np.arange(0.0, (values.shape[1] - 1) * interval - 0.5 * step, step) + 0.5 * step) / interval
+    whole = np.minimum(at.astype(int), values.shape[1] - 2)
+    share = (at - whole)[:, None, None]
+    rows = np.moveaxis(values, 1, 0)
+    return np.asarray((1.0 - share) * rows[whole] + share * rows[whole + 1])

@@ -1,0 +1,115 @@
+"""Files of an identified arm, written and loaded back: into simulators, and into Python.
+
+Without recordings, every file must differ from the tuned arm by exactly what its effects say.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.export.formats import Stated, express
+from ident.export.identified import in_module
+from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
+from ident.export.mjcf import write_mjcf
+from ident.export.python import describe_arm
+from ident.export.standalone.laws import acting_torque
+from ident.export.standalone.log import read_log
+from ident.export.standalone.motion import MovingArm
+from ident.export.urdf import write_urdf
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+
+FILE_OF = {"urdf": "robot.urdf", "mjcf": "robot.xml"}
+STATES = 200
+# States of the structural check move faster than dry friction's transition [rad/s].
+LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenFile:
+    """A file of a format in its place.
+
+    Attributes:
+        form: `urdf` or `mjcf`.
+        folder: Where it lies.
+        arm: The arm as its URDF describes it, locked joints locked.
+        stated: What the file holds.
+    """
+
+    form: str
+    folder: Path
+    arm: ArmModel
+    stated: Stated
+
+    @classmethod
+    def write(cls, form: str, folder: Path, arm: ArmModel, stated: Stated) -> WrittenFile:
+        """Writes the file into a folder."""
+        folder.mkdir(exist_ok=True)
+        if form == "urdf":
+            text = write_urdf(arm, stated.losses, stated.links, stated.changes)
+        else:
+            text = write_mjcf(stated.body(arm), stated.losses, stated.changes)
+        (folder / FILE_OF[form]).write_text(text, encoding="utf-8")
+        return cls(form, folder, arm, stated)
+
+    def load(self, payload: Payload | None = None) -> LoadedModel:
+        """The file in its simulator."""
+        path = self.folder / FILE_OF[self.form]
+        if self.form == "mjcf":
+            return LoadedMjcf(path, self.arm.joint_names, payload)
+        return LoadedUrdf(path, tuple(self.arm.locked_joints), self.stated.losses, payload)
+
+    def check(self, seed: int = 0) -> dict[str, Any] | None:
+        """Largest difference of the loaded file from its bodies, losses and laws, evaluated at random states [N m].
+
+        Single states: what has a memory (an elastic joint, a delay) is not in them. None where a law is approximate.
+        """
+        changes = self.stated.changes
+        if any(express(change, self.form).answer == "approximate" for change in changes):
+            return None
+        model = self.load()
+        if any(change.effect == "joint_elasticity" for change in changes):
+            return {"loads": True, "torque_difference_Nm": None}
+        q, dq, ddq = random_states(self.arm, np.random.default_rng(seed))
+        # Link errors are in the bodies already.
+        instant = in_module([c for c in changes if c.effect not in ("torque_delay", "link_inertial_error")])
+        moving = MovingArm(describe_arm(self.stated.body(self.arm)), self.stated.losses, q, dq, ddq)
+        plain = moving.rigid + self.stated.losses.torque(dq, ddq, moving.direction)
+        wanted = read_log(instant, plain + acting_torque(instant, moving), 0.0)
+        # States that lie for ever apart: no delay reaches from one to the next.
+        left = model.read_log(model.joint_torque(q, dq, ddq, 0.0), 1e9) - wanted
+        return {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}
+
+
+def load_module(path: Path) -> ModuleType:
+    """Imports a written module from its file."""
+    name = f"armgap_patch_{path.parent.name.strip('.')}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up while it is being made; a second patch must not find the first one's.
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        del sys.modules[name]
+        shutil.rmtree(path.parent / "__pycache__", ignore_errors=True)
+    return module
+
+
+def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Angles within limits, speeds clear of rest, moderate accelerations."""
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    q = rng.uniform(low, high, (STATES, arm.n))
+    speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
+    return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)

@@ -1,0 +1,155 @@
+"""What an MJCF says of one joint, its motor and its sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import factorial
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from ident.arrays import Array, Float
+from ident.export.identified import Change
+from ident.export.standalone.motion import Losses
+from ident.model.named_laws import KINDS, JointStates
+from ident.robot.arm import ArmModel
+
+# Dry friction and stops are constraints that soften over this time; twice the step is the least that is stable [s].
+CONSTRAINT_TIME = 0.002
+SPRING_SUFFIX = "_spring"
+TIMESTEP = 0.001  # [s]
+# Spare samples of a delayed sensor's memory.
+SPARE_SAMPLES = 4
+# Joints without limits have these or wider ones [rad].
+UNLIMITED = 1e8
+# Speeds at which a curved friction law is fitted, and the largest of them where a joint has no limit [rad/s].
+FIT_SPEEDS, FIT_TOP_SPEED = 200, 3.0
+# Imaginary part below which a root is real [rad].
+REAL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class JointElements:
+    """Attributes of a joint's elements.
+
+    Attributes:
+        name: The joint.
+        joint, motor, sensor: Of its joint, its motor and its sensor of force.
+        spring: Of a second joint behind the motor's, for a gear that gives way; empty where it does not.
+    """
+
+    name: str
+    joint: dict[str, str]
+    motor: dict[str, str]
+    sensor: dict[str, str]
+    spring: dict[str, str]
+
+    @property
+    def spring_name(self) -> str:
+        """Name of the second joint."""
+        return f"{self.name}{SPRING_SUFFIX}"
+
+
+def joint_elements(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> tuple[JointElements, ...]:
+    """Elements of every joint.
+
+    Args:
+        arm: The arm.
+        losses: Its losses.
+        changes: Identified effects.
+    """
+    delay = max(sum(change.values["delay_s"] for change in changes if change.effect == "torque_delay"), 0.0)
+    return tuple(_elements(arm, losses, j, [c for c in changes if c.joint == j], delay) for j in range(arm.n))
+
+
+def _elements(arm: ArmModel, losses: Losses, j: int, changes: Sequence[Change], delay: float) -> JointElements:
+    """Elements of one joint: its losses, its limits, and its effects on top."""
+    dry, damping = float(losses.coulomb[j]), np.array([losses.viscous[j], 0.0, 0.0])
+    gain, bias, zero = 1.0, 0.0, 0.0
+    joint: dict[str, str] = {}
+    sensor, spring = _late(delay), dict[str, str]()
+    for change in changes:
+        effect, p = change.effect, change.values
+        if effect == "torque_gain_error":
+            gain = 1.0 / (1.0 + p["gain"])
+        elif effect == "torque_offset":
+            bias -= p["offset_Nm"]
+        elif effect == "torque_saturation":
+            sensor["cutoff"] = repr(p["limit_Nm"])
+        elif effect == "encoder_offset":
+            zero -= p["offset_rad"]  # qpos is the logged angle, the true one is qpos − ref
+        elif effect == "spring_torque":
+            rest, stiffness = spring_at_rest(p)
+            joint |= {"springref": repr(rest), "stiffness": _text(stiffness)}
+        elif effect == "nonlinear_viscous_friction":
+            more, curve = fit_polynomial(partial(friction_over_speed, effect, p), _top_speed(arm, j))
+            dry, damping = dry + more, damping + curve
+        elif effect == "joint_elasticity":
+            spring = {"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])}
+    own = {"armature": repr(float(losses.motor_inertia[j])), "damping": _text(damping), "frictionloss": repr(dry)}
+    joint = {**own, "solreffriction": f"{CONSTRAINT_TIME!r} 1", **joint, **_limits(arm, j, zero)}
+    motor = {"gear": repr(gain), "gaintype": "fixed", "gainprm": "1"}
+    if bias:
+        motor |= {"biastype": "affine", "biasprm": f"{bias!r} 0 0"}
+    return JointElements(arm.joint_names[j], joint, motor, sensor, spring)
+
+
+def _late(delay: float) -> dict[str, str]:
+    """A sensor's memory, as long as its delay needs."""
+    if delay <= 0.0:
+        return {}
+    return {"delay": repr(delay), "nsample": str(int(np.ceil(delay / TIMESTEP)) + SPARE_SAMPLES), "interp": "linear"}
+
+
+def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:
+    """Zero, range and torque limit of a joint, as far as it has them."""
+    found = {"ref": repr(zero)} if zero else {}
+    lower, upper, effort = float(arm.lower[j]) + zero, float(arm.upper[j]) + zero, float(arm.effort_limit[j])
+    if max(abs(lower), abs(upper)) < UNLIMITED:
+        found["range"] = f"{lower!r} {upper!r}"
+    if 0.0 < effort < UNLIMITED:
+        found["actuatorfrcrange"] = f"{-effort!r} {effort!r}"
+    return found
+
+
+def _text(values: Sequence[float] | Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _top_speed(arm: ArmModel, j: int) -> float:
+    limit = float(arm.velocity_limit[j])
+    return limit if 0.0 < limit < 100.0 else FIT_TOP_SPEED
+
+
+def friction_over_speed(effect: str, figures: dict[str, float], v: Float[Array, " v"]) -> Float[Array, " v"]:
+    """A law of friction evaluated at speeds forwards, without load, at angle zero [N m]."""
+    columns = KINDS[effect].columns(JointStates(0.0 * v, v, 0.0 * v, np.ones_like(v)), figures)
+    return np.asarray(columns @ [figures[f"coefficient_{k}"] for k in range(columns.shape[1])])
+
+
+def fit_polynomial(law: Callable[[Array], Array], top: float) -> tuple[float, Float[Array, " 3"]]:
+    """Dry friction and polynomial damping nearest to a law of speed, over speeds up to a top one.
+
+    f + d₀ v + d₁ v² + d₂ v³ with f, d₀ ≥ 0; exact for such laws.
+    """
+    v = np.linspace(0.0, top, FIT_SPEEDS)[1:]
+    columns = np.stack([np.ones_like(v), v, v**2, v**3], axis=1)
+    fit = lsq_linear(columns, law(v), bounds=([0.0, 0.0, -np.inf, -np.inf], np.inf), tol=1e-14)
+    return float(fit.x[0]), fit.x[1:]
+
+
+def spring_at_rest(figures: Mapping[str, float]) -> tuple[float, tuple[float, ...]]:
+    """Rest angle of a cubic spring and its coefficients there, as MuJoCo reads them: k₀ x + k₁ x² + k₂ x³.
+
+    A spring without a rest, which no cubic with a cube is, counts as none.
+    """
+    names = ("constant_Nm", "linear_Nm_rad", "square_Nm_rad2", "cube_Nm_rad3")
+    law = np.polynomial.Polynomial([figures[name] for name in names]).trim()
+    roots = [float(root.real) for root in np.atleast_1d(law.roots()) if abs(root.imag) < REAL]
+    if not roots:
+        return figures["centre_rad"], (0.0,)
+    rest = min(roots, key=abs)
+    terms = [float(law.deriv(k)(rest)) / factorial(k) for k in range(1, law.degree() + 1)]
+    return figures["centre_rad"] + rest, tuple(terms)

@@ -1,0 +1,138 @@
+"""A patch in plain lines for the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ident.console import styled
+from ident.errors import plural
+from ident.export.formats import FORMATS
+
+WHEN = {
+    "before": "before",
+    "tuned": "tuned, no effects",
+    "after": "written",
+    "after_with_module": "written + module",
+}
+WRITTEN = {
+    "before": "losses tuned, without effects",
+    "tuned": "tuned, without effects",
+    "after": "with its effects",
+    "mixed": "mixed from its candidates, joint by joint (heldout.choice of the record)",
+}
+
+# By state of the file: grey before, then ever nearer to what is written.
+COLOURS = ("#999999", "#e69f00", "#0072b2", "#009e73")
+
+
+def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
+    """What is expressed where, what is not and why, and the gaps before and after."""
+    for effect in record["effects"]:
+        answers = ", ".join(f"{form} {effect['formats'][form]['expressed']}" for form in FORMATS)
+        head = styled(f"{', '.join(effect['joints'])}: ", (effect["effect"], "bold"), f": {answers}")
+        console.print(head, soft_wrap=True)
+        for form in FORMATS:
+            found = effect["formats"][form]
+            if found["expressed"] != "yes":
+                console.print(f"    {form}: {found['how']}", soft_wrap=True, highlight=False)
+    for line in record["told"]:
+        console.print(f"  {line}", soft_wrap=True, highlight=False)
+    for form, found in record["structure"].items():
+        left = found["torque_difference_Nm"]
+        said = "its torque is not compared state by state" if left is None else f"within {left:.1g} N m of its laws"
+        console.print(f"  {form}: loads, {said}")
+    if "heldout" in record:
+        console.print(gap_table(record["heldout"]))
+        for form, when in record["heldout"]["best"].items():
+            console.print(f"  {form}: measures best {WHEN[when]}; written: {WRITTEN[record['written'][form]]}")
+    console.print(f"patch written to {out}")
+
+
+def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tuple[str, list[float | None]]]]:
+    """Torque gaps for a picture: the joints, and for each file and state words, colour and values [N m]."""
+    if not heldout:
+        return [], {}
+    colours = iter(COLOURS * len(heldout["gaps"]))
+    rows: dict[str, tuple[str, list[float | None]]] = {
+        f"{form}, {WHEN[when]}": (next(colours), list(gap["torque_rms_Nm"].values()))
+        for form, found in heldout["gaps"].items()
+        for when, gap in found.items()
+    }
+    first = next(iter(next(iter(heldout["gaps"].values())).values()))
+    return list(first["torque_rms_Nm"]), rows
+
+
+def gap_table(heldout: dict[str, Any]) -> Table:
+    """Torque gap of each joint, and the rollout gap over all joints."""
+    gaps = heldout["gaps"]
+    joints = list(next(iter(gaps.values()))["before"]["torque_rms_Nm"])
+    kind = "gap on runs that were diagnosed:" if heldout["in_sample"] else "held-out gap on"
+    table = Table(title=f"{kind} {plural(len(heldout['runs']), 'run')}", title_justify="left")
+    table.add_column("file")
+    table.add_column("")
+    for name in joints:
+        table.add_column(f"{name} [N m]", justify="right")
+    table.add_column(f"rollout {heldout['window_s']:g} s [mrad]", justify="right")
+    for form, found in gaps.items():
+        for when, gap in found.items():
+            cells = [f"{value:.3f}" for value in gap["torque_rms_Nm"].values()]
+            miss = 1e3 * float(np.sqrt(np.mean(np.square(list(gap["position_rms_rad"].values())))))
+            table.add_row(form, WHEN[when], *cells, f"{miss:.2f}", end_section=when == "after_with_module")
+    return table
+
+
+def summary(result: Any) -> str:
+    """A patch, an export or a verification in plain lines."""
+    record = result.to_dict()
+    if "effects" in record:
+        from ident.show.panels import as_text
+
+        return as_text(lambda console: print_patch(console, record, result.folder))
+    return "\n".join(_verification(record) if "checks" in record else _export(record, result.folder))
+
+
+def draw(result: Any) -> Any:
+    """Torque error of each file where it was measured, or each figure in shares of its limit."""
+    from ident.show.panels import draw_bars
+
+    record = result.to_dict()
+    if "checks" not in record:
+        names, rows = gap_figures(record.get("heldout"))
+        return draw_bars(names, rows, "torque gap [N m]", f"files of {record['robot']}")
+    checks = [one for one in record["checks"] if one["value"] is not None]
+    shares: list[float | None] = [one["value"] / one["bound"] if one["bound"] else None for one in checks]
+    names = [f"{one['figure']} {one['joint']}" for one in checks]
+    return draw_bars(names, {"share of its limit": (COLOURS[2], shares)}, "1", f"limits of {record['model']}")
+
+
+def _export(record: dict[str, Any], out: Path) -> list[str]:
+    lines = []
+    for name, found in record["loaded_back"].items():
+        error = found.get("torque_difference_Nm")
+        told = "" if error is None else f", torque within {error:.1e} N m of what it states"
+        lines.append(f"{name}: loaded back{told}")
+    for name, error in record.get("torque_rmse_Nm", {}).items():
+        lines.append(f"{name}: torque RMSE {error['before']:.3f} -> {error['after']:.3f} N m")
+    if "merged" in record:
+        far = record["merged"]["torque_difference_Nm"]
+        lines.append(f"merged.xml: your file with what was identified, torque within {far:.1e} N m")
+    if record["changed_links"]:
+        lines.append(f"nearest bodies written for: {', '.join(record['changed_links'])}")
+    return [*lines, *(f"left out: {line}" for line in record["left_out"]), f"written to {out}"]
+
+
+def _verification(record: dict[str, Any]) -> list[str]:
+    lines = []
+    for check in record["checks"]:
+        value = "not told by these recordings" if check["value"] is None else f"{check['value']:.4g}"
+        mark = "kept" if check["passed"] else "NOT KEPT"
+        place = f"{check['session']}: {check['figure']} {check['joint']}"
+        lines.append(f"{place}: {value}, limit {check['bound']:g}: {mark}")
+    if record["in_sample"]:
+        lines.append("the model was fitted on these recordings: they say nothing of others (--in-sample accepts them)")
+    return [*lines, "passed" if record["passed"] else "not passed"]

@@ -1,0 +1,137 @@
+"""Recordings of real arms as sessions in the native form: those of `arms.toml`, and any folder that names its robot."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array
+from ident.errors import InputError
+from ident.recordings.load import load_recording, load_session
+from ident.recordings.recording import Recording
+from ident.recordings.session_toml import NAME, SessionFile, load_session_file
+from ident.robot.arm import ArmModel
+
+# Between runs whose clocks start anew each, so that they share one; and what is left as it is [s].
+PAUSE, LONGEST_PAUSE = 5.0, 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Recordings of one arm.
+
+    Attributes:
+        name: Of the session.
+        arm: Of the physical arm: sessions of one arm have it in common.
+        urdf: Text of its URDF, without shapes.
+        runs: What was recorded; the clock goes on from run to run.
+    """
+
+    name: str
+    arm: str
+    urdf: str
+    runs: tuple[Recording, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.runs[0].joints
+
+
+def load_sources(folder: Path) -> tuple[Source, ...]:
+    """All recordings of real arms below a folder.
+
+    Raises:
+        InputError: There are none.
+    """
+    known = tomllib.loads((Path(__file__).with_name("arms.toml")).read_text(encoding="utf-8"))
+    found = [_load_known(name, entry, folder) for name, entry in known.items() if (folder / entry["folder"]).is_dir()]
+    listed = {(folder / entry["folder"]).resolve() for entry in known.values()}
+    others = [path for path in sorted(folder.rglob(NAME)) if path.parent.resolve() not in listed]
+    for path in (path.parent for path in others if load_session_file(path).robot):
+        session, parts = load_session(path), path.resolve().relative_to(folder.resolve()).parts
+        found.append(_source("_".join(parts) or path.name, path.name, str(session.robot), session.runs))
+    if not found:
+        raise InputError(folder, f"no folder below it has a {NAME} with robot = …", "add one beside the recordings")
+    return tuple(found)
+
+
+def _load_known(name: str, entry: Mapping[str, Any], folder: Path) -> Source:
+    place, robot = folder / entry["folder"], entry.get("robot", "")
+    if "number_files" in entry:
+        runs = [_read_numbers(name, entry, place)]
+    else:
+        settings = _settings_of(entry, place)
+        files = [path for path in sorted(place.iterdir()) if path.suffix in (".csv", ".parquet")]
+        wanted = entry.get("runs", [""])
+        runs = [load_recording(path, settings) for path in files if any(part in path.name for part in wanted)]
+        robot = robot or str(settings.robot)
+    if "parts" in entry:
+        runs = cut(runs[0], entry["parts"])
+    beside = folder / robot
+    return _source(name, entry["arm"], str(beside) if beside.is_file() else robot, runs)
+
+
+def _settings_of(entry: Mapping[str, Any], place: Path) -> SessionFile:
+    if "joints" not in entry:
+        return load_session_file(place / NAME)
+    joints, columns = entry["joints"], {}
+    if "headers" in entry:
+        letters = {"position": "q", "velocity": "dq", "effort": "effort"}
+        columns = {
+            f"{x}_{h}": f"{j}/{c}" for c, x in letters.items() for j, h in zip(joints, entry["headers"], strict=True)
+        }
+        columns["t"] = "time"
+    else:
+        columns = {str(k + i): f"{j}/{c}" for c, k in entry["first_column"].items() for i, j in enumerate(joints)}
+        columns["1"] = "time"
+    return SessionFile(columns=columns, drive_gain=dict(zip(joints, entry.get("gains", ()), strict=False)))
+
+
+def _read_numbers(name: str, entry: Mapping[str, Any], place: Path) -> Recording:
+    """Files that hold one number a line, row by row."""
+    joints = tuple(entry["joints"])
+    read = {channel: np.loadtxt(place / file) for channel, file in entry["number_files"].items()}
+    position, velocity, effort = (read[key].reshape(-1, len(joints)) for key in ("position", "velocity", "effort"))
+    return Recording(name, joints, read["time"], position, effort, velocity)
+
+
+def _source(name: str, arm: str, robot: str, runs: Sequence[Recording]) -> Source:
+    model = ArmModel.load(robot).keeping(runs[0].joints)
+    ordered = [run.select([j for j in model.joint_names if j in run.joints]) for run in runs]
+    return Source(name, arm, _without_shapes(model.urdf), _one_clock(ordered))
+
+
+def _without_shapes(urdf: str) -> str:
+    root = ET.fromstring(urdf)
+    for link in root.findall("link"):
+        for part in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(part)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _one_clock(runs: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The runs with position, velocity and torque alone, one after the other in time."""
+    found: list[Recording] = []
+    for i, run in enumerate(runs):
+        rows = np.concatenate([[True], np.diff(run.time) > 0.0])
+        time = run.time[rows]
+        gap = time[0] - runs[i - 1].time[-1] if i else 0.0
+        start = found[-1].time[-1] + (gap if 0.0 < gap < LONGEST_PAUSE else PAUSE) if found else 0.0
+        velocity = None if run.velocity is None else run.velocity[rows]
+        channels = run.position[rows], run.effort[rows], velocity
+        found.append(Recording(re.sub(r"\W", "_", run.name), run.joints, time - time[0] + start, *channels))
+    return tuple(found)
+
+
+def cut(run: Recording, parts: int) -> list[Recording]:
+    """One long run in consecutive parts of equal length."""
+    edges: Array = np.linspace(0, len(run), parts + 1).astype(int)
+    return [run.at(slice(a, b), f"{run.name}_{i}") for i, (a, b) in enumerate(itertools.pairwise(edges))]

@@ -1,0 +1,108 @@
+"""How far apart each pair of shapes has to stay: what was asked for, and where an end of the motion allows less.
+
+Links that are closer to each other at the start or the goal than the clearance asked for keep what they have there. All
+other pairs keep what was asked for; an end at which an obstacle is nearer than that is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, freeze
+
+if TYPE_CHECKING:
+    from plan.geometry.scene import Scene
+
+# A proven clearance may fall short of what has to be kept by this [m].
+SHORT = 5e-4
+# So far below the gap that a pair has at an end lies the least that a search lets it have on the way: a motion that
+# could not lose a micrometre on its first step would not begin [m].
+ROOM = 0.2 * SHORT
+ENDS = ("start", "goal")
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """What a search keeps of the compiled gaps [m].
+
+    Attributes:
+        asked: Clearance asked for.
+        pairs: Least gap of each pair.
+        bodies: The same for each pair of links, then for each moving link against the whole world.
+    """
+
+    asked: float
+    pairs: Float[Array, " P"]
+    bodies: Float[Array, " c"]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Two links that have to be closer to each other than was asked for.
+
+    Attributes:
+        pair: Number of the pair.
+        links: Their names.
+        end: Where they are that close: start or goal.
+        asked, kept: Clearance asked for, and what they have there and keep [m].
+    """
+
+    pair: int
+    links: tuple[str, str]
+    end: str
+    asked: float
+    kept: float
+
+    def __str__(self) -> str:
+        near = f"{' and '.join(self.links)} are {1000 * self.kept:.1f} mm apart at the {self.end}"
+        return f"{near} and keep that instead of the {1000 * self.asked:g} mm asked for"
+
+    def to_dict(self) -> dict[str, object]:
+        return {"links": list(self.links), "end": self.end, "asked_m": self.asked, "kept_m": self.kept}
+
+
+def find_margins(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> Margins:
+    """What a search keeps: the clearance asked for, or almost what a pair's compiled gap is at an end if that is less.
+
+    An obstacle's compiled gap may lie below the true distance, so obstacles are treated alike here; the motion found
+    is then proven by true distances, against `find_cuts`.
+    """
+    have = scene.gaps(ends, asked + SHORT).min(axis=0)
+    pairs = np.minimum(asked, have - np.where(have > 2 * ROOM, ROOM, np.maximum(0.5 * have, 1e-6)))
+    return Margins(asked, freeze(pairs), freeze(scene.by_body(pairs)))
+
+
+def find_cuts(scene: Scene, ends: Float[Array, "2 n"], asked: float) -> tuple[Cut, ...]:
+    """Pairs of the arm's own shapes that are nearer to each other at an end than was asked for."""
+    if len(scene.pairs) == 0:
+        return ()
+    distances = np.array([scene.distances(q) for q in ends])
+    end, least = distances.argmin(axis=0), distances.min(axis=0)
+    near = np.flatnonzero(scene.own & (least < asked))
+    return tuple(Cut(int(p), scene.names_of(int(p)), ENDS[end[p]], asked, max(float(least[p]), 0.0)) for p in near)
+
+
+def uncut(scene: Scene, cuts: Sequence[Cut]) -> Bool[Array, " P"]:
+    """Which pairs keep what was asked for."""
+    return ~np.isin(np.arange(len(scene.pairs)), [cut.pair for cut in cuts])
+
+
+def why_refused(scene: Scene, q: Float[Array, " n"], asked: float) -> tuple[str, str] | None:
+    """Why no motion may start or end at a position, and the remedy; None where one may."""
+    if len(scene.pairs) == 0:
+        return None
+    distances = scene.distances(q)
+    deepest = int(np.argmin(distances))
+    if distances[deepest] <= 0.0:
+        deep = f"{1000 * -distances[deepest]:.0f} mm deep"
+        return f"{scene.pair_name(deepest)} collide there, {deep}", "move that position or the obstacle"
+    outside = np.where(scene.own, np.inf, distances)
+    nearest = int(np.argmin(outside))
+    if outside[nearest] >= asked - SHORT:
+        return None
+    apart = f"{1000 * outside[nearest]:.1f} mm apart there, {1000 * asked:g} mm are asked for"
+    return f"{scene.pair_name(nearest)} are {apart}", "move that position or the obstacle, or lower task.clearance_m"

@@ -1,0 +1,71 @@
+"""Limits of acceleration and jerk that makers publish for their arms: a URDF has no place for them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.robot.arm import ArmModel
+
+TABLE = Path(__file__).with_suffix(".toml")
+
+
+@dataclass(frozen=True, eq=False)
+class MakersLimits:
+    """What a maker says of an arm.
+
+    Attributes:
+        source: Where.
+        acceleration: Of each joint [rad/s²]; None where the maker publishes none.
+        jerk: Of each joint [rad/s³]; None likewise.
+        binding: Whether the arm's controller stops beyond them; else they are advice, and limit nothing.
+    """
+
+    source: str
+    acceleration: Float[Array, " n"] | None
+    jerk: Float[Array, " n"] | None
+    binding: bool
+
+
+@cache
+def _rows() -> tuple[dict[str, Any], ...]:
+    return tuple(tomllib.loads(TABLE.read_text(encoding="utf-8"))["arm"])
+
+
+def find_makers_limits(arm: ArmModel) -> MakersLimits | None:
+    """The row of the table for an arm, by name or file, and number of joints; None for one unknown there."""
+    names = (arm.name, "" if arm.source is None else arm.source.stem)
+    for row in _rows():
+        if row["joints"] == arm.n and any(re.fullmatch(row["name"], name.lower()) for name in names):
+            parts = (row.get("acceleration_rad_s2"), row.get("jerk_rad_s3"))
+            acceleration, jerk = (None if part is None else np.array(part) for part in parts)
+            return MakersLimits(row["source"], acceleration, jerk, row["binding"])
+    return None
+
+
+def say_limits(makers: MakersLimits | None, asked: bool, acceleration: bool, jerk: bool) -> tuple[str, ...]:
+    """What results say of the limits of acceleration and jerk: whose they are, or that they are missing.
+
+    Args:
+        makers: What the maker says; None where that is not known here.
+        asked: Whether the task takes the maker's limits.
+        acceleration, jerk: Whether there is such a limit, the task's or the maker's.
+    """
+    said = []
+    if makers is not None and makers.binding:
+        taken = "kept where the task gives none" if asked else "not kept, as the task asks"
+        said.append(f"limits by the maker ({makers.source}): {taken}")
+    missing = [name for name, known in (("acceleration", acceleration), ("jerk", jerk)) if not known]
+    if missing:
+        advice = "" if makers is None or makers.binding else f"; {makers.source}"
+        keys = ", ".join(f"limits.{name}_deg_s{3 if name == 'jerk' else 2}" for name in missing)
+        what = f"no limit of {' and '.join(missing)} ({keys})"
+        said.append(f"{what}: the motion may ask for more than the arm can do{advice}")
+    return tuple(said)

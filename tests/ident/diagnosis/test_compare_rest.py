@@ -1,0 +1,128 @@
+"""Laws of comparing by holds: poses alone tell what gravity tells; what is used of each joint is reported."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.diagnosis.change.compare import compare
+from ident.diagnosis.change.from_reports import as_compared
+from ident.diagnosis.change.result import ArmComparison, Side
+from ident.motion.motion import Motion
+from ident.provenance import Provenance
+from ident.recordings.recording import Payload, Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.show.changes import describe_used
+from ident.telemetry import TelemetryReport
+from tests.ident.diagnosis.planted import COULOMB, NOISE, ROTOR, SLIP, VISCOUS, Plant, at_joint, load_arm, nothing
+from tests.ident.made_up import exact_motion
+from tests.schemas import check_record
+
+RATE, HOLD_S, SPEED, POSES = 50.0, 2.0, 0.3, 16
+LOAD = Payload(1.2, (0.05, 0.0, 0.06))
+ZERO, SPRING, TILT = 0.06, 15.0, 0.05  # [rad], [N m/rad], [rad]
+
+
+def with_load(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+
+
+def with_tilt(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    gravity = float(np.linalg.norm(np.asarray(arm.model.gravity.linear))) * np.array([np.sin(TILT), 0, -np.cos(TILT)])
+    return arm.with_gravity(gravity).gravity(q) - arm.gravity(q)
+
+
+def with_zero(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return arm.gravity(q + ZERO * np.eye(3)[1]) - arm.gravity(q)
+
+
+def with_spring(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    return at_joint(1, SPRING * q[:, 1])
+
+
+def session(arm: ArmModel, plant: Plant, seed: int) -> list[Motion]:
+    """One run of poses: each hold has a friction torque of its own, anything up to the Coulomb level."""
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(-1.2, 1.2, (POSES, arm.n))
+    parts = [_resting(poses[0])]
+    for old, new in pairwise(poses):
+        parts += [_moving(old, new), _resting(new)]
+    q, dq, ddq = (np.concatenate(part) for part in zip(*parts, strict=True))
+    friction = COULOMB * np.tanh(dq / SLIP)
+    part = np.repeat(np.arange(len(parts)), [len(one[0]) for one in parts])
+    for hold in range(0, len(parts), 2):
+        friction[part == hold] = rng.uniform(-1.0, 1.0, arm.n) * COULOMB
+    tau = arm.inverse_dynamics(q, dq, ddq) + ROTOR * ddq + VISCOUS * dq + friction + plant(arm, q, dq, ddq)
+    tau += NOISE * rng.standard_normal(q.shape)
+    return [exact_motion(np.arange(len(q)) / RATE, (q, dq, ddq), tau, arm.joint_names, f"poses_{seed}")]
+
+
+def _resting(pose: Array) -> tuple[Array, Array, Array]:
+    q = np.tile(pose, (int(HOLD_S * RATE), 1))
+    return q, np.zeros_like(q), np.zeros_like(q)
+
+
+def _moving(old: Array, new: Array) -> tuple[Array, Array, Array]:
+    length = float(np.abs(new - old).max()) / SPEED * 1.875
+    s = (np.arange(int(length * RATE)) / (length * RATE))[:, None]
+    q = old + (10 * s**3 - 15 * s**4 + 6 * s**5) * (new - old)
+    dq = (30 * s**2 - 60 * s**3 + 30 * s**4) * (new - old) / length
+    return q, dq, (60 * s - 180 * s**2 + 120 * s**3) * (new - old) / length**2
+
+
+def compared(plant: Plant) -> ArmComparison:
+    arm = load_arm()
+    return compare(session(arm, nothing, 100), session(arm, plant, 200), arm, (Side(), Side()))
+
+
+def test_poses_alone_weigh_a_load_and_say_what_was_used() -> None:
+    found = compared(with_load)
+    (change,) = found.changes
+    assert "payload" in change.estimate.rivals
+    mass = change.estimate.parameters["mass_kg" if change.effect == "payload" else "mass_change_kg"]
+    assert mass.low <= LOAD.mass_kg <= mass.high
+    record = check_record(found.to_dict() | {"provenance": Provenance("ident compare").to_dict()})
+    for one in record["samples_used"]:
+        assert one["in_motion"] + one["at_rest"] + one["turning"] + one["left_out"] == pytest.approx(1.0)
+        assert one["holds"] == 2 * POSES
+    assert len(describe_used(record)) == sum(one["in_motion"] < 0.5 for one in record["samples_used"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plant", "effect", "figure", "size"),
+    [
+        (with_tilt, "gravity_misalignment", "tilt_y_rad", TILT),
+        (with_zero, "encoder_offset", "offset_rad", ZERO),
+        (with_spring, "spring_torque", "stiffness_Nm_rad", SPRING),
+    ],
+)
+def test_poses_alone_tell_what_is_static(plant: Plant, effect: str, figure: str, size: float) -> None:
+    (change,) = compared(plant).changes
+    assert effect in change.estimate.rivals
+    if change.effect == effect:
+        told = change.estimate.parameters[figure]
+        assert told.low <= size <= told.high
+
+
+@pytest.mark.slow
+def test_poses_of_an_arm_that_did_not_change_tell_nothing() -> None:
+    assert compared(nothing).verdict == "no_change"
+
+
+def report(*issues: TelemetryIssue) -> TelemetryReport:
+    return TelemetryReport(Session("made_up", ()), issues)
+
+
+def test_what_is_wrong_before_and_after_alike_is_no_reason_to_refuse() -> None:
+    """A URDF of guessed masses; an arm that stands still. A log whose unit changed in between stays refused."""
+    masses = TelemetryIssue("effort_not_torque", ("a",), "fatal", "follows gravity at 4.7 of its size", "give torque")
+    still = TelemetryIssue("insufficient_excitation", ("a",), "fatal", "hardly any motion", "move")
+    torn = TelemetryIssue("time_gap", (), "fatal", "a pause", "record without")
+    assert as_compared(masses, [report(masses)], [report(masses)]).severity == "warning"
+    assert as_compared(masses, [report(masses)], [report()]).severity == "fatal"
+    assert as_compared(still, [report(still)], [report()]).severity == "warning"
+    assert as_compared(torn, [report(torn)], [report(torn)]).severity == "fatal"

@@ -1,0 +1,100 @@
+"""Looking again and again: the chance of a false name is spent, not had anew; what is missing is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+import pytest
+
+from ident.api.diagnosing import first_runs
+from ident.diagnosis.diagnose import diagnose
+from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.sequential import count_runs, find_missing, look_until, spend
+from ident.diagnosis.settings import USUAL, DiagnosisSettings
+from ident.effects.catalogue import find_effect
+from ident.errors import InputError
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+from tests.ident.diagnosis.planted import record, spring_on_3
+
+
+def empty(verdict: str, runs: int) -> Diagnosis:
+    return Diagnosis("arm", ("joint_1",), verdict, {"runs": runs, "samples": 0, "duration_s": 10.0 * runs}, ())
+
+
+def test_all_looks_together_spend_the_error_once() -> None:
+    """Law: the shares of any number of looks add up to less than the whole; each look's test can reach its share."""
+    spent = [spend(USUAL, 0.04, number).selection for number in range(1, 200)]
+    assert 0.0397 < sum(one.family_error for one in spent) < 0.04
+    assert spent[0].family_error == pytest.approx(0.04 * 6.0 / pi**2)
+    assert all(1.0 / (1.0 + one.flips) < one.family_error for one in spent)
+    late = spend(USUAL, 0.04, 9)
+    assert late.selection.slow_error < spent[0].slow_error < USUAL.selection.slow_error
+    assert 1.0 / late.regression.wandering.draws < late.selection.slow_error
+    for name in ("event_nats", "absorbed_nats", "inertial_odds"):
+        assert all(getattr(later, name) > getattr(one, name) for one, later in pairwise(spent))
+
+
+def test_looks_grow_and_end_with_all_runs() -> None:
+    assert list(count_runs(20)) == [5, 8, 12, 18, 20]
+    assert list(count_runs(3)) == [3]
+    assert list(count_runs(5)) == [5]
+
+
+def test_it_stops_when_it_is_sure() -> None:
+    """Law: no run beyond those that were enough is looked at."""
+    asked: list[tuple[int, DiagnosisSettings]] = []
+
+    def look(runs: int, settings: DiagnosisSettings) -> Diagnosis:
+        asked.append((runs, settings))
+        return empty("no_gap" if runs >= 8 else "not_testable", runs)
+
+    found = look_until(look, 30, 0.9)
+    assert [runs for runs, _ in asked] == [5, 8]
+    assert asked[1][1].selection.family_error < asked[0][1].selection.family_error
+    assert found.enough
+    assert found.to_dict()["runs"] == 8
+    assert found.words().startswith("sure after 8 runs (1.3 min)")
+
+
+def test_what_is_missing_is_told_at_the_end() -> None:
+    found = look_until(lambda runs, settings: empty("none_of_catalogue", runs), 9, 0.9)
+    assert not found.enough
+    assert len(found.looks) == 3
+    assert "the gap has no name" in found.words()
+
+
+@pytest.mark.parametrize("sure", [0.2, 0.999, float("nan")])
+def test_what_nobody_can_be_is_refused(sure: float) -> None:
+    with pytest.raises(InputError, match="until"):
+        look_until(lambda runs, settings: empty("no_gap", runs), 9, sure)
+
+
+def test_a_planted_spring_is_sure_and_is_not_sure_enough_for_more(short_arm: ArmModel) -> None:
+    """Law: a name counts from its probability on, which is told where it lies below."""
+    motions = record(short_arm, spring_on_3)
+    effects = [find_effect("spring_torque")]
+
+    def look(runs: int, settings: DiagnosisSettings) -> Diagnosis:
+        return diagnose(motions[:runs], short_arm, effects, common_clock=False, settings=settings).diagnosis
+
+    found = look_until(look, len(motions), 0.9)
+    assert found.enough
+    assert [one.effect for one in found.diagnosis.findings] == ["spring_torque"]
+    (finding,) = found.diagnosis.findings
+    doubtful = replace(finding, estimate=replace(finding.estimate, probability=0.7))
+    (words,) = find_missing(replace(found.diagnosis, findings=(doubtful,)), 0.9)
+    assert words == "spring_torque of joint_3 is sure to 0.70"
+
+
+def test_looks_take_the_first_runs_across_sessions() -> None:
+    """Law: runs in their order, from as many sessions as they lie in; asked for all, all are there."""
+    time = np.arange(3.0)
+    runs = [Recording(f"run_{k}", ("joint_1",), time + 10.0 * k, *np.zeros((2, 3, 1))) for k in range(5)]
+    sessions = [Session("a", tuple(runs[:2])), Session("b", tuple(runs[2:]))]
+    found = [[run.name for session in first_runs(sessions, count) for run in session.runs] for count in (1, 3, 9)]
+    assert found == [["run_0"], ["run_0", "run_1", "run_2"], [f"run_{k}" for k in range(5)]]
+    assert [len(session.runs) for session in first_runs(sessions, 2)] == [2]

@@ -1,0 +1,91 @@
+"""Of all candidates the nearest file is written, joint by joint."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.export.choose import choose, mix
+from ident.export.formats import Stated
+from ident.export.measure import Recorded
+from ident.export.standalone.motion import Losses
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import made_motions
+
+LOSSES = Losses(np.full(6, 0.2), np.full(6, 6.0), np.full(6, 4.0), np.full(6, 0.01), np.zeros(6))
+LAW = Callable[[Array, Array, Array], Array]
+
+
+@pytest.fixture(autouse=True)
+def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Six windows say enough where the law is known."""
+    monkeypatch.setattr("ident.export.measure.MOST_WINDOWS", 6)
+
+
+def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None) -> Stated:
+    """Links that are heavier by a share, and dry friction of one joint or of all."""
+    arm = ArmModel.load("tm5-900")
+    level = np.full(6, 4.0)
+    level[slice(None) if joint is None else joint] = coulomb
+    return Stated(heavier * arm.inertial_parameters.reshape(6, 10), replace(LOSSES, coulomb=level), ())
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"before": stated(heavier=0.3), "tuned": stated(heavier=0.1), "after": stated()},
+        {"before": stated(heavier=0.3), "tuned": stated(), "after": stated(heavier=0.2)},
+        {"before": stated(heavier=0.3), "tuned": stated(6.0), "after": stated(8.0, joint=2)},
+    ],
+)
+def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Stated], tmp_path: Path) -> None:
+    """Law: on runs of a known arm its own bodies are taken, and at each joint the friction that is nearest."""
+    arm = ArmModel.load("tm5-900")
+    law: LAW = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + LOSSES.torque(dq, ddq, np.tanh(dq / 0.01))  # noqa: E731
+    runs = [Recorded(motion) for motion in made_motions(arm, law, [3], duration=4.0)]
+    found = choose(form, arm, options, runs, tmp_path / "scratch")
+    np.testing.assert_array_equal(found.stated.links, 0.0)
+    np.testing.assert_array_equal(found.stated.losses.coulomb, 4.0)
+    for gap in found.gaps.values():
+        assert np.all(found.gaps["after"].torque <= 1.01 * gap.torque + 1e-6)
+    assert bool(found.in_words(form, arm.joint_names)) == (found.name != "after")
+
+
+def test_a_mixture_has_one_candidates_bodies_and_each_joints_own_losses() -> None:
+    """Law: links of the one, losses of the named candidate at each joint."""
+    options = {"before": stated(1.0, heavier=0.1), "after": stated(2.0)}
+    found = mix(options, "before", ("before", "after", "before", "after", "after", "before"))
+    np.testing.assert_array_equal(found.losses.coulomb, [1, 2, 1, 2, 2, 1])
+    np.testing.assert_array_equal(found.links, options["before"].links)
+
+
+def test_meshes_are_kept_as_hulls() -> None:
+    """The MJCF of an arm of meshes loads, and has a geom a mesh, where the mesh is."""
+    import mujoco
+    import numpy as np
+
+    from ident.export.mjcf import write_mjcf
+    from ident.export.standalone.motion import Losses
+
+    arm = ArmModel.load("ur10")
+    zero = np.zeros(arm.n)
+    model = mujoco.MjModel.from_xml_string(write_mjcf(arm, Losses(zero, zero, zero, np.full(arm.n, 0.01), zero), ()))
+    assert model.ngeom == len(arm.geometry.geometryObjects)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shapes = [item for item in arm.geometry.geometryObjects if hasattr(item.geometry, "vertices")]
+    for number, item in enumerate(shapes[:3]):
+        corners = np.array(item.geometry.vertices())
+        geom = next(i for i in range(model.ngeom) if model.geom_dataid[i] == number)
+        start, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
+        turned = data.geom_xmat[geom].reshape(3, 3) @ model.mesh_vert[start : start + count].T
+        body = model.geom_bodyid[geom]
+        there = turned.T + data.geom_xpos[geom] - data.xpos[body]
+        there = there @ data.xmat[body].reshape(3, 3)
+        here = corners @ item.placement.rotation.T + item.placement.translation
+        assert there.min(axis=0) == pytest.approx(here.min(axis=0), abs=1e-5)
+        assert there.max(axis=0) == pytest.approx(here.max(axis=0), abs=1e-5)

@@ -1,0 +1,339 @@
+"""Written files: loaded back, they differ from the tuned arm by what the effects say, and by nothing else."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from ident.effects.added_body import PLACE, point_mass
+from ident.effects.base import Interval
+from ident.effects.catalogue import find_effect
+from ident.errors import InputError
+from ident.export.bodies import is_body, nearest_bodies
+from ident.export.formats import state_arm, usual_run
+from ident.export.identified import Change, Diagnosed, IdentifiedArm, Tuning
+from ident.export.loaded import LoadedMjcf
+from ident.export.loading import load_module
+from ident.export.mjcf_joint import fit_polynomial, spring_at_rest
+from ident.export.python import describe_arm
+from ident.export.standalone.chain import link_change
+from ident.export.standalone.laws import acting_torque
+from ident.export.standalone.motion import Losses, MovingArm
+from ident.export.urdf import write_urdf
+from ident.export.write import PATCH_FILES, write_patch
+from ident.model.inertia import base_parameters, lift_base, parameter_scale
+from ident.model.presliding import stop_operator
+from ident.ownership import MARKER
+from ident.robot.arm import ArmModel
+from tests.ident.export.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, baseline, write_diagnosis
+from tests.ident.made_up import random_states
+
+
+def make_patch(folder: Path, arm: ArmModel, *effects: str, joint: int = 1, **changes: Any) -> dict[str, Any]:
+    """A patch of effects with the figures of `FIGURES`."""
+    path = write_diagnosis(folder / "diagnosis.json", arm, *effects, joint=joint, **changes)
+    return write_patch(Diagnosed.load(path), arm, folder / "patch")
+
+
+@pytest.mark.parametrize("taken_kg", [-1.0, -1.48])
+def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: float) -> None:
+    """Less than the last link's own mass is left, then less than its and the hand's: the arm that is read back is the
+
+    one that was meant, and no link weighs less than nothing.
+    """
+    arm = ArmModel.load("panda")
+    last = arm.inertial_parameters.reshape(-1, 10)[-1]
+    changes = np.zeros((arm.n, 10))
+    changes[-1] = last * (taken_kg / last[0])
+    none = np.zeros(arm.n)
+    text = write_urdf(arm, Losses(none, none, none, none, none), changes, ())
+    again = ArmModel.from_urdf(text, arm.source)
+    np.testing.assert_allclose(again.inertial_parameters, arm.inertial_parameters + changes.ravel(), atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, arm: ArmModel) -> Path:
+    """A patch of an effect that neither file has words for."""
+    folder = tmp_path_factory.mktemp("plain")
+    make_patch(folder, arm, "stribeck_friction")
+    return folder / "patch"
+
+
+@pytest.mark.parametrize("effect", sorted(FIGURES))
+def test_every_file_says_its_effect_or_that_it_does_not(
+    tmp_path: Path, arm: ArmModel, plain: Path, effect: str
+) -> None:
+    """Loaded back, each file is its tuned arm plus the effects that it claims; what it can't say has a reason."""
+    record = make_patch(tmp_path, arm, effect)
+    assert {path.name for path in (tmp_path / "patch").iterdir()} == {*PATCH_FILES, MARKER}
+    formats = record["effects"][0]["formats"]
+    assert formats["parameters"]["expressed"] == "yes"
+    for form, name in (("urdf", "robot.urdf"), ("mjcf", "robot.xml")):
+        assert formats[form]["how"]
+        if formats[form]["expressed"] != "no":
+            assert (tmp_path / "patch" / name).read_text() != (plain / name).read_text()
+        if form not in record["structure"]:
+            assert formats[form]["expressed"] == "approximate"
+            continue
+        left = record["structure"][form]["torque_difference_Nm"]
+        # A payload's extent of a centimetre is not the law's point.
+        assert (
+            left < (0.01 if effect == "payload" else 1e-6)
+            if effect != "joint_elasticity" or form == "urdf"
+            else left is None
+        )
+
+
+def test_all_effects_at_once(tmp_path: Path, arm: ArmModel) -> None:
+    """One patch of everything loads, and its module gives finite torque along a run."""
+    make_patch(tmp_path, arm, *(effect for effect in FIGURES if effect != "external_contact"))
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    time = np.arange(200)[:, None] / 200.0
+    q, dq, ddq = 0.5 * np.sin(6 * time + np.arange(6)), 3 * np.cos(6 * time + np.arange(6)), -18 * np.sin(6 * time)
+    extra = module.extra_torque(q, dq, ddq + 0 * q, 1 / 200.0)
+    assert extra.shape == q.shape
+    assert np.all(np.isfinite(extra))
+    assert np.abs(extra).max() > 1.0
+
+
+def test_the_module_needs_numpy_alone(tmp_path: Path, arm: ArmModel) -> None:
+    """It imports the standard library and NumPy, nothing else, and takes single states."""
+    make_patch(tmp_path, arm, "stribeck_friction")
+    path = tmp_path / "patch" / "extra_torque.py"
+    tree = ast.parse(path.read_text())
+    named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    named |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert named == {"__future__", "collections.abc", "dataclasses", "functools", "math", "typing", "numpy"}
+    module = load_module(path)
+    zero, speed = np.zeros(6), np.array([0.0, 0.25, 0.0, 0.0, 0.0, 0.0])
+    extra = module.extra_torque(zero, speed, zero)
+    np.testing.assert_allclose(extra, [0, 4.0 * np.exp(-0.25), 0, 0, 0, 0], atol=1e-9)
+    states = np.atleast_2d(speed), np.zeros((1, 6)), np.sign(np.atleast_2d(speed))
+    more = module.FILE_LOSSES["mjcf"].torque(*states) - module.LOSSES.torque(*states)  # stands in for the law
+    np.testing.assert_allclose(module.missing_torque("mjcf", zero, speed, zero) + more[0], extra, atol=1e-9)
+
+
+def test_what_a_file_expresses_is_not_missing(tmp_path: Path, arm: ArmModel) -> None:
+    """A spring is in the MJCF and not in the URDF: only there the module has to add it."""
+    make_patch(tmp_path, arm, "spring_torque")
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    q, zero = np.full(6, 0.8), np.zeros(6)
+    np.testing.assert_allclose(module.missing_torque("mjcf", q, zero, zero), 0.0, atol=1e-12)
+    np.testing.assert_allclose(module.missing_torque("urdf", q, zero, zero)[1], 6.0 * 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("effect", ["stribeck_friction", "load_dependent_friction", "asymmetric_friction"])
+def test_losses_that_stand_in_for_a_law_are_the_nearest(tmp_path: Path, arm: ArmModel, effect: str) -> None:
+    """Law: along motions like those that they were fitted to, no other pair of friction leaves less of the law."""
+    path = write_diagnosis(tmp_path / "diagnosis.json", arm, effect)
+    identified = Diagnosed.load(path).candidates(arm)["after"]
+    run = usual_run(arm, identified.changes)
+    losses = state_arm(identified, "urdf", [run]).losses
+    moving = MovingArm(describe_arm(arm), identified.losses, *run)
+    target = acting_torque(identified.effects, moving)[:, 1] + COULOMB[1] * moving.direction[:, 1]
+    target += VISCOUS[1] * moving.dq[:, 1]
+
+    def left(coulomb: float, viscous: float) -> float:
+        return float(np.sum((target - coulomb * moving.direction[:, 1] - viscous * moving.dq[:, 1]) ** 2))
+
+    best = losses.coulomb[1], losses.viscous[1]
+    assert left(*best) < 0.999 * left(COULOMB[1], VISCOUS[1]) or effect == "asymmetric_friction"
+    for step in (0.1, -0.1):
+        assert left(best[0] + step, best[1]) > left(*best)
+        assert left(best[0], best[1] + step) > left(*best)
+    np.testing.assert_array_equal(np.delete(losses.coulomb, 1), np.delete(COULOMB, 1))
+
+
+def test_losses_and_intervals_stand_in_the_parameter_file(tmp_path: Path, arm: ArmModel) -> None:
+    """Every figure with its unit in its name and its interval."""
+    make_patch(tmp_path, arm, "payload")
+    record = tomllib.loads((tmp_path / "patch" / "parameters.toml").read_text())
+    assert record["losses"]["joint_2"] == {
+        "motor_inertia_kgm2": ROTOR[1],
+        "viscous_Nms_rad": VISCOUS[1],
+        "coulomb_Nm": COULOMB[1],
+        "transition_rad_s": 0.01,
+        "sliding_range_rad": 0.0,
+    }
+    assert record["effect"][0]["mass_kg"] == {"value": 1.5, "low": 1.35, "high": 1.65}
+
+
+def test_what_the_reported_figures_leave_open_is_carried_along(tmp_path: Path, arm: ArmModel) -> None:
+    """All ranges of a hysteresis, and the displacement of dry friction, come from the diagnosis into every part."""
+    tuned = baseline(arm)
+    tuned["joint_2"]["sliding_range_rad"] = 2e-4
+    shape = {"range_0_rad": 0.001, "range_1_rad": 0.01, "range_2_rad": 0.05}
+    tuned["joint_2"]["laws"] = {"presliding_hysteresis": {"coefficients": [1.0, 3.0, 2.0], "shape": shape}}
+    make_patch(tmp_path, arm, "presliding_hysteresis", baseline=tuned)
+    q = np.zeros((400, 6))
+    q[:, 1] = 0.03 * np.sin(np.linspace(0.0, 9.0, 400))
+    ladder = [stop_operator(np.ascontiguousarray(q[:, 1]), size) / size for size in (2e-4, *shape.values())]
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    states = q, np.gradient(q, 0.01, axis=0), np.zeros_like(q)
+    wanted = np.array([1.0, 3.0, 2.0]) @ np.array(ladder[1:])
+    np.testing.assert_allclose(module.extra_torque(*states, 0.01)[:, 1], wanted, atol=1e-9)
+    friction = module.modelled_torque(*states, 0.01) - module.modelled_torque(*states, 0.01, slip=np.zeros_like(q))
+    np.testing.assert_allclose(friction[:, 1], COULOMB[1] * ladder[0], atol=1e-9)
+    record = tomllib.loads((tmp_path / "patch" / "parameters.toml").read_text())
+    assert record["losses"]["joint_2"]["sliding_range_rad"] == 2e-4
+    assert record["effect"][0]["law"]["range_2_rad"] == 0.05
+
+
+def test_a_sensor_is_late_and_a_motor_is_not(tmp_path: Path, arm: ArmModel) -> None:
+    """A pulse of torque acts at once and is read after the delay."""
+    make_patch(tmp_path, arm, "torque_delay")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "patch" / "robot.xml"))
+    data = mujoco.MjData(model)
+    read, acted = [], []
+    for k in range(40):
+        data.ctrl[1] = 5.0 if k == 10 else 0.0
+        mujoco.mj_step(model, data)
+        read.append(float(data.sensordata[1]))
+        acted.append(float(data.qfrc_actuator[1]))
+    assert int(np.argmax(acted)) == 10
+    assert int(np.argmax(read)) == 10 + round(FIGURES["torque_delay"]["delay_s"] / model.opt.timestep)
+
+
+def test_a_bent_spring_is_written_as_its_cubic() -> None:
+    """MuJoCo's passive force of the written coefficients is minus the cubic's torque."""
+    figures = {"centre_rad": 0.2, "constant_Nm": 1.5, "linear_Nm_rad": 2.0, "square_Nm_rad2": 0.7, "cube_Nm_rad3": 0.4}
+    rest, stiffness = spring_at_rest(figures)
+    joint = f'<joint name="a" springref="{rest!r}" stiffness="{" ".join(map(repr, stiffness))}"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    for q in (-1.2, -0.3, 0.4, 1.1):
+        x = q - 0.2
+        data.qpos[0] = q
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_passive[0], -(1.5 + 2.0 * x + 0.7 * x**2 + 0.4 * x**3), atol=1e-9)
+
+
+def test_an_elastic_joint_swings_as_its_law_says(tmp_path: Path, arm: ArmModel) -> None:
+    """MuJoCo's second joint, driven by the motor's motion, gives the torque of the module's own integration."""
+    make_patch(tmp_path, arm, "joint_elasticity")
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    time, pulse = np.arange(1000)[:, None] / 500.0, 2.0 * np.pi * np.array([0.7, 5.0, 1.1, 0.9, 1.3, 0.8])
+    size = np.array([0.5, 0.02, 0.4, 0.5, 0.4, 0.5])
+    states = size * np.sin(pulse * time), size * pulse * np.cos(pulse * time), -size * pulse**2 * np.sin(pulse * time)
+    model = LoadedMjcf(tmp_path / "patch" / "robot.xml", arm.joint_names)
+    model.model.dof_frictionloss[:] = 0.0  # the sign of a speed is another at each passage of zero
+    found = model.joint_torque(*states, 1 / 500.0) + COULOMB * np.tanh(states[1] / 0.01)
+    extra = module.extra_torque(*states, 1 / 500.0)[250:, 1]
+    left = (found - module.modelled_torque(*states))[250:, 1] - extra
+    assert np.sqrt(np.mean(extra**2)) > 1.0
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(extra**2))
+
+
+def test_a_payload_lifted_by_the_motors_weighs_what_it_weighs(tmp_path: Path, arm: ArmModel) -> None:
+    """The files' static torque is that of the arm with the payload, in MuJoCo and in Pinocchio."""
+    make_patch(tmp_path, arm, "payload")
+    payload = FIGURES["payload"]
+    rng = np.random.default_rng(4)
+    q, zero = rng.uniform(-1.5, 1.5, (10, 6)), np.zeros((10, 6))
+    module = load_module(tmp_path / "patch" / "extra_torque.py")
+    loaded = ArmModel.load(tmp_path / "patch" / "robot.urdf")
+    np.testing.assert_allclose(loaded.gravity(q) - arm.gravity(q), module.extra_torque(q, zero, zero), atol=1e-9)
+    model = LoadedMjcf(tmp_path / "patch" / "robot.xml", arm.joint_names)
+    np.testing.assert_allclose(model.joint_torque(q, zero, zero, 0.0), loaded.gravity(q), atol=1e-6)
+    gained = loaded.model.inertias[6].mass - arm.model.inertias[6].mass
+    np.testing.assert_allclose(gained, payload["mass_kg"])
+
+
+def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmModel) -> None:
+    """A kilogram can't be taken from a link of less: bodies that together act as if it were are written instead."""
+    error = {"mass_change_kg": -1.0, "moment_change_x_kgm": 0.0, "moment_change_y_kgm": 0.0, "moment_change_z_kgm": 0.0}
+    figures = {name: Interval(value, value, value) for name, value in error.items()}
+    change = Change("link_inertial_error", 5, ("joint_6",), figures, kind=find_effect("link_inertial_error"))
+    wanted = link_change(arm.inertial_parameters.reshape(6, 10)[5], error)
+    assert not is_body(arm.inertial_parameters.reshape(6, 10)[5] + wanted)
+    links = IdentifiedArm.tuned_to(arm, Tuning.none(6), [change]).links
+    bodies = arm.inertial_parameters.reshape(6, 10) + links.total
+    assert all(is_body(body) for body in bodies)
+    rng = np.random.default_rng(2)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 50, 6))
+    regressor = arm.regressor(q, dq, ddq)
+    torque = regressor[:, :, 50:] @ wanted
+    left = regressor @ links.total.ravel() - torque
+    assert np.sqrt(np.mean(left**2)) < 0.05 * np.sqrt(np.mean(torque**2))
+
+
+def test_a_body_beside_a_link_has_the_inertia_of_its_place(arm: ArmModel) -> None:
+    """Where a diagnosis laid a body out about a place, the written link's second moments are those of a body there."""
+    place, mass = np.array([0.1, -0.05, 0.06]), 0.4
+    error = {"mass_change_kg": mass, **{f"moment_change_{k}_kgm": mass * x for k, x in zip("xyz", place, strict=True)}}
+    figures = {name: Interval(value, value, value) for name, value in error.items()}
+    law = {"coefficients": (mass, 0.0, 0.0, 0.0), "shape": dict(zip(PLACE, place, strict=True))}
+    change = Change("link_inertial_error", 4, ("joint_5",), figures, law=law, kind=find_effect("link_inertial_error"))
+    link = arm.inertial_parameters.reshape(6, 10)[4]
+    np.testing.assert_allclose(link_change(link, change.values), mass * point_mass(place), atol=1e-12)
+    identified = IdentifiedArm.tuned_to(arm, Tuning.none(6), [change])
+    np.testing.assert_allclose(identified.links.named[4], mass * point_mass(place))
+
+
+def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
+    """Base parameters leave the links open: among links of one torque those that are bodies are taken."""
+    rng = np.random.default_rng(1)
+    base, scale = base_parameters(arm), parameter_scale(arm)
+    real = [0.3 * link[0] * point_mass(rng.uniform(-0.2, 0.2, 3)) for link in arm.inertial_parameters.reshape(6, 10)]
+    wanted = lift_base(base, scale) @ (base.mapping @ np.concatenate(real))
+    nominal = arm.inertial_parameters.reshape(6, 10)
+    assert not all(is_body(link) for link in nominal + wanted.reshape(6, 10))
+    change, missed = nearest_bodies(arm, wanted.reshape(6, 10))
+    assert all(is_body(link) for link in nominal + change)
+    states = random_states(rng, 50, 6)
+    torque = arm.regressor(*states) @ np.stack([wanted, change.ravel()], axis=1)
+    left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))
+    assert left < 0.01
+    assert missed < 0.01
+
+
+def test_curved_friction_is_fitted_by_a_polynomial() -> None:
+    """Exact for the square, within some per cent of the top for a root."""
+    dry, damping = fit_polynomial(lambda v: 2.0 * v**2, 3.0)
+    np.testing.assert_allclose([dry, *damping], [0.0, 0.0, 2.0, 0.0], atol=1e-6)
+    dry, damping = fit_polynomial(lambda v: 2.0 * np.sqrt(v), 3.0)
+    v = np.linspace(0.1, 3.0, 50)
+    curve = dry + damping[0] * v + damping[1] * v**2 + damping[2] * v**3
+    np.testing.assert_allclose(curve, 2.0 * np.sqrt(v), atol=0.05 * 2.0 * np.sqrt(3.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", "not JSON"),
+        ("[]", "holds no JSON object"),
+        ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [], "verdict": "no_gap"}', "no effect is named"),
+        ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [{}]}', "it is damaged"),
+    ],
+)
+def test_what_is_no_diagnosis_is_refused(tmp_path: Path, content: str, said: str) -> None:
+    """One line says what is wrong with the file."""
+    path = tmp_path / "diagnosis.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said):
+        Diagnosed.load(path)
+
+
+def test_another_robot_and_another_folder_are_refused(tmp_path: Path, arm: ArmModel) -> None:
+    """A patch is for the robot that was diagnosed, and replaces nothing but a patch."""
+    diagnosed = Diagnosed.load(write_diagnosis(tmp_path / "diagnosis.json", arm, "payload"))
+    with pytest.raises(InputError, match="its joint 'joint_1' is none of panda"):
+        write_patch(diagnosed, ArmModel.load("panda"), tmp_path / "patch")
+    with pytest.raises(InputError, match=r"holds 'diagnosis\.json', which armgap did not write"):
+        write_patch(diagnosed, arm, tmp_path)
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur10", "z1"])
+def test_other_robots_are_patched_too(tmp_path: Path, robot: str) -> None:
+    """Arms with fingers, meshes and fixed links: both files load and agree with the laws."""
+    found = make_patch(tmp_path, ArmModel.load(robot), "payload", "encoder_offset")["structure"]
+    assert found["urdf"]["torque_difference_Nm"] < 0.01
+    assert found["mjcf"]["torque_difference_Nm"] < 0.01

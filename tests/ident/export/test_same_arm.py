@@ -1,0 +1,113 @@
+"""An arm is known by what it is, not by its name; ranges are written for trainers."""
+
+from __future__ import annotations
+
+import ast
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.randomised import DRAWN, write_ranges
+from ident.export.write import write_patch
+from ident.model.hybrid import HybridModel
+from ident.model.loss import LossParameters
+from ident.opening import open_for_model
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+from ident.robot.content import content_of
+from tests.ident.export.diagnoses import write_diagnosis
+from tests.ident.made_up import made_session
+
+LOSS = LossParameters(*(np.full(6, value) for value in (0.1, 8.0, 6.0, 0.0, 0.02)))
+
+
+@pytest.fixture(scope="module")
+def other(arm: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The URDF of an arm of the same name and joints, whose third link is heavier."""
+    path = tmp_path_factory.mktemp("other") / "robot.urdf"
+    root = ET.fromstring(arm.urdf)
+    next(one for one in root.findall("link") if one.get("name") == arm.links[2]).find("inertial/mass").set("value", "9")
+    ET.ElementTree(root).write(path)
+    return path
+
+
+def test_content_is_of_joints_lengths_and_inertias(arm: ArmModel, other: Path) -> None:
+    """Law: the same under another name and from its own copy; another with one other mass."""
+    renamed = ArmModel.from_urdf(arm.urdf.replace(f'name="{arm.name}"', 'name="mine"', 1), arm.source)
+    assert content_of(renamed) == content_of(arm)
+    assert ArmModel.load(str(other)).name == arm.name
+    assert content_of(ArmModel.load(str(other))) != content_of(arm)
+
+
+def test_a_patch_of_another_arm_of_the_same_name_is_refused(arm: ArmModel, other: Path, tmp_path: Path) -> None:
+    path = write_diagnosis(tmp_path / "d.json", arm, "payload")
+    record = json.loads(path.read_text())
+    record["provenance"] = {"settings": {"arm_sha256": content_of(arm)}, "sessions": [{"runs": ["0123456789ab"]}]}
+    path.write_text(json.dumps(record))
+    assert Diagnosed.load(path).runs == {"0123456789ab"}
+    write_patch(Diagnosed.load(path), arm, tmp_path / "patch")
+    with pytest.raises(InputError, match="another arm than"):
+        write_patch(Diagnosed.load(path), ArmModel.load(str(other)), tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_recordings_of_another_arm_are_not_evaluated(arm: ArmModel, other: Path, tmp_path: Path) -> None:
+    """Law: where session.toml names a robot, it must be the model's."""
+    model = HybridModel(arm, arm, arm, LOSS)
+    folder = tmp_path / "session"
+    folder.mkdir()
+    write_session(made_session(arm, model.torque, [1], duration=3.0), folder)
+    (folder / "session.toml").write_text('robot = "tm5-900"\n')
+    assert open_for_model([folder], model).motions
+    (folder / "session.toml").write_text(f"robot = {json.dumps(str(other))}\n")
+    with pytest.raises(InputError, match="lengths or inertias differ"):
+        open_for_model([folder], model)
+
+
+def test_ranges_are_written_for_trainers(tmp_path: Path) -> None:
+    """Law: both files are Python whose tables are the ranges, never below zero; joints without a range are named."""
+    known = {"rotor": (0.1, 0.2), "viscous": (-0.5, 3.0), "coulomb": (1.0, 2.0), "gain": (0.9, 1.1)}
+    left = write_ranges(tmp_path / "out", 'x"""y', {"a": known, "b": {"rotor": (0.1, 0.2)}})
+    assert left == ["b"]
+    for name in ("isaaclab_ranges.py", "playground_ranges.py"):
+        tree = ast.parse((tmp_path / "out" / name).read_text(encoding="utf-8"))
+        values = {ast.unparse(one.targets[0]): one.value for one in tree.body if isinstance(one, ast.Assign)}
+        found = ast.literal_eval(values["RANGES"])
+        assert ast.literal_eval(values["JOINTS"]) == ("a",)
+        assert set(found) == set(DRAWN)
+        assert found["damping"] == [(0.0, 3.0)]
+
+
+def test_isaac_lab_draws_each_joint_within_its_range(tmp_path: Path) -> None:
+    """Law: what is written to an articulation lies within the tables, one value a joint and environment."""
+    torch = pytest.importorskip("torch")
+    table = {"rotor": (0.1, 0.2), "viscous": (2.0, 3.0), "coulomb": (5.0, 5.0)}
+    write_ranges(tmp_path / "out", "arm", {"a": table, "b": table})
+    space: dict[str, object] = {}
+    exec((tmp_path / "out" / "isaaclab_ranges.py").read_text(encoding="utf-8"), space)
+    written: dict[str, object] = {}
+
+    class Asset:
+        device = "cpu"
+
+        def find_joints(self, names: list[str], preserve_order: bool) -> tuple[list[int], list[str]]:
+            return [3, 1], names
+
+        def write_joint_armature_to_sim(self, values: object, joint_ids: object, env_ids: object) -> None:
+            written["armature"] = values
+
+        def write_joint_friction_coefficient_to_sim(self, *values: object, joint_ids: object, env_ids: object) -> None:
+            written.update(zip(("static", "friction", "damping"), values, strict=True))
+
+    scene = type("Scene", (dict,), {"num_envs": 4})(robot=Asset())
+    env, asset = type("Env", (), {"scene": scene})(), type("Cfg", (), {"name": "robot"})()
+    space["randomize_joints"](env, None, asset)  # type: ignore[operator]
+    for name, (low, high) in (("armature", table["rotor"]), ("damping", table["viscous"]), ("static", (5.0, 5.0))):
+        values = torch.as_tensor(written[name])
+        assert values.shape == (4, 2)
+        assert bool(((values >= low) & (values <= high)).all())

@@ -1,0 +1,36 @@
+"""What is printed fits the terminal."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from ident.model.evaluation import SessionScore
+from ident.show.console import LadderTable
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_a_ladder_of_seven_joints_shows_every_number_at_any_width(width: int) -> None:
+    joints = tuple(f"panda_joint{k}" for k in range(1, 8))
+    shape = (2, 3, 7)
+    score = SessionScore(
+        name="session",
+        joints=joints,
+        runs=("a", "b", "c"),
+        rungs=("rigid", "net"),
+        payload_kg=0.0,
+        energy_error=np.full(shape, -12.34),
+        squares=np.full(shape, 4.0),
+        rest_squares=np.full(shape, 4.0),
+        r2=np.ones((2, 7)),
+    )
+    stream = StringIO()
+    Console(file=stream, width=width, color_system=None).print(LadderTable(score))
+    lines = stream.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert "…" not in stream.getvalue()
+    assert stream.getvalue().count("-12.34 ± 0.00") == 14
+    assert stream.getvalue().count("2.00") >= 14

@@ -1,0 +1,53 @@
+"""What makers publish is kept, unless the task says otherwise; what is missing is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.robot.arm import ArmModel
+from plan.problem.makers_limits import _rows, find_makers_limits
+from plan.problem.task_file import load_task
+from plan.solving.set_up import set_up
+
+TASK = """robot = "{robot}"
+[task]
+start_deg = [0, 0, 0, -90, 0, 90, 0]
+goal_deg = [20, 10, 0, -80, 0, 90, 0]
+duration_s = 2
+{more}"""
+
+
+def limits_of(folder: Path, more: str = ""):  # type: ignore[no-untyped-def]
+    (folder / "scene.toml").write_text(TASK.format(robot="panda", more=more))
+    return set_up(load_task(folder / "scene.toml"))
+
+
+def test_every_row_says_where_it_is_from() -> None:
+    """A source, and as many positive numbers as joints; a binding row has limits of acceleration."""
+    for row in _rows():
+        assert len(row["source"]) > 20
+        for key in ("acceleration_rad_s2", "jerk_rad_s3"):
+            assert key not in row or (len(row[key]) == row["joints"] and min(row[key]) > 0.0)
+        assert not row["binding"] or "acceleration_rad_s2" in row
+
+
+@pytest.mark.parametrize(("robot", "binding"), [("panda", True), ("xarm7", True), ("ur5", False), ("tm5-900", False)])
+def test_arms_are_known_by_their_urdf(robot: str, binding: bool) -> None:
+    found = find_makers_limits(ArmModel.load(robot))
+    assert found is not None
+    assert found.binding == binding
+
+
+def test_makers_limits_are_kept_where_the_task_gives_none(tmp_path: Path) -> None:
+    """The task's own come first; without either the result says that they are missing."""
+    kept = limits_of(tmp_path)
+    assert kept.limits.acceleration == pytest.approx([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+    assert kept.limits.jerk is not None
+    assert any("libfranka" in note for note in kept.notes)
+    assert any("without --model" in note for note in kept.notes)
+    own = limits_of(tmp_path, "[limits]\nacceleration_deg_s2 = [90, 90, 90, 90, 90, 90, 90]\n")
+    assert own.limits.acceleration == pytest.approx(np.full(7, np.pi / 2))
+    without = limits_of(tmp_path, "[limits]\nmakers = false\n")
+    assert without.limits.acceleration is None
+    assert any("no limit of acceleration and jerk" in note for note in without.notes)
