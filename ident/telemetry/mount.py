@@ -64,18 +64,19 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     now = now / max(float(np.linalg.norm(now)), 1e-12)
     best = find_direction(list(pulls.values()))
     angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
-    gain = np.log(np.array([pull.left(np.stack([now, best])) for pull in pulls.values()]))
-    if angle < LEAST_TURN_DEG or float((gain[:, 0] - gain[:, 1]).sum()) < np.log(LEAST_GAIN):
+    gains = {j: float(-np.diff(np.log(pull.left(np.stack([now, best]))))[0]) for j, pull in pulls.items()}
+    if angle < LEAST_TURN_DEG or sum(gains.values()) < np.log(LEAST_GAIN):
         return arm, []
     turned = arm.with_gravity(GRAVITY * best)
-    heavy = max(pulls, key=lambda j: pulls[j].w.trace())
+    heavy = max(gains, key=lambda j: gains[j])
     there = collect_states(session, turned)
     explained = 0.0 if there is None else fit_signed(there, heavy, 1.0).explained
     # A torque of the wrong sign follows gravity upside down, and inertia and friction too: that is no mount.
     as_it_is = max(fit_signed(states, heavy, sign).explained for sign in (1.0, -1.0))
     if explained < max(LEAST_EXPLAINED, as_it_is):
         return arm, []
-    return turned, [_tell(session, now, best, angle, explained, max(as_it_is, 0.0))]
+    share = f"{explained:.0%} of the effort of {session.joints[heavy]}, not {max(as_it_is, 0.0):.0%}"
+    return turned, [_describe(session, now, best, angle, share)]
 
 
 def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
@@ -112,7 +113,7 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
     return found
 
 
-def _tell(session: Session, now: Array, best: Array, angle: float, explained: float, before: float) -> TelemetryIssue:
+def _describe(session: Session, now: Array, best: Array, angle: float, share: str) -> TelemetryIssue:
     axis = np.cross(best, now)
     axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.array([1.0, 0.0, 0.0])
     about = next((name for name, unit in zip("xyz", np.eye(3), strict=True) if abs(axis @ unit) > 0.99), None)
@@ -121,7 +122,6 @@ def _tell(session: Session, now: Array, best: Array, angle: float, explained: fl
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
     evidence = (
         f"{session.name}: gravity does not pull where the URDF's base has it: turn the base by {signed:.0f}° about "
-        f"{words}, and the model explains {explained:.0%} of the most loaded joint's effort, not {before:.0%}; "
-        "used so from here on"
+        f"{words}, and the model explains {share}; used so from here on"
     )
     return TelemetryIssue("mounting", (), "warning", evidence, f"write {line} in session.toml, as the arm is mounted")
