@@ -93,7 +93,7 @@ def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
 
 
 def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
-    """What each joint tells that feels some gravity, in whichever direction."""
+    """What each moving joint says that feels some gravity, in whichever direction."""
     rows = slice(None, None, max(1, len(states.q) // STATES))
     q, dq, tau = states.q[rows], states.dq[rows], states.tau[rows]
     if len(q) < 20:
@@ -102,7 +102,8 @@ def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
     change = axes.std(axis=0).max(axis=1)
     least = max(states.settings.heavy_Nm, states.settings.heavy_share * float(change.max()))
     found = {}
-    for j in np.flatnonzero((change > least) & states.alive):
+    # A joint that stands still is held by its friction, too: how it pulls there says little of gravity.
+    for j in np.flatnonzero((change > least) & states.alive & states.moving):
         friction = [np.tanh(dq[:, j] / TRANSITION_RAD_S), dq[:, j], np.ones(len(q))]
         beside, _ = np.linalg.qr(np.column_stack([states.inertial[rows, j], *friction]))
         target = tau[:, j] - beside @ (beside.T @ tau[:, j])

@@ -110,9 +110,9 @@ def fit_scale(states: States, joint: int) -> tuple[float, float]:
 
 
 def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
-    """Joints whose whole torque is the model's at another size: a gain that is off, or masses that are."""
+    """Moving joints whose whole torque is the model's at another size: a gain that is off, or masses that are."""
     held, found = states.settings, []
-    for joint in map(int, np.flatnonzero(states.heavy & states.alive)):
+    for joint in map(int, np.flatnonzero(states.heavy & states.alive & states.moving)):
         scale, error = fit_scale(states, joint)
         if abs(scale - 1.0) > max(held.scale_off, 2.0 * error):
             found.append((joint, scale, error))

@@ -104,7 +104,8 @@ def test_every_ur10e_run_alone_is_clean_or_too_poor(real_data: Path, ur10e_toml:
             report = inspect(Session(run.name, (run,)), arm)
             # Where the arm stops, a few samples are wild: they are told in a note.
             found = alarms(report) - {issue.issue for issue in report.issues if issue.severity == "note"}
-            assert "elbow_joint" in scaled_joints(report) or "torque_scale" not in found, run.name
+            # The literature's drive gains are not this arm's, most of all at the elbow.
+            assert "elbow_joint" in scaled_joints(report) or run.name in poor or "torque_scale" not in found, run.name
             found -= {"torque_scale"}
             assert found == ({"insufficient_excitation"} if run.name in poor else set()), run.name
 
