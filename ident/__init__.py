@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from ident.errors import InputError as InputError
     from ident.model.hybrid import FitOptions as FitOptions
     from ident.model.hybrid import HybridModel as HybridModel
-    from ident.opening import open_sessions as open_sessions
     from ident.recordings.recording import Recording as Recording
     from ident.recordings.recording import Session as Session
     from ident.robot.arm import ArmModel as ArmModel
+    from ident.sessions import open_sessions as open_sessions
 
 _HOMES = {
     "ArmModel": "ident.robot.arm",
@@ -56,7 +56,7 @@ _HOMES = {
     "fit_hybrid": "ident.api.fitting",
     "inspect": "ident.api.inspecting",
     "new": "ident.api.starting",
-    "open_sessions": "ident.opening",
+    "open_sessions": "ident.sessions",
     "patch": "ident.api.patching",
     "ranges": "ident.api.ranging",
     "servo": "ident.api.servo_arms",

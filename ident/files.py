@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
-from ident.ownership import STANDARD_OUTPUT, absolute, require_own_folder, require_plain, sha256_of, write_marker
+from ident.outputs import STANDARD_OUTPUT, absolute, require_own_folder, require_plain, sha256_of, write_marker
 
 __all__ = ["atomic_folder", "atomic_write", "clear_temporaries", "deliver", "sha256_of", "write_record"]
 

@@ -35,8 +35,8 @@ WRITES = {"out", "html", "rrd", "picture", "mend", "json_file", "store", "resume
 ELSEWHERE = {
     "ident demo": None,
     "ident diagnose": "ident/diagnosis/contract.py",
-    "ident blind": "ident/blind_check/test_blind_summary.py",
-    "ident close": "ident/closing/test_closing.py",
+    "ident blind": "ident/benchmark/test_blind_summary.py",
+    "ident close": "ident/closed_loop/test_closing.py",
     "ident compare": "ident/cli/test_compare_command.py",
 }
 # Results of many arms or robots name them for each.

@@ -19,9 +19,9 @@ from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import write_export, write_patch
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.opening import open_sessions
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
+from ident.sessions import open_sessions
 from plan.api.tasks import open_task
 from plan.geometry.arm_shapes import arm_shapes
 from plan.problem.task_file import load_surroundings

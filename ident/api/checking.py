@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ident.blind_check.run import BlindOptions, Progress, Say, run_blind
-from ident.blind_check.summary import BlindReport
+from ident.benchmark.run import BlindOptions, Progress, Say, run_blind
+from ident.benchmark.summary import BlindReport
 from ident.errors import InputError
 
 
@@ -25,7 +25,7 @@ def blind(
         out: Folder for everything; a check that was stopped there goes on.
         say: Told the seals, line by line, before any diagnosis.
         progress: Told what is being done, how many cases are done, and of how many.
-        options: Further fields of `ident.blind_check.run.BlindOptions`: seed, workers, robot, runs, duration, …
+        options: Further fields of `ident.benchmark.run.BlindOptions`: seed, workers, robot, runs, duration, …
 
     Raises:
         InputError: Options that make no sense, or another check in the folder.

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ident.closing.arms import check_effects, close_real, close_simulated
-from ident.closing.exciting import Exciter
-from ident.closing.loop import MOST_ROUNDS
-from ident.closing.recorder import CommandRecorder, Recorder
-from ident.closing.result import Closing
+from ident.closed_loop.arms import check_effects, close_real, close_simulated
+from ident.closed_loop.exciting import Exciter
+from ident.closed_loop.loop import MOST_ROUNDS
+from ident.closed_loop.recorder import CommandRecorder, Recorder
+from ident.closed_loop.result import Closing
 from ident.errors import InputError
-from ident.opening import Robot, load_robot
-from ident.ownership import begin_folder
+from ident.outputs import begin_folder
 from ident.provenance import Provenance
+from ident.sessions import Robot, load_robot
 
 CLOSE_KIND = "close"
 # Seeds of the arms that follow the first fit below the simulator's own bound.

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.checks import inspect_sessions
+from ident.checks.report import as_mounted
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
-from ident.opening import Robot, Sources, load_robot, load_sources
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
 from ident.robot.content import content_of
-from ident.telemetry import inspect_sessions
-from ident.telemetry.report import as_mounted
+from ident.sessions import Robot, Sources, load_robot, load_sources
 
 
 def compare(

@@ -19,11 +19,11 @@ from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.opening import Robot, Sources, inspect_in_parts, load_sources
 from ident.provenance import Provenance, StampLedger
 from ident.recordings.load import TOPIC
 from ident.recordings.recording import Session
 from ident.robot.content import content_of
+from ident.sessions import Robot, Sources, inspect_in_parts, load_sources
 
 Catalogue = str | Path | Sequence[Effect]
 

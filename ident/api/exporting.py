@@ -12,10 +12,10 @@ from ident.api.patching import Written
 from ident.export.write import FILES, write_export
 from ident.model.evaluation import evaluate
 from ident.model.limits import SCHEMA, Check, load_limits
-from ident.opening import Sources, open_for_model
 from ident.provenance import Provenance, files_of, runs_of
 from ident.recordings.load import TOPIC
 from ident.results import Result
+from ident.sessions import Sources, open_for_model
 
 
 @dataclass(frozen=True, eq=False)

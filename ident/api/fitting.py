@@ -11,9 +11,9 @@ from ident.errors import ModelError
 from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
-from ident.opening import Opened, Robot, Sources, open_for_model, open_sessions
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
+from ident.sessions import Opened, Robot, Sources, open_for_model, open_sessions
 
 if TYPE_CHECKING:
     from ident.model.evaluation import Evaluation

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ident.opening import Robot, Sources, inspect_paths
+from ident.checks.report import Inspection
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
-from ident.telemetry.report import Inspection
+from ident.sessions import Robot, Sources, inspect_paths
 
 
 def inspect(

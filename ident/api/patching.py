@@ -13,10 +13,10 @@ from ident.effects.base import Effect
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import open_heldout, write_patch
-from ident.opening import Robot, Sources, load_robot
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.results import Result
+from ident.sessions import Robot, Sources, load_robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from pathlib import Path
 from ident.api.fitting import Model, load_model
 from ident.errors import RecordingError
 from ident.export.randomised import RANGES_KIND, write_ranges
-from ident.opening import Robot, Sources, open_sessions
+from ident.monitor.ranges import Ranges, find_ranges
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
-from ident.watching.ranges import Ranges, find_ranges
+from ident.sessions import Robot, Sources, open_sessions
 
 __all__ = ["RANGES_KIND", "ranges"]
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ident.errors import RecordingError
-from ident.opening import Robot, load_robot
-from ident.position_only.runs import load_goals, runs_of
-from ident.position_only.servo_fit import fit_servos
-from ident.position_only.servo_result import ServoArm
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
+from ident.servo.runs import load_goals, runs_of
+from ident.servo.servo_fit import fit_servos
+from ident.servo.servo_result import ServoArm
+from ident.sessions import Robot, load_robot
 
 Goals = str | Path | Session
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
-from ident.plant.output import simulate_to
-from ident.plant.simulate import SimulationOptions
-from ident.plant.simulate import simulate as run
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
+from ident.simulation.output import simulate_to
+from ident.simulation.simulate import SimulationOptions
+from ident.simulation.simulate import simulate as run
 
 
 def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Session:
@@ -19,7 +19,7 @@ def simulate(*effects: str, out: str | Path | None = None, **options: Any) -> Se
     Args:
         effects: What is wrong, each ID:JOINT:SIZE; SIZE in SI units, or as a multiple of the noise (`3x`).
         out: Folder in which it is written too; in memory alone if None.
-        options: Fields of `ident.plant.simulate.SimulationOptions`: robot, seed, runs, duration, rate, payload, …
+        options: Fields of `ident.simulation.simulate.SimulationOptions`: robot, seed, runs, duration, rate, payload, …
 
     Raises:
         InputError: An unknown effect, joint or option.

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ident.checks.inspection import inspect_sessions
 from ident.errors import InputError, RecordingError
 from ident.files import atomic_folder
-from ident.guessing.new_session import NewSession, guess_session, place_of, require_own_guess
-from ident.ownership import SESSION_KIND
+from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
+from ident.outputs import SESSION_KIND
 from ident.provenance import Provenance, SessionStamp
 from ident.recordings.load import load_session
 from ident.recordings.session_toml import NAME
 from ident.robot.arm import ArmModel
-from ident.telemetry.inspection import inspect_sessions
 
 
 def new(

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ident.api.fitting import Model, load_model
-from ident.opening import Robot, Sources, open_for_model, open_sessions
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.results import Result
+from ident.sessions import Robot, Sources, open_for_model, open_sessions
 from ident.show import timeline
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ident.errors import InputError
+from ident.monitor.pages import write_pages
+from ident.monitor.watch import Watch, WatchOptions, look
 from ident.provenance import Provenance
-from ident.watching.pages import write_pages
-from ident.watching.watch import Watch, WatchOptions, look
 
 
 def watch(

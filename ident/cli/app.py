@@ -24,7 +24,7 @@ from ident.cli.shared import (
 from ident.console import styled
 from ident.errors import InputError, plural
 from ident.files import deliver, write_record
-from ident.ownership import SESSION_KIND, absolute, check_outputs
+from ident.outputs import SESSION_KIND, absolute, check_outputs
 from ident.process import run_command
 from ident.show.console import LadderTable, print_effort, print_issues, progress_bar
 
@@ -120,7 +120,7 @@ def fit(
     from ident.api.fitting import fit_hybrid
     from ident.model.checkpoint_folder import remove_checkpoint
     from ident.model.hybrid import MODEL_KIND, FitOptions
-    from ident.opening import open_sessions
+    from ident.sessions import open_sessions
 
     accepted = tuple(accept or ())
     options = FitOptions(links, inertia, net, offset, robust, seed, accepted, coupling, smoother)  # type: ignore[arg-type]
@@ -152,7 +152,7 @@ def evaluate(
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
     from ident.api.fitting import evaluate as score
     from ident.model.hybrid import HybridModel
-    from ident.opening import open_for_model
+    from ident.sessions import open_for_model
 
     check_outputs([*sessions, *model, session_file], {"--html": html, "--json": json_file})
     models = [(path.name, HybridModel.load(path)) for path in model]

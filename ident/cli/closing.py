@@ -10,7 +10,7 @@ import typer
 from ident.cli.shared import JsonFile, app, console
 from ident.errors import visible
 from ident.files import deliver, write_record
-from ident.ownership import check_outputs
+from ident.outputs import check_outputs
 
 
 @app.command()

@@ -11,7 +11,7 @@ import typer
 from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Topic, app, console, say_where
 from ident.errors import InputError
 from ident.files import atomic_folder, deliver, write_record
-from ident.ownership import check_outputs
+from ident.outputs import check_outputs
 
 KIND = "comparison"
 

@@ -11,7 +11,7 @@ import typer
 from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console
 from ident.errors import InputError, visible
 from ident.files import deliver, write_record
-from ident.ownership import SESSION_KIND, check_outputs
+from ident.outputs import SESSION_KIND, check_outputs
 from ident.show.console import print_issues, progress_bar
 
 
@@ -76,7 +76,7 @@ def watch(
 ) -> None:
     """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for each arm."""
     from ident.api.watching import watch as look
-    from ident.watching.folder import NoSession
+    from ident.monitor.folder import NoSession
 
     check_outputs([robot, model], {"--json": json_file})
     if not every > 0.0:

@@ -11,10 +11,10 @@ from rich.console import Console
 from ident.api.diagnosing import diagnose
 from ident.model.evaluation import Evaluation, evaluate
 from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
-from ident.opening import Opened, open_sessions
-from ident.ownership import check_outputs
+from ident.outputs import check_outputs
 from ident.provenance import Provenance
 from ident.robot.names import data_path
+from ident.sessions import Opened, open_sessions
 from ident.show.console import LadderTable, print_issues, progress_bar
 from ident.show.report import write_diagnosis_report, write_evaluation_report
 from ident.show.terminal import print_diagnosis

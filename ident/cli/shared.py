@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ident.console import make_console
-from ident.ownership import STANDARD_OUTPUT
+from ident.outputs import STANDARD_OUTPUT
 from ident.provenance import own_version
 
 console = make_console()

@@ -12,7 +12,7 @@ import typer
 from ident.cli.shared import JsonFile, app, console
 from ident.errors import InputError, plural
 from ident.files import deliver, write_record
-from ident.ownership import SESSION_KIND, check_outputs
+from ident.outputs import SESSION_KIND, check_outputs
 from ident.provenance import Provenance
 from ident.results import Result
 from ident.show.console import progress_bar
@@ -47,12 +47,12 @@ def simulate(
     json_file: JsonFile = None,
 ) -> None:
     """A session of the simulated arm, its effects chosen."""
-    from ident.plant.output import simulate_to
-    from ident.plant.recipes import run_recipe
-    from ident.plant.request import parse_payload
-    from ident.plant.simulate import RICH, SimulationOptions
-    from ident.plant.world import find_world, settle
     from ident.robot.arm import ArmModel
+    from ident.simulation.output import simulate_to
+    from ident.simulation.recipes import run_recipe
+    from ident.simulation.request import parse_payload
+    from ident.simulation.simulate import RICH, SimulationOptions
+    from ident.simulation.world import find_world, settle
     from ident.trajectories.command_files import read_commands
     from ident.trajectories.plan_files import read_plan
 
@@ -133,9 +133,9 @@ def blind(
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
-    from ident.blind_check.cases import FULL_MIX, parse_mix
-    from ident.blind_check.real_check import check_on_real
-    from ident.blind_check.run import BlindOptions, run_blind
+    from ident.benchmark.cases import FULL_MIX, parse_mix
+    from ident.benchmark.real_check import check_on_real
+    from ident.benchmark.run import BlindOptions, run_blind
 
     check_outputs([robot, semi_real], {"--json": json_file})
     if worlds and semi_real:

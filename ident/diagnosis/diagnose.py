@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.diagnosis.alternate import settle
 from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
-from ident.diagnosis.explained import measure_shrink, slides
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
 from ident.diagnosis.gap.gap_map import map_gap
 from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, spread_of_runs
 from ident.diagnosis.gap.places import NamedPlace, in_order_of_gap, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
+from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import build_layout
@@ -28,11 +29,10 @@ from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
 from ident.diagnosis.result import AllNames, Details, Diagnosis, Finding, JointGap
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate, inflation
-from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.diagnosis.settle import settle
 from ident.diagnosis.tuned_links import measure_tuned_links
 from ident.diagnosis.verdict import (
     believed,

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.checks import TelemetryReport
+from ident.checks.report import TOO_LITTLE
 from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.diagnosis.regression.decimation import prepare_slower
 from ident.diagnosis.result import Diagnosis
@@ -21,8 +23,6 @@ from ident.motion.out_of_core import hold, within_band
 from ident.motion.settings import MotionSettings
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry import TelemetryReport
-from ident.telemetry.report import TOO_LITTLE
 
 
 def diagnose_reports(

@@ -19,7 +19,7 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
 from ident.effects.base import Interval, SessionContext
-from ident.effects.plausible import impossible
+from ident.effects.bounds import impossible
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ import numpy as np
 from ident.arrays import Float
 from ident.diagnosis.baseline_record import TunedJoint
 from ident.diagnosis.detection_limits import SizeLimit
-from ident.diagnosis.explained import Explained
 from ident.diagnosis.gap.gap_map import Place, maps_record
 from ident.diagnosis.gap.improvement import Reach, spreads
+from ident.diagnosis.heldout_gain import Explained
 from ident.diagnosis.next_experiment import next_experiment
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation

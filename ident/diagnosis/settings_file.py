@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.errors import InputError
+from ident.safe_read import read_toml
 from ident.settings import Settings
-from ident.untrusted_files import read_toml
 
 S = TypeVar("S", bound=Settings)
 

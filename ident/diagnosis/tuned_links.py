@@ -31,7 +31,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.regression.baseline import Baseline
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Prior, Projection
-from ident.effects.knowledge import Interval
+from ident.effects.effect_info import Interval
 from ident.model.inertia import base_prior
 from ident.robot.arm import ArmModel
 

@@ -15,7 +15,7 @@ from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.posterior import Beside
 from ident.diagnosis.selection.gates import SearchResults
 from ident.diagnosis.selection.intervals import Estimate
-from ident.diagnosis.selection.prior_check import Tolerance
+from ident.diagnosis.selection.tolerance import Tolerance
 from ident.diagnosis.settings import USUAL_VERDICT, VerdictSettings
 
 

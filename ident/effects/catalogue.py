@@ -5,7 +5,7 @@ Recipe for an effect of your own: one Python file with a class derived from `Eff
 
     import numpy as np
     from ident.effects.base import Effect
-    from ident.effects.knowledge import Typical
+    from ident.effects.effect_info import Typical
     from ident.effects.typical_sizes import coulomb_level
 from ident.effects.intervals import coefficient_interval
 
@@ -60,9 +60,9 @@ from ident.effects.friction import (
     PositionDependentFriction,
     StribeckFriction,
 )
+from ident.effects.hysteresis_thermal import PreslidingHysteresis, ThermalFriction
 from ident.effects.informative_motions import SHOWINGS
 from ident.effects.joint_elasticity import JointElasticity
-from ident.effects.memory import PreslidingHysteresis, ThermalFriction
 from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
 from ident.effects.ripple import TorqueRipple
 from ident.effects.sensing import EncoderOffset, TorqueGainError, TorqueOffset, TorqueSaturation

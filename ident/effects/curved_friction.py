@@ -8,10 +8,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
+from ident.effects.bounds import LARGEST_TORQUE_SHARE
+from ident.effects.effect_info import Expression, Range, exactly_as
 from ident.effects.friction import LEAST_TOP_SPEED
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval
-from ident.effects.knowledge import Expression, Range, exactly_as
-from ident.effects.plausible import LARGEST_TORQUE_SHARE
 from ident.effects.typical_sizes import (
     at_state,
     friction_level,
@@ -22,7 +22,7 @@ from ident.effects.typical_sizes import (
     top_speed,
     usual_speed,
 )
-from ident.model.named_laws import curved_viscous
+from ident.model.friction_laws import curved_viscous
 
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
 # Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).

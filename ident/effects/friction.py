@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
+from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
-from ident.effects.knowledge import Range
 from ident.effects.typical_sizes import (
     at_state,
     coulomb_level,
@@ -22,7 +22,7 @@ from ident.effects.typical_sizes import (
     travel,
     usual_speed,
 )
-from ident.model.named_laws import asymmetric, by_load, by_position, stribeck
+from ident.model.friction_laws import asymmetric, by_load, by_position, stribeck
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
 STRIBECK_EXPONENTS = (1.0, 2.0)

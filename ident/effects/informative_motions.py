@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar, Protocol
 
-from ident.effects.knowledge import TABLE
+from ident.effects.effect_info import TABLE
 
 
 @dataclass(frozen=True)

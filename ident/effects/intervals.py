@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.knowledge import Interval
+from ident.effects.effect_info import Interval
 
 # Draws behind an interval: its ends are then sure to a twentieth of its width.
 INTERVAL_DRAWS = 400

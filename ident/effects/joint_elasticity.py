@@ -8,9 +8,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.effect_info import Range
 from ident.effects.gear_twist import FINE_FACTORS, deflect, felt_torque, mean_inertia
 from ident.effects.intervals import coefficient_interval
-from ident.effects.knowledge import Range
 from ident.effects.typical_sizes import high_passed, rated_torque, root_mean_square
 
 # Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].

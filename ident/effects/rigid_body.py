@@ -23,9 +23,9 @@ from ident.effects.added_body import (
     weighs,
 )
 from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.bounds import arm_mass, arm_reach
+from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
-from ident.effects.knowledge import Range
-from ident.effects.plausible import arm_mass, arm_reach
 from ident.effects.size_prior import SizePrior
 from ident.effects.typical_sizes import near_one_pose
 from ident.robot.arm import ArmModel

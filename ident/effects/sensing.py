@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.effect_info import Expression, Range, nearly_as
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
-from ident.effects.knowledge import Expression, Range, nearly_as
 from ident.effects.typical_sizes import is_near, near_one_pose, rated_torque, sampled_states
 
 # A reading that loses all but this share of what lies above its knee is flat there.

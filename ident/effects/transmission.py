@@ -10,6 +10,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
+from ident.effects.bounds import LARGEST_TORQUE_SHARE, joint_range
+from ident.effects.effect_info import Expression, Range, not_at_all
 from ident.effects.intervals import (
     amplitude_interval,
     coefficient_interval,
@@ -18,8 +20,6 @@ from ident.effects.intervals import (
     linear_interval,
     phase_interval,
 )
-from ident.effects.knowledge import Expression, Range, not_at_all
-from ident.effects.plausible import LARGEST_TORQUE_SHARE, joint_range
 from ident.effects.typical_sizes import (
     coulomb_level,
     friction_level,

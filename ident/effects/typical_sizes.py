@@ -9,7 +9,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext
 from ident.effects.intervals import coefficient_interval as coefficient_interval
-from ident.model.named_laws import JointStates, states_of
+from ident.model.friction_laws import JointStates, states_of
 
 # Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
 TYPICAL_COULOMB_SHARE = 0.05

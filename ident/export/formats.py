@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Float
-from ident.effects.knowledge import Expression, exactly_as, nearly_as, not_at_all
+from ident.effects.effect_info import Expression, exactly_as, nearly_as, not_at_all
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.python import describe_arm
 from ident.export.standalone.laws import acting_torque

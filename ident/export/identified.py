@@ -19,17 +19,17 @@ from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, is_body, lay_out, nearest_bodies
+from ident.export.standalone.bodies import MASSES
 from ident.export.standalone.chain import link_change
 from ident.export.standalone.laws import KNOWN
 from ident.export.standalone.log import Effect as ModuleEffect
-from ident.export.standalone.masses import MASSES
 from ident.export.standalone.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.provenance import files_of
 from ident.robot.arm import ArmModel
 from ident.robot.content import content_of
-from ident.untrusted_files import read_record, require_finite
+from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"
 WHOLE_ARM = -1

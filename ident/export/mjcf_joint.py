@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear
 from ident.arrays import Array, Float
 from ident.export.identified import Change
 from ident.export.standalone.motion import Losses
-from ident.model.named_laws import KINDS, JointStates
+from ident.model.friction_laws import KINDS, JointStates
 from ident.robot.arm import ArmModel
 
 # Dry friction and stops are constraints that soften over this time; twice the step is the least that is stable [s].

@@ -23,7 +23,7 @@ from ident.export.standalone.chain import Arm, Array
 from ident.export.standalone.laws import KNOWN
 from ident.export.standalone.log import Effect
 from ident.export.standalone.motion import Losses
-from ident.model.named_laws import JointStates, asymmetric, bent, by_load, by_position, curved_viscous, stribeck
+from ident.model.friction_laws import JointStates, asymmetric, bent, by_load, by_position, curved_viscous, stribeck
 from ident.robot.arm import ArmModel
 
 # Files of `standalone` in their order, and what of the models' own laws goes between them.

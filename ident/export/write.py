@@ -41,9 +41,9 @@ from ident.export.standalone.motion import Losses
 from ident.files import atomic_folder
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.opening import Opened, Robot, Sources, open_sessions
 from ident.provenance import Provenance, files_of, runs_of
 from ident.robot.arm import ArmModel
+from ident.sessions import Opened, Robot, Sources, open_sessions
 
 PATCH, EXPORT = "ident.patch/1", "ident.export/1"
 PATCH_KIND, EXPORT_KIND = "patch", "export"

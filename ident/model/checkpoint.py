@@ -16,7 +16,7 @@ from safetensors.torch import load_file, save_file
 from ident.files import atomic_write
 from ident.model.checkpoint_folder import KIND, NAME
 from ident.model.networks import DenseNet
-from ident.ownership import begin_folder
+from ident.outputs import begin_folder
 
 # Figures of a training that are no tensors.
 FIGURES = ("epoch", "best_epoch", "train", "validation")

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ident.files import clear_temporaries
-from ident.ownership import MARKER, is_begun
+from ident.outputs import MARKER, is_begun
 
 NAME = "checkpoint.safetensors"
 # What a checkpoint's folder is marked as.

@@ -15,11 +15,11 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.model.coupling import Coupling, Shaft
+from ident.model.friction_laws import NamedLaw, named_torque
 from ident.model.identification import Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
 from ident.model.named_fit import HowToIdentify, NamedLaws, identify_named
-from ident.model.named_laws import NamedLaw, named_torque
 from ident.model.net_of_arm import fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
@@ -31,7 +31,7 @@ from ident.results import Result
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.robot.content import are_same
 from ident.robot.lumped import build_lumped_arm
-from ident.untrusted_files import read_text, read_toml
+from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
     from ident.model.residual_net import ResidualNet, TrainingHistory

@@ -23,7 +23,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.model.evaluation import SessionScore
-from ident.untrusted_files import read_toml
+from ident.safe_read import read_toml
 
 SCHEMA = "ident.verification/1"
 LARGEST, LEAST = ("torque_rmse_Nm", "energy_error_J"), ("r2_moving",)

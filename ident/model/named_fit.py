@@ -9,12 +9,12 @@ from typing import Any
 
 from ident.errors import InputError
 from ident.model.coupling import Shaft
+from ident.model.friction_laws import KINDS, NamedLaw
 from ident.model.identification import Identified, identify
 from ident.model.inertia import Mode
-from ident.model.named_laws import KINDS, NamedLaw
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from ident.untrusted_files import read_record
+from ident.safe_read import read_record
 
 DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
 # Shape of a law where a diagnosis tells none beside its reported figures.

@@ -17,8 +17,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
+from ident.model.friction_laws import bent
 from ident.model.loss import TRANSITION_GRID, direction
-from ident.model.named_laws import bent
 from ident.motion.motion import Motion
 from ident.numerics import solve_non_negative
 

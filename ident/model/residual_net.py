@@ -34,7 +34,7 @@ from ident.model.net_bounds import NetBounds
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
 from ident.model.net_shrinkage import JointGate, shrink_net
 from ident.model.random_features import solve_net, width_of
-from ident.untrusted_files import read_json, require_regular
+from ident.safe_read import read_json, require_regular
 
 if TYPE_CHECKING:
     from ident.model.dense_training import Progress

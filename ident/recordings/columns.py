@@ -12,7 +12,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.recording import CHANNELS, Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
-from ident.untrusted_files import toml_key
+from ident.safe_read import toml_key
 
 TIME = "time"
 ANGLES = ("position", "velocity", "acceleration", "position_command", "velocity_command")

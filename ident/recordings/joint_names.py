@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, TelemetryIssue
-from ident.untrusted_files import toml_key
+from ident.safe_read import toml_key
 
 
 def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session, tuple[TelemetryIssue, ...]]:

@@ -28,7 +28,7 @@ from ident.recordings.parquet import column_numbers, open_parquet
 from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import spread_list
-from ident.untrusted_files import read_json
+from ident.safe_read import read_json
 
 INFO = Path("meta/info.json")
 CHANNEL_OF = {

@@ -17,7 +17,7 @@ from ident.recordings.parquet import read_npz, read_parquet
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
 from ident.recordings.text import read_text_table
-from ident.untrusted_files import require_regular
+from ident.safe_read import require_regular
 
 BAGS = (".mcap", ".db3", ".bag")
 TEXTS = (".csv", ".txt", ".tsv", ".dat")

@@ -13,7 +13,7 @@ from ident.recordings.columns import Table
 from ident.recordings.parquet import columns_of
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import flatten
-from ident.untrusted_files import require_regular, require_unpacked
+from ident.safe_read import require_regular, require_unpacked
 
 # Bytes before the first element; kind of a packed one; what is unpacked at a time.
 HEADER, PACKED, BLOCK = 128, 15, 1 << 20

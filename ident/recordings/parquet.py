@@ -18,7 +18,7 @@ from ident.recordings.columns import TIME, Table, native_names
 from ident.recordings.recording import CHANNELS
 from ident.recordings.session_toml import SessionFile
 from ident.recordings.spread import list_length, spread_arrays, spread_list
-from ident.untrusted_files import read_arrays, require_regular, require_unpacked
+from ident.safe_read import read_arrays, require_regular, require_unpacked
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq

@@ -26,7 +26,7 @@ from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ident.errors import RecordingError
-from ident.untrusted_files import require_regular, require_unpacked
+from ident.safe_read import require_regular, require_unpacked
 
 # Bags written before ROS 2 Iron carry no definitions; those of ROS itself have not changed since.
 KNOWN = get_typestore(Stores.ROS2_HUMBLE).fielddefs

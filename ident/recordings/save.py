@@ -12,7 +12,7 @@ import tomli_w
 
 from ident.errors import RecordingError
 from ident.files import atomic_folder, atomic_write
-from ident.ownership import SESSION_KIND
+from ident.outputs import SESSION_KIND
 from ident.recordings.columns import TIME
 from ident.recordings.recording import Recording, Session
 from ident.recordings.session_toml import NAME

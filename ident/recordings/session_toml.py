@@ -11,7 +11,7 @@ from typing import Any
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Payload
-from ident.untrusted_files import read_toml
+from ident.safe_read import read_toml
 
 NAME = "session.toml"
 # Seconds in what a file's time may be counted in.

@@ -20,7 +20,7 @@ from ident.robot.poses import compute_joint_poses
 from ident.robot.regressor import compute_regressor
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
-from ident.untrusted_files import read_text
+from ident.safe_read import read_text
 
 THREADS = 2
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # on the base of a URDF, which stands on a floor [m/s²]

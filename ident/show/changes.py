@@ -13,7 +13,7 @@ from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.numbers import fixed, percent, significant
 from ident.show.report.words import effect_name, join_words, parameters_in_words
-from ident.show.silence import group_silent
+from ident.show.untestable import group_silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,9 +16,9 @@ from ident.errors import plural, visible
 from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
+    from ident.checks.report import JointEffort
     from ident.model.evaluation import SessionScore
     from ident.recordings.recording import TelemetryIssue
-    from ident.telemetry.report import JointEffort
 
 # As wide as a table would like to be [columns].
 WIDEST = 10_000

@@ -20,11 +20,11 @@ from ident.show.panels import as_text, draw_bars, panel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ident.checks.report import Inspection
     from ident.diagnosis.change.result import ArmComparison
     from ident.diagnosis.result import Diagnosis
     from ident.model.evaluation import Evaluation
     from ident.model.hybrid import FitResults
-    from ident.telemetry.report import Inspection
 
 NOISE, LEFT, EXPLAINABLE = "#999999", MEASURED, "#d55e00"
 

@@ -23,8 +23,8 @@ from ident.show.report.diagnosis_verdict import (
 )
 from ident.show.report.numbers import pair, significant
 from ident.show.report.words import axis_name, interval_words, parameters_in_words
-from ident.show.silence import group_silent
 from ident.show.timeline import Curve, Mark
+from ident.show.untestable import group_silent
 
 VERDICTS = {
     "no_gap": "no gap: the tuned model explains these recordings down to their noise",

@@ -15,9 +15,9 @@ from scipy.interpolate import CubicSpline
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, RobotError
 from ident.robot.arm import ArmModel
-from ident.trajectories.gentle_ends import RAMP_SHARE, GentleEnds
+from ident.safe_read import read_json
+from ident.trajectories.ramps import RAMP_SHARE, GentleEnds
 from ident.trajectories.reference import TICK_S, ReferenceMotion, ticks
-from ident.untrusted_files import read_json
 
 SCHEMA = "plan.result/1"
 # Plans as long as hours are none [s].

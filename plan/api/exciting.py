@@ -8,12 +8,12 @@ from typing import Any
 
 from ident.api.diagnosing import Catalogue, gather_effects
 from ident.diagnosis.result import Diagnosis
-from ident.opening import Robot, load_robot
 from ident.provenance import Provenance
+from ident.sessions import Robot, load_robot
 from plan.experiment import design
 from plan.experiment.around import surroundings_of
 from plan.experiment.design import Tell
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 from plan.geometry.tool import place_payload
 

@@ -10,7 +10,7 @@ import numpy as np
 from ident.api.fitting import load_model
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
-from ident.ownership import remove_own_file
+from ident.outputs import remove_own_file
 from plan.errors import MethodError, SceneError
 from plan.planners import METHODS, Budget, default_budget, make_planner
 from plan.planners.base import Planner, Progress

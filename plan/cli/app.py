@@ -12,7 +12,7 @@ import typer
 
 from ident.cli.shared import JsonFile, console, make_app
 from ident.files import write_record
-from ident.ownership import check_outputs
+from ident.outputs import check_outputs
 from ident.process import run_command
 from plan.show.console import print_comparison, print_result, progress_bar
 

@@ -1,7 +1,7 @@
 """Friction laws that a diagnosis named, as planners need them: their torque's slopes and extremes.
 
-The laws themselves are `ident.model.named_laws`; here each is differentiated by the joint's position, speed and load.
-Moduli have corners: derivatives are those of either side.
+The laws themselves are `ident.model.friction_laws`; here each is differentiated by the joint's position, speed and
+load. Moduli have corners: derivatives are those of either side.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.named_laws import JointStates, NamedLaw, Shape
+from ident.model.friction_laws import JointStates, NamedLaw, Shape
 
 # Least speed that a power is taken of where it is differentiated: a bend below one is endless at rest [rad/s].
 LEAST_SPEED = 1e-9

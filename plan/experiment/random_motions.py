@@ -9,7 +9,7 @@ from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.feasible import Feasibility
-from plan.experiment.programme import Programme
+from plan.experiment.run_set import Programme
 
 # For arms whose limits leave little room: half of the span at the least, two seconds from point to point.
 CAREFUL = {"swing": 0.5, "leg_s": 2.0, "draw": 0.0, "pose_spread": 0.0}

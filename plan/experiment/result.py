@@ -16,7 +16,7 @@ from ident.diagnosis.selection.settings import USUAL_SELECTION
 from ident.files import atomic_folder
 from ident.results import Result
 from ident.trajectories.reference import TICK_S, ReferenceMotion
-from plan.experiment.programme import Programme, duration_of
+from plan.experiment.run_set import Programme, duration_of
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes
 from plan.geometry.scene import Unchecked
 

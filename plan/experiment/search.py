@@ -12,8 +12,8 @@ from plan.experiment.distance import look
 from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
-from plan.experiment.programme import Programme, duration_of
-from plan.experiment.question import Question
+from plan.experiment.hypotheses import Question
+from plan.experiment.run_set import Programme, duration_of
 
 # Runs by which a programme is judged while searching: two of its family and two wide ones.
 TRIAL_RUNS = 4

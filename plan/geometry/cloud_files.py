@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.untrusted_files import require_regular, require_unpacked
+from ident.safe_read import require_regular, require_unpacked
 from plan.errors import SceneError
 
 CLOUDS = (".ply", ".pcd", ".npy", ".csv", ".xyz", ".txt")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
-from ident.untrusted_files import require_regular
+from ident.safe_read import require_regular
 from plan.errors import SceneError
 from plan.geometry.cloud_files import LARGEST, read_array, read_table
 from plan.geometry.solids import Solid

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from ident.robot.arm import ArmModel
 from ident.robot.untrusted_xml import read_xml
-from ident.untrusted_files import read_text
+from ident.safe_read import read_text
 from plan.errors import SceneError
 
 

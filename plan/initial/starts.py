@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from plan.initial.detours import Seed
+from plan.initial.rrt_starts import Seed
 from plan.problem.problem import PlanningProblem
 
 # More via points than this are thinned out: every one adds n variables.

@@ -13,7 +13,7 @@ from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
-from plan.planners.turning import Turns, find_turns
+from plan.planners.velocity_reversals import Turns, find_turns
 from plan.problem.problem import SHARE, PlanningProblem
 from plan.spline import Splines
 

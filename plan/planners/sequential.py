@@ -13,8 +13,8 @@ from ident.arrays import Array, Float, freeze
 from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
 from plan.initial.at_limits import at_its_limits, quickest_of_each_joint
+from plan.initial.initial_guesses import iterate_ways
 from plan.initial.starts import straight
-from plan.initial.ways import iterate_ways
 from plan.planners.base import Candidate, Ledger, Planner
 from plan.planners.descent import KEPT, KEPT_CLEAR, Course, begin, descend, refine
 from plan.planners.evolution import Evolution

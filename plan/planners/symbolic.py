@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ident.arrays import Array
-from ident.model.named_laws import NamedLaw
+from ident.model.friction_laws import NamedLaw
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm

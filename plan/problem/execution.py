@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from ident.ownership import WRITER, mark_file
+from ident.outputs import WRITER, mark_file
 from plan.errors import MethodError
 from plan.problem.result import PlanResult
 

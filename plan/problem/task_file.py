@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.recordings.recording import Payload
-from ident.untrusted_files import read_toml
+from ident.safe_read import read_toml
 from plan.errors import SceneError
 from plan.geometry.boxes import Box
 from plan.geometry.tool import Carried

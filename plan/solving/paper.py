@@ -15,7 +15,7 @@ from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from plan.dynamics.power import Metric
 from plan.geometry.boxes import Box
-from plan.initial.detours import find_seeds
+from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.planners import Budget
 from plan.planners.base import Planner, Progress

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from plan.dynamics.power import ChainTorque
-from plan.initial.detours import Seed, find_seeds
+from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
 from plan.planners import Budget, Candidate, Ledger, default_budget, make_planner
 from plan.planners.base import Planner, Progress

@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 
 from ident.api.diagnosing import diagnose
-from ident.opening import load_robot
+from ident.checks.inspection import inspect_alone
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from ident.telemetry.inspection import inspect_alone
+from ident.sessions import load_robot
 
 CHANNELS = ("effort", "position", "velocity", "time")
 # Rows on each side of the spoilt one that may be different too: a spike's neighbours stand out with it.

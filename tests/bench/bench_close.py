@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.closing.arms import close_simulated
+from ident.closed_loop.arms import close_simulated
 from ident.errors import InputError
 
 MODELS = ("urdf", "randomised", "tuned", "net", "closed")

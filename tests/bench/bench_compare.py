@@ -24,12 +24,12 @@ import numpy as np
 
 from ident import compare
 from ident.errors import InputError
-from ident.plant.causes import Circumstances, find_cause
-from ident.plant.hardware import nominal_hardware
-from ident.plant.request import EffectRequest
-from ident.plant.simulate import Simulation, SimulationOptions, simulate
-from ident.plant.world import PRESETS, settle
 from ident.robot.arm import ArmModel
+from ident.simulation.causes import Circumstances, find_cause
+from ident.simulation.hardware import nominal_hardware
+from ident.simulation.request import EffectRequest
+from ident.simulation.simulate import Simulation, SimulationOptions, simulate
+from ident.simulation.world import PRESETS, settle
 
 KINDS = ("payload", "friction_change", "torque_gain_error", "torque_offset", "link_inertial_error")
 # Sizes are the plant's typical ones times a factor between these.

@@ -29,9 +29,9 @@ from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion, prepare_run, session_noise
 from ident.motion.out_of_core import hold
 from ident.motion.settings import FOR_DIAGNOSIS
-from ident.plant.simulate import SimulationOptions, simulate
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
+from ident.simulation.simulate import SimulationOptions, simulate
 
 CUTOFF = 25.0
 STAGES = (

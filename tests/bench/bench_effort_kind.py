@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.checks import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
-from ident.telemetry import inspect_sessions
-from tests.ident.telemetry.faults import spoil
+from tests.ident.checks.faults import spoil
 
 LOGS = Path(__file__).parents[2] / "logs/tm5_900"
 

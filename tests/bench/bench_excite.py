@@ -20,15 +20,15 @@ from typing import Any
 
 import numpy as np
 
+from ident.checks import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.plant.simulate import SimulationOptions, simulate
 from ident.robot.arm import ArmModel
-from ident.telemetry import inspect_sessions
+from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.design import excite
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 
 # Two effects and the joint at which each is planted.

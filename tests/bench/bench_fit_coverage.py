@@ -28,11 +28,11 @@ from ident.errors import InputError
 from ident.model.identification import Identified, identify
 from ident.model.inertia import PRIOR_SHARE, base_prior, parameter_scale
 from ident.model.loss import NAMES
-from ident.opening import open_sessions
-from ident.plant.hardware import Hardware
-from ident.plant.simulate import Simulation, SimulationOptions, simulate
-from ident.plant.world import World, find_worlds
 from ident.robot.arm import ArmModel
+from ident.sessions import open_sessions
+from ident.simulation.hardware import Hardware
+from ident.simulation.simulate import Simulation, SimulationOptions, simulate
+from ident.simulation.world import World, find_worlds
 
 KEYS = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
 # A shorter run than this holds no whole motion [s].

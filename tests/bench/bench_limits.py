@@ -16,10 +16,10 @@ from typing import Any
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.opening import inspect_paths
-from ident.plant.causes import CATALOGUE as CAUSES
-from ident.plant.request import EffectRequest
-from ident.plant.simulate import SimulationOptions, simulate
+from ident.sessions import inspect_paths
+from ident.simulation.causes import CATALOGUE as CAUSES
+from ident.simulation.request import EffectRequest
+from ident.simulation.simulate import SimulationOptions, simulate
 
 RUNS, DURATION_S = 7, 5.0
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.checks import inspect_sessions
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
@@ -26,9 +27,8 @@ from ident.export.identified import Diagnosed
 from ident.export.write import write_patch
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
-from ident.plant.simulate import Simulation, SimulationOptions, simulate
 from ident.robot.arm import ArmModel
-from ident.telemetry import inspect_sessions
+from ident.simulation.simulate import Simulation, SimulationOptions, simulate
 
 EFFECTS = (
     "payload:arm:0.6",

@@ -29,9 +29,9 @@ from scipy.ndimage import median_filter
 from ident.api.fitting import fit_hybrid
 from ident.errors import InputError
 from ident.model.hybrid import FitOptions, HybridModel
-from ident.plant.simulate import SimulationOptions, simulate
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
+from ident.simulation.simulate import SimulationOptions, simulate
 from ident.trajectories.kinds import REST_S
 from ident.trajectories.limits import MotionLimits
 from ident.trajectories.plan_files import read_plan

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from plan.api.tasks import open_task
-from plan.initial.detours import find_seeds
+from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.planners import Budget, Ledger
 from plan.planners.base import Planner

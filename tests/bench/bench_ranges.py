@@ -15,8 +15,8 @@ import numpy as np
 
 from ident import fit_hybrid, ranges
 from ident.model.hybrid import FitOptions
-from ident.plant.simulate import SimulationOptions, simulate
 from ident.robot.arm import ArmModel
+from ident.simulation.simulate import SimulationOptions, simulate
 
 
 def main() -> None:

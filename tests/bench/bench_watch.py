@@ -17,8 +17,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.arrays import Array
-from ident.watching.alarms import Alarm, Point, find_changes
-from ident.watching.figures import UNITS
+from ident.monitor.alarms import Alarm, Point, find_changes
+from ident.monitor.figures import UNITS
 
 WEEKS = 52
 NAMES = [f"week_{i:02}" for i in range(WEEKS)]

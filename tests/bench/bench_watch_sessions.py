@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from ident.api.watching import watch
-from ident.plant.simulate import SimulationOptions, simulate
+from ident.monitor.watch import Watch
 from ident.recordings.save import write_session
-from ident.watching.watch import Watch
+from ident.simulation.simulate import SimulationOptions, simulate
 
 ROBOT, RUNS, SECONDS, RATE = "tm5-900", 3, 4.0, 125.0
 # Standard deviation of a joint's friction from day to day.

@@ -21,12 +21,12 @@ from scipy.io import savemat
 
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
-from ident.opening import open_sessions
-from ident.ownership import write_marker
-from ident.plant.answer import Answer, TrueEffect, seal
+from ident.outputs import write_marker
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
+from ident.sessions import open_sessions
+from ident.simulation.answer import Answer, TrueEffect, seal
 from plan.planners import Budget, Ledger
 from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.export.diagnoses import write_diagnosis

@@ -140,7 +140,7 @@ def fault_table(seconds: float, seed: int) -> tuple[tuple[str, ...], dict[str, l
 def fit_quickly(folder: Path) -> None:
     """A fitted model of the shipped arm, without a net."""
     from ident.model.hybrid import FitOptions, fit_hybrid
-    from ident.opening import open_sessions
+    from ident.sessions import open_sessions
 
     opened = open_sessions([Path(data_path("logs/tm5_900")) / "E1"], "tm5-900")
     fit_hybrid(opened.motions, opened.arm, FitOptions(inertia="nominal", net="none")).model.save(folder)

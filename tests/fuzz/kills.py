@@ -25,7 +25,7 @@ from ident import files
 from ident.files import atomic_folder, atomic_write
 from ident.model.checkpoint_folder import remove_checkpoint
 from ident.model.residual_net import PRESETS, NetOptions, fit_residual_net
-from ident.ownership import begin_folder
+from ident.outputs import begin_folder
 from ident.recordings.load import load_session
 from ident.recordings.save import write_session
 from ident.robot.names import data_path

@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin
 
+from ident.checks import inspect
+from ident.checks.report import TelemetryReport
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
 from ident.model.checkpoint_folder import NAME as CHECKPOINT
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.residual_net import ResidualNet, fit_residual_net
-from ident.ownership import require_own_folder
-from ident.plant.answer import ENVELOPE_NAME, open_envelope, read_answer
-from ident.plant.world import find_world
+from ident.outputs import require_own_folder
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
-from ident.telemetry import inspect
-from ident.telemetry.report import TelemetryReport
+from ident.simulation.answer import ENVELOPE_NAME, open_envelope, read_answer
+from ident.simulation.world import find_world
 from ident.trajectories.command_files import read_commands
 from ident.trajectories.plan_files import read_plan
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 from plan.geometry.clouds import read_cloud
 from plan.geometry.height_fields import read_heights
 from plan.geometry.mesh_obstacles import read_mesh

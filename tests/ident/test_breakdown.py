@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ident.checks import inspect_sessions
 from ident.diagnosis.diagnose import Diagnosis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import find_effect
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
-from ident.opening import open_sessions
 from ident.recordings.recording import Recording, Session
-from ident.telemetry import inspect_sessions
+from ident.sessions import open_sessions
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
 

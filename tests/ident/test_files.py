@@ -13,7 +13,7 @@ import pytest
 from ident import files
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write, deliver, sha256_of
-from ident.ownership import MARKER
+from ident.outputs import MARKER
 
 
 def write_half_a_file(target: Path) -> None:

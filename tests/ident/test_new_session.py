@@ -18,7 +18,7 @@ from ident.api.inspecting import inspect
 from ident.api.starting import new
 from ident.cli.app import app
 from ident.errors import InputError
-from ident.guessing.new_session import fold_names
+from ident.infer.new_session import fold_names
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel

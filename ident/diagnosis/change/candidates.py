@@ -11,7 +11,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.laws import FrictionChange, UnlistedChange
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.knowledge import Doubt, Range
+from ident.effects.effect_info import Doubt, Range
 
 # What happens to arms between two recordings. Not asked: what is no change (warmth, an event in one run), and what
 # hides in less than a filter passes (play, ripple, elasticity), whose laws need the finest of motions.

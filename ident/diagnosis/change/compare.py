@@ -24,7 +24,7 @@ from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
 from ident.diagnosis.change.search import ALARM, ChangeSearch, count_changes
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
-from ident.diagnosis.explained import measure_shrink, slides
+from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
 from ident.diagnosis.regression.design import Group, Key, NotTestable
 from ident.diagnosis.regression.least_squares import project

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ident.checks import TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
 from ident.diagnosis.change.result import ArmComparison, Side
@@ -15,7 +16,6 @@ from ident.motion.out_of_core import choose_runs, within_band
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.telemetry import TelemetryReport
 
 # Runs of a set that are used: an even choice of more. Some dozens tell all that is to be known of what runs differ by.
 MOST_RUNS = 100

@@ -9,9 +9,9 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.effect_info import Doubt, Range
 from ident.effects.friction import LoadDependentFriction
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
-from ident.effects.knowledge import Doubt, Range
 from ident.effects.typical_sizes import friction_level, hardly_moves, travel
 
 # Points between which a torque of no known law is a straight line over the joint's angle, without and with direction.

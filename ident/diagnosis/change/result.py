@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
-from ident.diagnosis.explained import Explained
+from ident.diagnosis.heldout_gain import Explained
 from ident.diagnosis.regression.design import NotTestable
 from ident.diagnosis.reservations import Reservation
 from ident.recordings.recording import TelemetryIssue

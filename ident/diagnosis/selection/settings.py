@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ident.effects.knowledge import LAW_SHARE
+from ident.effects.effect_info import LAW_SHARE
 from ident.settings import Settings, number
 
 

@@ -1,6 +1,6 @@
 """All laws by the ids of their effects.
 
-Those of a joint's friction that a model carries, too, are `ident.model.named_laws`' own functions.
+Those of a joint's friction that a model carries, too, are `ident.model.friction_laws`' own functions.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ident.export.standalone.bodies import MASSES, changed_arm
 from ident.export.standalone.chain import Array
 from ident.export.standalone.elastic import backlash, elasticity
+from ident.export.standalone.friction import coupling, hysteresis, ripple, spring, thermal
 from ident.export.standalone.log import SENSING, Effect
-from ident.export.standalone.masses import MASSES, changed_arm
 from ident.export.standalone.motion import MovingArm
-from ident.export.standalone.rubbing import coupling, hysteresis, ripple, spring, thermal
-from ident.model.named_laws import JointStates, asymmetric, by_load, by_position, curved_viscous, stribeck
+from ident.model.friction_laws import JointStates, asymmetric, by_load, by_position, curved_viscous, stribeck
 
 Law = Callable[[MovingArm, int, dict[str, float]], Array]
 

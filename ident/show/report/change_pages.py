@@ -23,7 +23,7 @@ from ident.show.report.page import Section, render_page, write_report
 from ident.show.report.provenance import FactsSection, provenance_facts
 from ident.show.report.telemetry import TelemetrySection
 from ident.show.report.words import effect_name, join_words, parameter_cells
-from ident.show.silence import silent_groups
+from ident.show.untestable import silent_groups
 
 TITLE = "What changed"
 

@@ -10,7 +10,7 @@ from ident.recordings.recording import TelemetryIssue
 from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_verdict import DiagnosisVerdictSection
 from ident.show.report.findings import FindingsSection
-from ident.show.report.outlook import OutlookSection
+from ident.show.report.next_steps import OutlookSection
 from ident.show.report.page import Section, write_report
 from ident.show.report.pages import evaluation_sections
 from ident.show.report.provenance import FactsSection, describe_origin, provenance_facts

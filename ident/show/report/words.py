@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.effects.knowledge import STATE, Interval
+from ident.effects.effect_info import STATE, Interval
 from ident.show.report.numbers import MINUS, significant
 
 # Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.

@@ -1,8 +1,8 @@
 """Sessions of at most 25 dwells: poses that are held, slow moves between them, and what gravity and holds tell.
 
     python -m tests.bench.other_simulator.rest OUT --cases 40 --seed 1 [--arms tm5-900,ur5,panda]
-    python -m ident.blind_check.real_check diagnose OUT
-    python -m ident.blind_check.real_check score OUT
+    python -m ident.benchmark.real_check diagnose OUT
+    python -m ident.benchmark.real_check score OUT
 
 A dwell's torque is known to within the joint's static friction f: evenly so, with variance f² / 3. `asked` is the
 distance of an effect in such units over all dwells and joints, each joint's mean taken away: an oracle has half its

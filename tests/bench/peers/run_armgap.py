@@ -5,9 +5,9 @@ from job import Job, least_eigenvalue
 
 from ident import fit_hybrid, open_sessions
 from ident.model.hybrid import FitOptions
-from ident.opening import open_for_model
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
+from ident.sessions import open_for_model
 
 
 def main() -> None:

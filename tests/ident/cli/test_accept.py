@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from ident.checks.accepted import TOLD_BY_A_FIT, overrule
+from ident.checks.report import TelemetryReport
 from ident.cli.app import main
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.names import data_path
-from ident.telemetry.accepted import TOLD_BY_A_FIT, overrule
-from ident.telemetry.report import TelemetryReport
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 

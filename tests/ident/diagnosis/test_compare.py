@@ -24,7 +24,7 @@ from ident.effects.added_body import PLACE, point_mass
 from ident.effects.rigid_body import LinkInertialError
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.typical_sizes import friction_level, rated_torque
-from ident.model.named_laws import JointStates, by_load
+from ident.model.friction_laws import JointStates, by_load
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel

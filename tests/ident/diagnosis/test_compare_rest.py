@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.checks import TelemetryReport
 from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.from_reports import as_compared
 from ident.diagnosis.change.result import ArmComparison, Side
@@ -16,7 +17,6 @@ from ident.provenance import Provenance
 from ident.recordings.recording import Payload, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.show.changes import describe_used
-from ident.telemetry import TelemetryReport
 from tests.ident.diagnosis.planted import COULOMB, NOISE, ROTOR, SLIP, VISCOUS, Plant, at_joint, load_arm, nothing
 from tests.ident.made_up import exact_motion
 from tests.schemas import check_record

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.checks import inspect_sessions
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
@@ -17,7 +18,6 @@ from ident.recordings.load import load_session
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
-from ident.telemetry import inspect_sessions
 from tests.ident.diagnosis.contract import check_diagnosis
 from tests.ident.diagnosis.planted import analyse, gain_on_2, load_arm
 

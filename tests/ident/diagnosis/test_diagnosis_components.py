@@ -20,7 +20,7 @@ from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import estimate_run_spread
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import USUAL_SELECTION
-from ident.diagnosis.selection.urdf_share import added_evidence, best_belief
+from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, SLIP, VISCOUS, analyse, named, nothing, record

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 import pytest
 
+from ident.diagnosis.alternate import _or_doubted
 from ident.diagnosis.reservations import Reservation
 from ident.diagnosis.selection.gates import Gates, Named, SearchResults
-from ident.diagnosis.settle import _or_doubted
 
 CLEAR = Gates(
     p_value=0.001,

@@ -19,14 +19,14 @@ from ident.export.loading import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
 from plan.api.exciting import excite
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 from plan.experiment.sizes import size_effect
 from tests.ident.diagnosis.planted import analyse, at_joint, named
 
 MAGNET = '''
 import numpy as np
 from ident.effects.base import Effect
-from ident.effects.knowledge import Typical
+from ident.effects.effect_info import Typical
 from ident.effects.typical_sizes import coefficient_interval, coulomb_level
 
 

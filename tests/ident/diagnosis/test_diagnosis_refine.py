@@ -22,8 +22,8 @@ from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
+from ident.effects.effect_info import LAW_ANGLE, LAW_SHARE
 from ident.effects.friction import STRIBECK_VELOCITIES
-from ident.effects.knowledge import LAW_ANGLE, LAW_SHARE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, stribeck_on_1
 

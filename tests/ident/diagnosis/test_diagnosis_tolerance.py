@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis import settle
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.least_squares import Prior, project
-from ident.diagnosis.selection.prior_check import Tolerance, measure_tolerance
 from ident.diagnosis.selection.search import Search
-from ident.diagnosis.selection.urdf_share import Belief
+from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
+from ident.diagnosis.selection.urdf_scale import Belief
 from ident.effects.catalogue import find_effect
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -75,10 +74,10 @@ def test_a_load_that_is_not_likely_enough_gets_no_name(short_arm: ArmModel, monk
     def no_other(search: Search, *_: object) -> Belief:
         return Belief(search.prior.error, 0.0)
 
-    monkeypatch.setattr(settle, "added_evidence", lambda search, *_: search.inertial_nats - 1.0)
-    monkeypatch.setattr(settle, "best_belief", no_other)
+    monkeypatch.setattr(alternate, "added_evidence", lambda search, *_: search.inertial_nats - 1.0)
+    monkeypatch.setattr(alternate, "best_belief", no_other)
     assert not analyse(short_arm, loaded, catalogue).diagnosis.findings
-    monkeypatch.setattr(settle, "added_evidence", lambda search, *_: search.inertial_nats + 1.0)
+    monkeypatch.setattr(alternate, "added_evidence", lambda search, *_: search.inertial_nats + 1.0)
     assert analyse(short_arm, loaded, catalogue).diagnosis.findings
 
 

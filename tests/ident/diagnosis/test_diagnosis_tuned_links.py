@@ -10,7 +10,7 @@ from ident.diagnosis.diagnose import diagnose
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.tuned_links import turning_moment
 from ident.effects.catalogue import find_effect
-from ident.effects.knowledge import Interval
+from ident.effects.effect_info import Interval
 from ident.model.inertia import base_parameters
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import nothing, record

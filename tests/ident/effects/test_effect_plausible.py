@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.effects.base import Effect, Interval, SessionContext
+from ident.effects.bounds import arm_reach, impossible, undefined
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.contact import ExternalContact, Push
-from ident.effects.plausible import arm_reach, impossible, undefined
 from ident.robot.arm import ArmModel
 
 

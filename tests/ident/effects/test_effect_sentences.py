@@ -11,7 +11,7 @@ import pytest
 from ident.arrays import Array
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.knowledge import STATE
+from ident.effects.effect_info import STATE
 from ident.export.identified import Change
 from ident.export.standalone.chain import link_change, payload_parameters, turned_gravity
 from ident.export.standalone.laws import LAWS

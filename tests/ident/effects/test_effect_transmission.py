@@ -9,8 +9,8 @@ import pytest
 from smooth_motion import Recover, edit_runs
 
 from ident.effects.base import RunContext, SessionContext
+from ident.effects.bounds import joint_range
 from ident.effects.catalogue import find_effect
-from ident.effects.plausible import joint_range
 from ident.effects.transmission import BENT
 from ident.effects.typical_sizes import travel
 

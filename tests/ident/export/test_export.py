@@ -20,10 +20,10 @@ from ident.export.ros2_control import write_limits
 from ident.export.standalone.motion import Losses
 from ident.export.write import FILES, write_export
 from ident.model.evaluation import evaluate
+from ident.model.friction_laws import NamedLaw
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.loss import LossParameters
-from ident.model.named_laws import NamedLaw
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, random_states, sliding_arm
 

@@ -29,7 +29,7 @@ from ident.export.urdf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.presliding import stop_operator
-from ident.ownership import MARKER
+from ident.outputs import MARKER
 from ident.robot.arm import ArmModel
 from tests.ident.export.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, baseline, write_diagnosis
 from tests.ident.made_up import random_states

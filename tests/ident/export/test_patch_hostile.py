@@ -18,8 +18,8 @@ from ident.export.identified import Diagnosed
 from ident.export.loading import load_module
 from ident.export.write import write_patch
 from ident.robot.arm import ArmModel
+from ident.safe_read import toml_key
 from ident.show.report import write_diagnosis_report
-from ident.untrusted_files import toml_key
 from tests.ident.export.diagnoses import write_diagnosis
 
 CODE = "__import__('pathlib').Path('RUN').touch()"

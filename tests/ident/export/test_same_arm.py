@@ -16,10 +16,10 @@ from ident.export.randomised import DRAWN, write_ranges
 from ident.export.write import write_patch
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
-from ident.opening import open_for_model
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.robot.content import content_of
+from ident.sessions import open_for_model
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.made_up import made_session
 

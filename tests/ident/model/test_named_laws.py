@@ -12,9 +12,9 @@ import pytest
 from pydantic import TypeAdapter
 
 from ident.errors import InputError, RecordingError
+from ident.model.friction_laws import KINDS, JointStates, NamedLaw
 from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.named_fit import NamedLaws, read_named_laws
-from ident.model.named_laws import KINDS, JointStates, NamedLaw
 from ident.motion.motion import Motion
 from ident.schemas.models import NamedLawRecord
 from plan.dynamics.torque_model import torque_of_model

@@ -6,9 +6,9 @@ import pytest
 from ident.errors import RecordingError
 from ident.model.loss import loss_columns
 from ident.motion.motion import Lowpass, prepare
-from ident.opening import load_robot
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
+from ident.sessions import load_robot
 from tests.ident.made_up import made_motions, made_session, two_joint_arm
 
 

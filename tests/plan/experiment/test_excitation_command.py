@@ -14,7 +14,7 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.trajectories.command_files import read_commands
 from plan.cli.app import app
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 from tests.schemas import check_file
 
 JOINTS = [f"joint_{k}" for k in range(1, 7)]

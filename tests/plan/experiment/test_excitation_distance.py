@@ -14,8 +14,8 @@ from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
 from plan.experiment.indistinguishable import AllGains, AllMasses
-from plan.experiment.programme import Programme
 from plan.experiment.result import minutes_to_odds, odds_of
+from plan.experiment.run_set import Programme
 
 STRIBECK, VISCOUS = find_effect("stribeck_friction"), find_effect("nonlinear_viscous_friction")
 

@@ -13,8 +13,8 @@ from plan.experiment.design import LEAST_RUNS, excite
 from plan.experiment.families import FAMILIES
 from plan.experiment.feasible import Feasibility
 from plan.experiment.foresight import Eye
-from plan.experiment.programme import Programme
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
+from plan.experiment.run_set import Programme
 from plan.experiment.search import BASELINE, ProgrammeSearch
 
 PAIRS = (

@@ -12,7 +12,7 @@ from ident.robot.names import find_urdf, robot_argument
 from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.around import surroundings_of
 from plan.experiment.feasible import Feasibility
-from plan.experiment.question import ask
+from plan.experiment.hypotheses import ask
 
 SCENE = """[[obstacle]]
 name = "post"

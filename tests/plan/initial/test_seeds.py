@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from plan.geometry.boxes import Box
-from plan.initial.detours import _Tip, find_seeds, midplane_targets
+from plan.initial.initial_guesses import follow_closely, iterate_ways
 from plan.initial.rrt import TreeOptions, connect, edge_is_free, prune
+from plan.initial.rrt_starts import _Tip, find_seeds, midplane_targets
 from plan.initial.starts import MOST_VIAS, from_seeds, from_vias, straight, time_stamps
-from plan.initial.ways import follow_closely, iterate_ways
 from plan.problem.problem import PlanningProblem
 from tests.plan.worlds import GOAL, MONITOR, START, problem
 

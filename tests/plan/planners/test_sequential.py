@@ -8,7 +8,7 @@ import pytest
 from plan.dynamics.power import METRICS
 from plan.initial.at_limits import quickest_of_each_joint
 from plan.initial.starts import straight
-from plan.planners import local_model, turning
+from plan.planners import local_model
 from plan.planners.brute_force import BruteForce
 from plan.planners.descent import begin, descend, refine
 from plan.planners.evolution import Evolution
@@ -52,7 +52,7 @@ def test_coefficients_hold_the_same_spline(soft: bool) -> None:
 def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Slope of the cost and rows of all limits equal differences, acceleration and jerk among them."""
     monkeypatch.setattr(local_model, "WATCHED_SHARE", -1.0)
-    monkeypatch.setattr(turning, "SLOW", 1e-3)  # turns that hardly accelerate are not followed in earnest
+    monkeypatch.setattr(velocity_reversals, "SLOW", 1e-3)  # turns that hardly accelerate are not followed in earnest
     task = problem(MONITOR, duration=1.0, objective=objective)
     limits = replace(task.limits, acceleration=np.full(3, 60.0), jerk=np.full(3, 500.0))
     local, x = moved(replace(task, limits=limits))

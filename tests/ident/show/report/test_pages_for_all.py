@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.monitor.pages import write_pages
+from ident.monitor.store import Store
+from ident.monitor.watch import ArmHistory, Watch, make_history
 from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report, write_evaluation_report
-from ident.watching.pages import write_pages
-from ident.watching.store import Store
-from ident.watching.watch import ArmHistory, Watch, make_history
 from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.ident.show.report.test_report_diagnosis import RECORD
 

@@ -1,0 +1,204 @@
+"""Which cases a check is made of, drawn from a seed: what is wrong, where, how much, and in which motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.effects import catalogue
+from ident.errors import InputError
+from ident.simulation.causes import CATALOGUE, OUTSIDE, find_cause
+from ident.simulation.decoys import DECOYS
+from ident.simulation.request import EffectRequest
+from ident.simulation.simulate import POOR, RICH, SimulationOptions
+from ident.simulation.world import World, WorldRange
+
+FULL_MIX: dict[str, float] = {
+    "single": 252,
+    "healthy": 60,
+    "decoy": 40,
+    "pair": 36,
+    "triple": 14,
+    "excluded": 42,
+    "outside": 36,
+}
+"""Kinds of case and their shares: `excluded` effects are taken out of the catalogue, `outside` were never in it."""
+# Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for one poor.
+SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size in (0.3, 1.0, 3.0))
+VISIBLE = (1.0, 3.0)
+RATES_HZ = (100.0, 250.0, 500.0)
+RATE_SHARES = (0.2, 0.6, 0.2)
+# Taking an effect out of the catalogue without these would leave its columns there.
+TWINS = {effect.id: effect.twins for effect in catalogue.CATALOGUE}
+# From this attempt on other effects are drawn too, not only another joint and arm.
+OTHER_EFFECTS_FROM = 4
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place in the check: its kind and, for a single effect, its cell of the table of all of them.
+
+    Attributes:
+        name: Name of the case.
+        kind: One of `FULL_MIX`.
+        effect: Effect of the cell; drawn if empty.
+        amplitude: Visible amplitude [noise floors].
+        rich: Whether the motion is rich.
+    """
+
+    name: str
+    kind: str
+    effect: str = ""
+    amplitude: float = 3.0
+    rich: bool = True
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case as drawn; all of it is withheld from the diagnosis but the excluded ids.
+
+    Attributes:
+        slot: Its place.
+        options: The session to be simulated.
+        excluded: Ids that the diagnosis must do without.
+    """
+
+    slot: Slot
+    options: SimulationOptions
+    excluded: tuple[str, ...] = ()
+
+    @property
+    def amplitude(self) -> float:
+        """Largest visible amplitude that was asked for [noise floors]; 0 without an effect."""
+        sizes = [one.amplitude or 0.0 for one in self.options.effects if isinstance(one, EffectRequest)]
+        return max(sizes, default=0.0)
+
+
+def parse_mix(text: str) -> dict[str, float]:
+    """Reads a mix such as `single=20,healthy=5`; a kind without a number has its share of the full mix.
+
+    Raises:
+        InputError: An unknown kind, or shares that are no positive numbers.
+    """
+    mix = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        kind, _, share = part.partition("=")
+        if kind not in FULL_MIX:
+            raise InputError("--mix", f"unknown kind {kind!r}", f"choose from: {', '.join(FULL_MIX)}")
+        try:
+            mix[kind] = float(share) if share else FULL_MIX[kind]
+        except ValueError:
+            raise InputError("--mix", f"{part!r} has no number", "write KIND=SHARE, separated by commas") from None
+        if not 0.0 <= mix[kind] < np.inf:
+            raise InputError("--mix", f"a share of {share} for {kind}", "give a positive number")
+    if not any(mix.values()):
+        raise InputError("--mix", "it holds no case", f"name one or more of: {', '.join(FULL_MIX)}")
+    return mix
+
+
+def apportion(cases: int, mix: Mapping[str, float]) -> dict[str, int]:
+    """Numbers of each kind that add up to all cases: largest remainders."""
+    kinds = [kind for kind, share in mix.items() if share > 0.0]
+    exact = np.array([mix[kind] for kind in kinds]) * cases / sum(mix.values())
+    counts = np.floor(exact).astype(int)
+    for k in np.argsort(-(exact - counts), kind="stable")[: cases - int(counts.sum())]:
+        counts[k] += 1
+    return dict(zip(kinds, map(int, counts), strict=True))
+
+
+def plan_slots(
+    cases: int, mix: Mapping[str, float], seed: int, effects: Sequence[str] = tuple(CATALOGUE)
+) -> tuple[Slot, ...]:
+    """All places of a check. Single effects take the cells effect × size × motion in turn, each round shuffled.
+
+    Args:
+        cases: Their number.
+        mix: Shares of the kinds.
+        seed: Of the check.
+        effects: Effects that single cases ask for.
+    """
+    rng = np.random.default_rng([seed, 0])
+    kinds = [kind for kind, count in apportion(cases, mix).items() for _ in range(count)]
+    singles = iter(_single_cells(kinds.count("single"), rng, effects))
+    width = max(3, len(str(cases - 1)))
+    slots = []
+    for i, kind in enumerate(kinds):
+        effect, (amplitude, rich) = next(singles) if kind == "single" else ("", (3.0, True))
+        if kind == "healthy":
+            rich = bool(i % 4)
+        slots.append(Slot(f"case_{i:0{width}d}", kind, effect, amplitude, rich))
+    return tuple(slots)
+
+
+def _single_cells(count: int, rng: np.random.Generator, effects: Sequence[str]) -> list[tuple[str, tuple[float, bool]]]:
+    """Every effect once a round, with another cell in every round."""
+    order = {effect: rng.permutation(len(SINGLE_CELLS)) for effect in effects}
+    rounds = [
+        (str(effect), SINGLE_CELLS[order[effect][turn % len(SINGLE_CELLS)]])
+        for turn in range(-(-count // len(effects)))
+        for effect in rng.permutation(effects)
+    ]
+    return rounds[:count]
+
+
+def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange]) -> World | None:
+    """The world of a case: of the ranges in turn, in an order that does not go with the kinds of case; None of none."""
+    if not worlds:
+        return None
+    turn, place = divmod(number, len(worlds))
+    order = np.random.default_rng([seed, 4, turn]).permutation(len(worlds))
+    return worlds[int(order[place])].draw(np.random.default_rng([seed, 5, number]))
+
+
+def draw_case(
+    slot: Slot, number: int, seed: int, base: SimulationOptions, joints: Sequence[str], attempt: int = 0
+) -> Case:
+    """Draws what a place leaves open.
+
+    Args:
+        slot: The place.
+        number: Its number.
+        seed: Of the check.
+        base: What all cases have in common (robot, number and length of runs), or the case's world.
+        joints: The robot's joints.
+        attempt: Goes up where the size asked for is impossible at the joint drawn.
+    """
+    fixed = np.random.default_rng([seed, 1, number, max(attempt - OTHER_EFFECTS_FROM + 1, 0)])
+    rng = np.random.default_rng([seed, 2, number, attempt])
+    effects = tuple(
+        EffectRequest(effect, "" if find_cause(effect).whole_arm else str(rng.choice(joints)), amplitude=size)
+        for effect, size in _draw_effects(slot, attempt, fixed)
+    )
+    options = replace(
+        base,
+        effects=effects,
+        seed=int(rng.integers(2**62)),
+        motions=RICH if slot.rich else POOR,
+        rate=float(rng.choice(RATES_HZ, p=RATE_SHARES)),
+        velocity=bool(rng.random() < 0.75),
+        temperature=bool(rng.random() < 0.5),
+        decoys=(str(rng.choice(list(DECOYS))),) if slot.kind == "decoy" else (),
+        friction_spread=float(rng.choice([0.0, 0.01, 0.02])),
+    )
+    if base.world is not None:
+        options = options.in_world(base.world)
+    excluded: tuple[str, ...] = ()
+    if slot.kind == "excluded":
+        excluded = (effects[0].effect, *TWINS.get(effects[0].effect, ()))
+    return Case(slot, options, excluded)
+
+
+def _draw_effects(slot: Slot, attempt: int, rng: np.random.Generator) -> list[tuple[str, float]]:
+    """Ids and visible amplitudes."""
+    if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
+        return [(slot.effect, slot.amplitude)]
+    count = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}.get(slot.kind, 1)
+    family = OUTSIDE if slot.kind == "outside" else CATALOGUE
+    while True:
+        ids = [str(one) for one in rng.choice(list(family), count, replace=False)]
+        if not any(twin in ids for one in ids for twin in TWINS.get(one, ())):
+            break
+    sizes = [slot.amplitude] if slot.kind == "single" else [float(rng.choice(VISIBLE)) for _ in ids]
+    return list(zip(ids, sizes, strict=True))

@@ -1,0 +1,143 @@
+"""Fourth step of a case, after its envelope was opened: the edit test.
+
+The named cause is taken out of the patched model, and nothing else: no figure is fitted again. The same arm is then
+simulated without the cause, doing other motions. Where the diagnosis told what belongs to the cause from what belongs
+to the arm, the edited model foretells those torques as well as a model that was tuned on the arm without the cause,
+moving as in the case. Where tuning took part of the cause, or the figures are wrong, the edit leaves a gap that was
+not there.
+
+Two models stand beside it: one tuned on the case's recordings with nothing named, and the patched one unedited.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.benchmark.edited import EditedModel
+from ident.benchmark.examining import finite
+from ident.benchmark.making import MakeTask, case_key, case_of
+from ident.benchmark.scoring import is_true, shown_joints
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.motion.motion import Motion
+from ident.motion.out_of_core import within_band
+from ident.motion.settings import FOR_DIAGNOSIS
+from ident.recordings.recording import Session
+from ident.safe_read import read_json
+from ident.sessions import inspect_paths, open_sessions
+from ident.simulation.answer import Answer, open_envelope
+from ident.simulation.simulate import SimulationOptions, simulate
+
+# The other motions: one of each of the first kinds, about a minute together [s].
+MOST_RUNS, LONGEST_RUN_S = 5, 12.0
+
+
+@dataclass(frozen=True)
+class EditTask:
+    """What the editing process is told.
+
+    Attributes:
+        made: How the case was made.
+        attempt: At which draw it was possible.
+        result: File of what the diagnosing process wrote.
+        edited: File for the outcome.
+        stamp: Of the editing code, and of the result that it takes.
+    """
+
+    made: MakeTask
+    attempt: int
+    result: Path
+    edited: Path
+    stamp: str
+
+
+def edit(task: EditTask) -> str:
+    """Edits a case and writes the outcome; returns the case's name.
+
+    What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
+    """
+    name = task.made.slot.name
+    answer = open_envelope(task.made.sealed, case_key(task.made.seed, name))
+    result = read_json(task.result, "remove it, or choose another --out")
+    options = case_of(task.made, task.attempt).options
+    try:
+        record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
+    except InputError as error:
+        record = {"why": str(error)}
+    with atomic_write(task.edited) as part:
+        part.write_text(json.dumps(finite({"stamp": task.stamp, **record}), default=float) + "\n", encoding="utf-8")
+    return name
+
+
+def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """The edit test of one case.
+
+    Args:
+        options: What was simulated.
+        answer: What was wrong.
+        diagnosis: What was said.
+
+    Returns:
+        `joints`, at which the cause shows; by model the `rms_Nm` of each joint, and by model the `ratio` to the
+        oracle's over these joints; or `why` there is no test.
+
+    Raises:
+        InputError: The arm without the cause can't be diagnosed.
+    """
+    true = [k for k, one in enumerate(diagnosis["findings"]) if any(is_true(t, one, answer) for t in answer.effects)]
+    if not true:
+        return {"why": "nothing true was named"}
+    twin, other = twins_of(options)
+    oracle, arm = _tuned_on(twin, options.robot)
+    held_out = _motions_of(other, options.robot)
+    models = {
+        "edited": EditedModel.of(diagnosis, arm, true),
+        "oracle": EditedModel.tuned_alone(oracle, arm),
+        "tuned": EditedModel.tuned_alone(diagnosis, arm),
+        "unedited": EditedModel.of(diagnosis, arm),
+    }
+    rms = {name: model.rms(held_out) for name, model in models.items()}
+    joints = sorted({joint for one in answer.effects for joint in shown_joints(one, answer)})
+    at = [arm.joint_names.index(joint) for joint in joints]
+    return {
+        "joints": joints,
+        "rms_Nm": {name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()},
+        "ratio": {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()},
+    }
+
+
+def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
+    """Root mean square over joints of the errors, each in units of the oracle's."""
+    return float(np.sqrt(np.mean((error / np.maximum(oracle, 1e-12)) ** 2)))
+
+
+def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
+    """The arm of a case without its causes: in the case's own motions, and in others."""
+    arm = options.seed if options.arm_seed is None else options.arm_seed
+    plain = replace(options, effects=(), measure=False, arm_seed=arm)
+    seed = int(np.random.default_rng([options.seed, 11]).integers(2**62))
+    runs, duration = min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
+    other = replace(plain, seed=seed, runs=runs, duration=duration)
+    return simulate(plain, "twin").session, simulate(other, "other").session
+
+
+def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], Any]:
+    """The diagnosis of a session with nothing to name, and the arm with the joints that it has."""
+    arm, reports = inspect_paths([session], robot)
+    diagnosis, analysis, _ = diagnose_reports(reports, arm, ())
+    if analysis is None:
+        raise InputError(session.name, f"its verdict is {diagnosis.verdict}", "simulate another case")
+    return diagnosis.to_dict(), arm.keeping(session.joints)
+
+
+def _motions_of(session: Session, robot: str) -> Sequence[Motion]:
+    opened = open_sessions([session], robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
+    return within_band(opened.motions)

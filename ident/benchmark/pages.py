@@ -1,0 +1,359 @@
+"""The page of a check, a page of each diagnosis that was confidently wrong, and the check in words and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ident.benchmark.scoring import Outcome
+from ident.benchmark.statistics import Score
+from ident.benchmark.summary import EDIT_WITHIN, BlindReport
+from ident.benchmark.worlds import NUMBERS, WORDS, Stratum
+from ident.errors import plural
+from ident.show.panels import draw_bars
+from ident.show.report.confusion import ConfusionSection
+from ident.show.report.diagnosis_pages import write_diagnosis_report
+from ident.show.report.figures import make_panel, to_svg
+from ident.show.report.numbers import DASH, fixed, percent
+from ident.show.report.page import Section, write_report
+from ident.show.report.provenance import FactsSection
+from ident.show.report.words import effect_name, parameter_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE_NAME, WRONG_FOLDER = "index.html", "wrong"
+SHARES = {
+    "strict": "named: the first name is the hidden effect",
+    "class_aware": "classed: the hidden effect is in the class of the first name",
+    "joint": "the first name is at the right joint",
+    "class_aware_small": "classed, at 0.3 of the noise floor",
+    "false_alarm": "false alarms: healthy sessions with a name",
+    "false_alarm_decoy": "false alarms: decoys with a name",
+    "told_gap": "healthy sessions told to have a gap",
+    "class_holds": "the class holds the hidden effect, single effects with a name",
+    "companion": "visible effects with a false name beside the true one",
+    "refusal": "refused, at the right joint, where the catalogue lacks the cause",
+    "wrongly_named": "a wrong name called the whole story there",
+    "interval_coverage": "true parameters inside their 95 % interval",
+    "shrink_vs_oracle": "held-out gap closed, of what an oracle closes",
+}
+MEANS = {
+    "mean_class_size": "effects in a class",
+    "class_size": "effects in a class, single effects with a name",
+    "set_f1": "F1 of the set of names, pairs and triples",
+    "calibration_error": "calibration error of the probabilities",
+    "auroc": "area under the curve of refusals: lacking causes against held ones",
+    "seconds_per_case": "seconds a diagnosis",
+}
+BASELINES = {"bic_forward": "forward selection by BIC"}
+COMPARED = ("strict", "joint", "false_alarm", "false_alarm_decoy", "refusal")
+OF_WORLDS = ("strict", "class_aware", "joint", "companion", "false_alarm", "told_gap")
+# Curves over worlds: score, colour, name in the key.
+CURVES = (
+    ("strict", "#0b5394", "visible effects named"),
+    ("told_gap", "#b45f06", "healthy told a gap"),
+    ("false_alarm", "#990000", "healthy with a name"),
+)
+SLANT, STEEP = 20, 50  # of the names of strata, a few and many [deg]
+TITLE_SHARE = 0.07  # of a panel's height for its title
+SHIFT = 0.06  # of a panel's width between two intervals at one place
+LEADS = {
+    "scores": "Effects were drawn by chance and hidden in sessions of a simulated arm of other code and other laws; "
+    "the answers were sealed, the recordings diagnosed by processes that never saw them, then the seals opened. "
+    "The names count where the effect is visible: one noise floor or more, in rich motion.",
+    "sizes": "Sizes are visible amplitudes: what is left of the effect after the best fit of an ordinary model, in "
+    "multiples of the torque noise. Poor motion is everyday motion only.",
+    "worlds": "Each case is drawn from a world of its own: another arm, other sensors, another log and controller. "
+    "Numbers are cut at powers of ten or at the terciles of the cases.",
+    "baselines": "The same sessions and the same columns, judged by a method that takes samples for independent.",
+    "calibration": "Of the names given a certain probability, the share that was right.",
+    "coverage": "Where the name was right, how often the interval of each parameter held that of the simulated arm. "
+    "Its laws are not those of the catalogue, so some parameters have no exact counterpart.",
+    "edits": "The named cause is taken out of the patched model, nothing is fitted again, and the model foretells the "
+    "torque of the same arm simulated without the cause, doing other motions. Errors are told over those of a model "
+    f"that was tuned on the arm without the cause. A test is passed up to {EDIT_WITHIN:g}.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class TableSection(Section):
+    """Words, pictures and a table of a check; left out where there is neither picture nor row.
+
+    Attributes:
+        anchor, title: Its address and heading.
+        columns: Headings of the table; one that begins with "#" is over text.
+        rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
+        panels: Pictures, as SVG.
+        headline, alarm: Said before the rest.
+    """
+
+    anchor: str  # type: ignore[misc]
+    title: str  # type: ignore[misc]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    panels: Sequence[Any] = ()
+    headline: str = ""
+    alarm: str = ""
+    template: ClassVar[str] = "blind_table.html"
+
+    @property
+    def is_present(self) -> bool:
+        return bool(self.rows or self.panels)
+
+    def context(self) -> dict[str, Any]:
+        return {
+            **vars(self),
+            "lead": LEADS.get(self.anchor, ""),
+            "columns": [name.lstrip("#") for name in self.columns],
+        } | {"text": [name.startswith("#") for name in self.columns]}
+
+
+@dataclass(frozen=True, eq=False)
+class SealSection(Section):
+    """SHA-256 of the envelopes."""
+
+    seals: Mapping[str, str]
+    anchor: ClassVar[str] = "seals"
+    title: ClassVar[str] = "Seals"
+    template: ClassVar[str] = "blind_seals.html"
+
+    def context(self) -> dict[str, Any]:
+        return {"seals": list(self.seals.items())}
+
+
+def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, Any] | None], out: Path) -> Path:
+    """Writes the page, and below it the diagnoses of the cases that were confidently wrong.
+
+    Args:
+        report: The check.
+        diagnoses: The record of `ident.diagnosis/1` of each case, None where it failed.
+        out: Folder.
+
+    Returns:
+        Path of the page.
+    """
+    for one in report.confidently_wrong:
+        record = diagnoses.get(one.name)
+        if record is not None:
+            write_diagnosis_report(out / WRONG_FOLDER / f"{one.name}.html", record)
+    subtitle = f"{report.robot} · {plural(len(report.outcomes), 'case')} · seed {report.seed}"
+    return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", blind_sections(report), subtitle)
+
+
+def blind_sections(report: BlindReport) -> list[Section]:
+    """All sections of a check, the scores first."""
+    return [
+        scores_section(report),
+        strata_section(report),
+        worlds_section(report),
+        ConfusionSection(report.confusion),
+        baselines_section(report),
+        calibration_section(report),
+        coverage_section(report),
+        edits_section(report),
+        wrong_section(report),
+        SealSection(report.seals),
+        FactsSection(report.run),
+    ]
+
+
+def _cells(text: str, score: Score, tell: Any = percent) -> list[str]:
+    """A row of a score: its words, value, interval and number of cases."""
+    span = DASH if score.low is None else f"{tell(score.low)} to {tell(score.high)}"
+    return [text, tell(score.value), span, str(score.count)]
+
+
+def scores_section(report: BlindReport) -> Section:
+    """The scores at a glance."""
+    scores = report.scores
+    visible, healthy = scores["class_aware"], scores["false_alarm"]
+    headline = (
+        f"{percent(visible.value)} of {plural(visible.count, 'visible effect')} found; "
+        f"{percent(healthy.value)} of {plural(healthy.count, 'healthy session')} with a false alarm."
+    )
+    failed = sum(one.verdict == "failed" for one in report.outcomes)
+    rows = [_cells(text, scores[name]) for name, text in SHARES.items()]
+    rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
+    alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
+    return TableSection("scores", "Scores", ("score", "value", "interval", "of"), rows, (), headline, alarm)
+
+
+def strata_section(report: BlindReport) -> Section:
+    """Single effects by size and motion."""
+    columns = ("size, motion", "cases", "named", "classed", "joint", "no name", "class size", "names too many")
+    rows = [
+        [cell, scores["strict"].count]
+        + [percent(scores[name].value) for name in ("strict", "class_aware", "joint", "unnamed")]
+        + [fixed(scores[name].value) for name in ("mean_class_size", "extra_names")]
+        for cell, scores in report.strata.items()
+    ]
+    return TableSection("sizes", "Small and large, rich and poor motion", columns, rows)
+
+
+def worlds_section(report: BlindReport) -> Section:
+    """Scores over what the worlds differ in."""
+    columns = (
+        "property",
+        "from, to",
+        "cases",
+        "named",
+        "classed",
+        "joint",
+        "false beside",
+        "false alarms",
+        "told a gap",
+    )
+    rows = [
+        [_axis(one), _place(one), len(one.cases), *(percent(scores[name].value) for name in OF_WORLDS)]
+        for strata in report.worlds.values()
+        for one, scores in strata
+    ]
+    worst = report.worst
+    told = worst and f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named."
+    panels = [draw_axis(strata) for strata in report.worlds.values()]
+    return TableSection("worlds", "In which worlds does it hold?", columns, rows, panels, alarm=told or "")
+
+
+def baselines_section(report: BlindReport) -> Section:
+    """A plain method beside the diagnosis."""
+    methods = {"this diagnosis": report.scores}
+    methods |= {BASELINES.get(name, name): scores for name, scores in report.baselines.items()}
+    rows = [
+        [name, *(percent(scores[key].value) for key in COMPARED), fixed(scores["set_f1"].value)]
+        for name, scores in methods.items()
+    ]
+    columns = ("method", "named", "joint", "false alarms", "of decoys", "refused", "F1 of sets")
+    return TableSection("baselines", "Beside a plain method", columns, rows if report.baselines else ())
+
+
+def calibration_section(report: BlindReport) -> Section:
+    """What probabilities said against what was true."""
+    title = "Is a probability of 0.9 right nine times in ten?"
+    return TableSection("calibration", title, (), (), [draw_calibration(report)] if report.calibration else ())
+
+
+def coverage_section(report: BlindReport) -> Section:
+    """How often each parameter's interval holds the truth."""
+    rows = []
+    for name, score in report.coverage.items():
+        effect, parameter = name.split(".", 1)
+        words, unit = parameter_name(parameter)
+        rows.append([effect_name(effect), *_cells(f"{words} [{unit}]" if unit else words, score)])
+    columns = ("effect", "#parameter", "inside", "interval", "of")
+    return TableSection("coverage", "Are the intervals honest?", columns, rows)
+
+
+def edits_section(report: BlindReport) -> Section:
+    """Edit tests by effect."""
+    rows = [
+        [effect_name(effect), one["cases"]]
+        + [fixed(one["median"][model]) for model in ("edited", "tuned", "unedited")]
+        + [percent(one["within"]["value"])]
+        for effect, one in report.edits.items()
+    ]
+    columns = ("effect", "cases", "cause taken out", "tuned, nothing named", "cause left in", "passed")
+    return TableSection("edits", "Take the cause out again: is the arm left?", columns, rows)
+
+
+def wrong_section(report: BlindReport) -> Section:
+    """Confident names that are not true, each with its own report."""
+
+    def row(one: Outcome) -> list[Any]:
+        told = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
+        true = [f"{effect_name(e)} at {j}" if j else effect_name(e) for e, j in one.truth]
+        size = f"{one.amplitude:g}x, {'rich' if one.rich else 'poor'}" if one.truth else one.kind
+        link = (f"{WRONG_FOLDER}/{one.name}.html", one.name)
+        return [link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(told)]
+
+    columns = ("case", "#kind", "#true", "#told")
+    return TableSection("wrong", "Wrong, and sure of it", columns, [row(one) for one in report.confidently_wrong])
+
+
+def draw_calibration(report: BlindReport) -> Any:
+    """Share of right names over their probability, with Wilson's intervals."""
+    figure, axes = make_panel("probability told", "share right", size=(3.4, 2.8))
+    axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8, linestyle="--")
+    x = [one.said for one in report.calibration]
+    y, reach = _bars([one.right for one in report.calibration])
+    axes.errorbar(x, y, yerr=reach, fmt="o", color="#0b5394", markersize=4, linewidth=1)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_ylim(-0.03, 1.03)
+    return to_svg(figure, "Calibration curve: share of right names over the probability told")
+
+
+def _bars(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
+    """Values of scores, and how far their intervals reach below and above."""
+    value, low, high = (
+        np.array([getattr(one, end) for one in scores], dtype=float) for end in ("value", "low", "high")
+    )
+    return value, np.maximum([value - low, high - value], 0.0)
+
+
+def draw_axis(strata: Sequence[tuple[Stratum, Mapping[str, Score]]]) -> Any:
+    """Scores over the strata of one property, with their intervals."""
+    figure, axes = make_panel("", "share", size=(3.5, 2.3), bottom=0.85)
+    first, places = strata[0][0], [_place(one) for one, _ in strata]
+    for k, (name, colour, words) in enumerate(CURVES):
+        told = [(i, scores[name]) for i, (_, scores) in enumerate(strata) if scores[name].value is not None]
+        if told:
+            x = np.array([i for i, _ in told]) + SHIFT * (k - 1) * 2.0
+            y, reach = _bars([score for _, score in told])
+            style: dict[str, Any] = {
+                "fmt": "o" if first.value else "o-",
+                "color": colour,
+                "markersize": 3.5,
+                "linewidth": 0.8,
+            }
+            axes.errorbar(x, y, yerr=reach, alpha=0.9, label=words, **style)
+    axes.set_xticks(np.arange(len(strata)), places)
+    if len(strata) > 4 or max(map(len, places)) > 10:
+        axes.tick_params(axis="x", labelrotation=STEEP if len(strata) > 6 else SLANT)
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right")
+            label.set_rotation_mode("anchor")
+    axes.set_xlim(-0.5, len(strata) - 0.5)
+    axes.set_ylim(-0.03, 1.03)
+    axes.legend(fontsize=5, frameon=False, loc="center")
+    axes.set_title(_axis(first), fontsize=8, loc="left", pad=3)
+    box = axes.get_position()
+    axes.set_position((box.x0, box.y0, box.width, box.height - TITLE_SHARE))
+    return to_svg(figure, f"Scores by {_axis(first)}")
+
+
+def _axis(one: Stratum) -> str:
+    return {**NUMBERS, **WORDS}[one.axis]
+
+
+def _place(one: Stratum) -> str:
+    low, high = (f"{value:.0f}" if value >= 100.0 else f"{value:.2g}" for value in (one.low, one.high))
+    return one.value or (low if low == high else f"{low} to {high}")
+
+
+def summary(report: BlindReport) -> str:
+    """Every score with its 95 % interval, a line each; efficiency by size, the worst worlds."""
+    record = report.to_dict()
+    lines = []
+    for name, value in record["scores"].items():
+        if isinstance(value, dict):
+            sizes = ", ".join(f"{size}x {one if one is None else round(one, 3)}" for size, one in value.items())
+            lines += [f"  {name}: {sizes}"] if sizes else []
+            continue
+        low, high = record["intervals"].get(name, (None, None))
+        interval = f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else ""
+        lines.append(f"  {name}: {value if value is None else round(value, 3)}{interval}")
+    if record["worst_stratum"] is not None:
+        worst = record["worst_stratum"]
+        lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")
+    return "\n".join(lines)
+
+
+def draw(report: BlindReport) -> Figure:
+    """The scores that are shares."""
+    shares = {name: score.value for name, score in report.scores.items() if name != "seconds_per_case"}
+    rows = {f"{len(report.outcomes)} cases": ("#0072b2", list(shares.values()))}
+    return draw_bars(list(shares), rows, "share", f"withheld effects, seed {report.seed}")

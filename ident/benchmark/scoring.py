@@ -1,0 +1,331 @@
+"""Third step of a case: what was said against what was true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.benchmark.cases import Slot
+from ident.diagnosis.verdict import above_noise
+from ident.effects.catalogue import CATALOGUE
+from ident.simulation.answer import Answer, TrueEffect
+
+REFUSING = ("none_of_catalogue", "partial")
+# A name at this probability or above is confident.
+CONFIDENT = 0.8
+# An effect of several joints shows at those whose visible amplitude is at least this share of the largest.
+SHOWN_SHARE = 1.0 / 3.0
+# Causes outside the catalogue are none of these.
+KNOWN = {effect.id: effect for effect in CATALOGUE}
+# Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true [1], [m].
+WRONG_LINK_ERROR, WRONG_COM_M = 0.08, 0.008
+# Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
+EXCUSED_BY_URDF = ("link_inertial_error", "payload")
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """A true figure against its 95 % interval."""
+
+    effect: str
+    parameter: str
+    true: float
+    value: float
+    low: float
+    high: float
+
+    @property
+    def inside(self) -> bool:
+        if self.parameter == "phase_rad":
+            middle = 0.5 * (self.low + self.high)
+            away = np.angle(np.exp(1j * (self.true - middle)))
+            return bool(abs(away) <= 0.5 * (self.high - self.low) + 1e-9)
+        slack = 1e-6 * abs(self.true)
+        return self.low - slack <= self.true <= self.high + slack
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case, scored.
+
+    Attributes:
+        name, kind: The case.
+        amplitude, rich: Its visible amplitude [noise floors] and motion.
+        truth: True effects as (id, joint); the joint is empty for the whole arm.
+        verdict: Of the diagnosis; `failed` if it failed.
+        named: Names given, as (id, joints, probability).
+        strict: Whether the first name is the true effect (single effects).
+        class_aware: Whether the true effect is in the first name's class.
+        joint: Whether the first name is at the true joint.
+        class_size: Of the first name's class; None without a name.
+        refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
+        set_f1: Of all names with their joints against the truth.
+        shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
+        coverage: True parameters against intervals, of all true names.
+        right: Whether each name is true.
+        excused: Whether each name is true of the world, though nothing of the kind was hidden.
+        rivals: Names of the plain methods.
+        seconds: Time of the diagnosis.
+        error: What went wrong, if it failed.
+        world: The world that it was drawn in; empty without one.
+        refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
+        oracle: Probability that an oracle names the effect; None where it was not asked.
+        edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less
+            the cause; `tuned`, nothing named; `unedited`. None without a test.
+        robot, joints: What was diagnosed.
+    """
+
+    name: str
+    kind: str
+    amplitude: float
+    rich: bool
+    truth: tuple[tuple[str, str], ...]
+    verdict: str
+    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()
+    strict: bool = False
+    class_aware: bool = False
+    joint: bool = False
+    class_size: int | None = None
+    refused: bool = False
+    set_f1: float | None = None
+    shrink_share: float | None = None
+    coverage: tuple[Coverage, ...] = ()
+    right: tuple[bool, ...] = ()
+    excused: tuple[bool, ...] = ()
+    rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    seconds: float | None = None
+    error: str = ""
+    world: Mapping[str, Any] = field(default_factory=dict)
+    refusal_score: float | None = None
+    oracle: float | None = None
+    edit: Mapping[str, float] | None = None
+    robot: str = ""
+    joints: tuple[str, ...] = ()
+
+    @property
+    def urdf_wrong(self) -> bool:
+        """Whether the URDF of its world is wrong beyond any tolerance."""
+        return urdf_is_wrong(self.world)
+
+    @property
+    def false_names(self) -> list[bool]:
+        """Of each name, whether it is false."""
+        excused = self.excused or (False,) * len(self.right)
+        return [not right and not free for right, free in zip(self.right, excused, strict=True)]
+
+    @property
+    def has_false_name(self) -> bool:
+        return any(self.false_names)
+
+    @property
+    def has_companion(self) -> bool:
+        """Whether a false name stands beside a true one."""
+        return any(self.right) and self.has_false_name
+
+    @property
+    def told_gap(self) -> bool:
+        """Whether the verdict is anything but that all is well."""
+        return self.verdict != "no_gap"
+
+    @property
+    def said(self) -> list[tuple[float, bool]]:
+        """Probability of each name that is true or false, and which."""
+        pairs = zip(self.named, self.right, self.false_names, strict=True)
+        return [(p, right) for (_, _, p), right, false in pairs if right or false]
+
+    @property
+    def confidently_wrong(self) -> bool:
+        """Whether a name that is not true was given with confidence."""
+        wrong = [p for (_, _, p), false in zip(self.named, self.false_names, strict=True) if false]
+        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+
+    def to_dict(self) -> dict[str, Any]:
+        record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
+        return {**record, "coverage": [{**vars(one), "inside": one.inside} for one in self.coverage]}
+
+    def to_row(self) -> dict[str, Any]:
+        """Numbers and words of the case and of its world, for a table with a row a case."""
+        flat = {
+            key: value for key, value in vars(self).items() if value is None or isinstance(value, str | float | int)
+        }
+        return {**flat, **{f"world.{key}": value for key, value in self.world.items()}}
+
+
+def score_case(
+    slot: Slot,
+    answer: Answer,
+    result: Mapping[str, Any],
+    starts: Sequence[float] = (),
+) -> Outcome:
+    """Scores a case.
+
+    Args:
+        slot: Its place in the check.
+        answer: From its opened envelope.
+        result: What the diagnosing process wrote.
+        starts: Session time at which each run starts [s].
+    """
+    name, kind, rich = slot.name, slot.kind, slot.rich
+    amplitude = _amplitude(slot, answer)
+    truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
+    if "error" in result:
+        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"], robot=answer.robot)
+    record = result["diagnosis"]
+    findings = record["findings"]
+    matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
+    excused = [match is None and _is_excused(f, answer) for match, f in zip(matches, findings, strict=True)]
+    counted = [f for f, free in zip(findings, excused, strict=True) if not free]
+    first = counted[0] if counted else None
+    only = answer.effects[0] if len(answer.effects) == 1 else None
+    return Outcome(
+        name=name,
+        kind=kind,
+        amplitude=amplitude,
+        rich=rich,
+        truth=truth,
+        verdict=record["verdict"],
+        named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
+        strict=bool(first and only and first["effect"] == only.effect),
+        class_aware=bool(first and only and only.effect in first["class"]),
+        joint=bool(first and only and _is_at(only, first, answer)),
+        class_size=len(first["class"]) if first else None,
+        refused=record["verdict"] in REFUSING and bool(only and _points_at(only, record, answer)),
+        set_f1=_f1(len(counted), matches, len(truth)) if truth else None,
+        shrink_share=_shrink_share(truth, result.get("heldout"), record["joints"], answer),
+        coverage=tuple(c for one, f in zip(matches, findings, strict=True) if one for c in _covers(one, f, starts)),
+        right=tuple(one is not None for one in matches),
+        rivals={method: tuple((e, j) for e, j in names) for method, names in result.get("rivals", {}).items()},
+        seconds=result.get("seconds"),
+        world=answer.world,
+        excused=tuple(excused),
+        refusal_score=_refusal_score(record),
+        robot=answer.robot,
+        joints=tuple(record["joints"]),
+    )
+
+
+def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
+    """Whether links of a world's arms weigh something else than any tolerance allows."""
+    if not world:
+        return False
+    return bool(world["link_error"] > WRONG_LINK_ERROR or world["com_error_m"] > WRONG_COM_M or world["copied_link"])
+
+
+def _is_excused(finding: Mapping[str, Any], answer: Answer) -> bool:
+    return finding["effect"] in EXCUSED_BY_URDF and urdf_is_wrong(answer.world)
+
+
+def _refusal_score(record: Mapping[str, Any]) -> float | None:
+    """The diagnosis's own figure; None where nothing was fitted."""
+    told = record.get("outside_score")
+    return None if told is None else float(told)
+
+
+def _amplitude(slot: Slot, answer: Answer) -> float:
+    """Largest visible amplitude [noise floors]: of single effects as it was asked for, of others as measured."""
+    if slot.kind == "single":
+        return slot.amplitude
+    return max((_seen(one, answer) for one in answer.effects), default=0.0)
+
+
+def _seen(effect: TrueEffect, answer: Answer) -> float:
+    shares = [value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()]
+    return float(f"{max(shares, default=0.0):.2g}")
+
+
+def _joint_of(effect: TrueEffect) -> str:
+    """Its joint; none where a diagnosis names it without one, even where the cause has one (a push at a link)."""
+    whole = effect.effect in KNOWN and KNOWN[effect.effect].scope == "arm"
+    return "" if whole or not effect.joints else effect.joints[0]
+
+
+def true_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which a name for an effect may stand: its own, or those where it shows; either of a coupled pair."""
+    joint = _joint_of(effect)
+    if not joint:
+        return shown_joints(effect, answer)
+    partner = KNOWN[effect.effect].partner if effect.effect in KNOWN else ""
+    other = effect.parameters.get(partner)
+    return [joint, str(other)] if other else [joint]
+
+
+def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
+    """Joints at which an effect is visible."""
+    if not effect.visible_Nm:
+        return list(answer.noise_floor_Nm)
+    seen = {joint: value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()}
+    most = max(seen.values())
+    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
+
+
+def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return bool(true.effect == finding["effect"]) and (not _joint_of(true) or _is_at(true, finding, answer))
+
+
+def _is_at(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
+    return any(joint in finding["joints"] for joint in true_joints(true, answer))
+
+
+def _points_at(true: TrueEffect, record: Mapping[str, Any], answer: Answer) -> bool:
+    """Whether the joint of the largest gap, or that of the first name, is a true one.
+
+    Of a gap that was tuned away the size is what had to be tuned; where no joint's error lies above its noise, the
+    candidate that came nearest to a name says where.
+    """
+    hidden = any(one.get("tuned_away_Nm") for one in record["gap"].values())
+    size = "tuned_away_Nm" if hidden else "rms_Nm"
+    gap = {j: one[size] / max(one["noise_floor_Nm"] or 0.0, 1e-12) for j, one in record["gap"].items()}
+    told = [max(gap, key=lambda j: gap[j])] if gap else []
+    if record["findings"]:
+        told += record["findings"][0]["joints"]
+    elif record.get("nearest") and not hidden and not any(map(above_noise, record["gap"].values())):
+        told = record["nearest"]["joints"]
+    return any(joint in told for joint in true_joints(true, answer))
+
+
+def _f1(named: int, matches: Sequence[TrueEffect | None], true: int) -> float:
+    """Harmonic mean of precision and recall; a cause that is named at both of its joints is found once."""
+    found = len({id(match) for match in matches if match is not None})
+    precise = sum(match is not None for match in matches)
+    if not named or not true or not found:
+        return 0.0
+    precision, recall = precise / named, found / true
+    return 2.0 * precision * recall / (precision + recall)
+
+
+def _shrink_share(
+    truth: Sequence[tuple[str, str]],
+    heldout: Mapping[str, Any] | None,
+    joints: Sequence[str],
+    answer: Answer,
+) -> float | None:
+    """Closing of the diagnosis over that of an oracle, in squared noise floors over all joints, between 0 and 1."""
+    if heldout is None or len(truth) != 1:
+        return None
+    alone = heldout["alone"].get(":".join(truth[0]))
+    if alone is None:
+        return None
+    floor = np.array([answer.noise_floor_Nm[joint] for joint in joints])
+    view = heldout[alone["view"]]
+    before = np.square(np.array(view["none"]) / floor)
+    told = float(np.sum(before - np.square(np.array(alone["rms"]) / floor)))
+    found = float(np.sum(before - np.square(np.array(view["named"]) / floor)))
+    return float(np.clip(found / told, 0.0, 1.0)) if told > 0.0 else None
+
+
+def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
+    """Figures that both tell by the same name."""
+    told = finding["parameters"]
+    return [
+        Coverage(true.effect, name, value, *(float(told[name][key]) for key in ("value", "low", "high")))
+        for name, value in comparable(true, starts).items()
+        if name in told and None not in (told[name][key] for key in ("value", "low", "high"))
+    ]
+
+
+def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
+    """True figures in the conventions of the diagnosis."""
+    return KNOWN[true.effect].compared(true.parameters, starts) if true.effect in KNOWN else {}

@@ -1,0 +1,231 @@
+"""Channels that hold still when they should not: stuck values, flat tops, commands that pose as measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.checks.report import in_runs, joints_at
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+
+# A stuck channel repeats one value for this long, and this many samples, while its joint moves.
+STUCK_S, STUCK_SAMPLES = 0.3, 10
+# Coarse channels repeat values too: a stuck one does so for this many times its usual repetition.
+STUCK_REPETITIONS = 10.0
+# Motion that a frozen position hides, by the velocity or the command [rad]; well above what velocity noise sums up to.
+HIDDEN_TRAVEL = 0.02
+# A controller that lets a joint stand while its command creeps lags as far as elsewhere; a frozen encoder lags farther
+# than this many times what the joint keeps in nearly all of its other samples.
+LAG_TIMES, LAG_SHARE = 2.0, 0.99
+# Or it comes out of the freeze with a step this many times larger than its largest usual ones, and this large [rad].
+JUMP_STEPS, JUMP_RAD = 5.0, 0.005
+# More lost samples than this and the channel itself is broken.
+MOST_LOST = 0.3
+# Flat tops: the extreme value holds twice the samples of any of five slices below it, each 0.5 % of the range wide.
+TOP_PILE, TOP_SLICES, TOP_RANGE = 2.0, 5, 0.005
+TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 10, 5, 0.3
+# A channel is coarse if its values stand this share of its range apart.
+COARSE = 0.02
+COMMAND_SHARE = 0.99
+COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
+    ("effort", "effort_command", "effort_is_model", "fatal", "log the measured torque or the motor current"),
+    ("position", "position_command", "position_is_command", "warning", "log the encoders' positions"),
+)
+
+
+def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops the samples in which a position or torque is frozen, and velocities that are."""
+    runs, told, joints, lost = [], [], set(), 0
+    coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
+    for run in session.runs:
+        frozen = stuck_positions(run) | (stuck_efforts(run) & ~coarse)
+        rows = frozen.any(axis=1)
+        if not rows.any():
+            runs.append(run)
+            continue
+        columns = np.flatnonzero(frozen.any(axis=0))
+        joints |= set(columns.tolist())
+        first = int(np.flatnonzero(rows)[0])
+        lost += int(rows.sum())
+        channel = "position" if stuck_positions(run)[first].any() else "effort"
+        where = run.joints[int(np.argmax(frozen[first]))]
+        told.append(
+            (run.name, f"{channel} of {where} is frozen from {run.time[first]:.3f} s, {rows.sum()} samples in all")
+        )
+        if not rows.all():
+            runs.append(run.at(~rows))
+    issues = []
+    if told:
+        broken = lost > MOST_LOST * session.samples
+        evidence = in_runs(session, told) + ("" if broken else "; these samples are dropped")
+        remedy = "repair the channel and record again, or leave the run out" if broken else "look at the driver"
+        severity: Severity = "fatal" if broken else "warning"
+        issues.append(TelemetryIssue("stuck_channel", joints_at(session, joints), severity, evidence, remedy))
+        session = session if broken else session.replace(runs=runs)
+    session, velocities = _drop_stuck_velocity(session)
+    return session, issues + velocities
+
+
+def holds(values: Float[Array, " T"]) -> Int[Array, "h 2"]:
+    """First and last row of every stretch in which a channel repeats one value."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    return np.column_stack([np.append(0, changes + 1), np.append(changes, len(values) - 1)])
+
+
+def is_coarse(values: Float[Array, "T n"]) -> Bool[Array, " n"]:
+    """Channels that take so few values that repetitions mean nothing; one value only is not coarse but dead."""
+    coarse = np.zeros(values.shape[1], dtype=bool)
+    for joint, column in enumerate(values.T):
+        levels = np.unique(column)
+        spacing = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
+        coarse[joint] = spacing > COARSE * np.ptp(column)
+    return coarse
+
+
+def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Array, "h 2"]:
+    """Stretches long enough to be a stuck channel, given how long the channel usually repeats a value."""
+    found = holds(values)
+    lengths = found[:, 1] - found[:, 0] + 1
+    long = lengths >= STUCK_SAMPLES
+    long[long] = np.diff(time[found[long]], axis=1)[:, 0] >= STUCK_S
+    if len(found) > 2 and long.any():  # what is usual takes longer to find than that nothing is long
+        long &= lengths >= STUCK_REPETITIONS * float(np.median(lengths))
+    return found[long]
+
+
+def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
+    """Samples in which a position is frozen although its joint moves."""
+    frozen = np.zeros(run.position.shape, dtype=bool)
+    for joint in range(len(run.joints)):
+        q = run.position[:, joint]
+        long = _long_holds(q, run.time)
+        if not len(long):
+            continue
+        usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
+        usual_lag = _usual_lag(run, joint, long)
+        for first, last in long:
+            stretch = slice(first, last + 1)
+            travel = _hidden_travel(run, joint, stretch, usual_lag)
+            jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
+            if travel > HIDDEN_TRAVEL or jump > max(JUMP_STEPS * usual_step, JUMP_RAD):
+                frozen[stretch, joint] = True
+    return frozen
+
+
+def _usual_lag(run: Recording, joint: int, held: Int[Array, "h 2"]) -> float:
+    """How far a joint stays behind its command in nearly all samples in which it does not stand."""
+    if run.position_command is None:
+        return 0.0
+    moves = np.ones(len(run), dtype=bool)
+    for first, last in held:
+        moves[first : last + 1] = False
+    lag = np.abs(run.position_command[moves, joint] - run.position[moves, joint])
+    return float(np.quantile(lag, LAG_SHARE)) if len(lag) else 0.0
+
+
+def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float) -> float:
+    """How far the joint went by its velocity or command while its position stood still.
+
+    A command is no measurement: one that the joint merely lags behind, as it does elsewhere, tells of no motion.
+    """
+    travel = 0.0
+    if run.velocity is not None:
+        steps = run.velocity[stretch, joint][1:] * np.diff(run.time[stretch])
+        travel = float(np.ptp(np.concatenate([[0.0], np.cumsum(steps)])))
+    if run.position_command is not None:
+        command = run.position_command[stretch, joint]
+        if float(np.abs(command - run.position[stretch, joint]).max()) > LAG_TIMES * usual_lag:
+            travel = max(travel, float(np.ptp(command)))
+    return travel
+
+
+def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
+    """Samples in which a torque is frozen, not at its extremes, although its joint moves."""
+    frozen = np.zeros(run.effort.shape, dtype=bool)
+    for joint in range(len(run.joints)):
+        tau = run.effort[:, joint]
+        for first, last in _long_holds(tau, run.time):
+            stretch = slice(first, last + 1)
+            whole = last - first + 1 > 0.9 * len(tau)
+            extreme = tau[first] in (tau.min(), tau.max()) and not whole
+            if not extreme and np.ptp(run.position[stretch, joint]) > HIDDEN_TRAVEL:
+                frozen[stretch, joint] = True
+    return frozen
+
+
+def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Velocities are not needed: where one is frozen, all are left out."""
+    told, joints = [], set()
+    for run in session.runs:
+        if run.velocity is None:
+            continue
+        for joint in range(len(run.joints)):
+            for first, last in _long_holds(run.velocity[:, joint], run.time):
+                travel = run.position[last, joint] - run.position[first, joint]
+                claimed = run.velocity[first, joint] * (run.time[last] - run.time[first])
+                if abs(travel - claimed) > max(HIDDEN_TRAVEL, 0.5 * abs(travel)):
+                    joints.add(joint)
+                    told.append((run.name, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s"))
+    if not told:
+        return session, []
+    evidence = in_runs(session, told) + "; velocities are not used"
+    issue = TelemetryIssue("stuck_channel", joints_at(session, joints), "warning", evidence, "look at the driver")
+    return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]
+
+
+def check_clipping(session: Session) -> list[TelemetryIssue]:
+    """Finds torques that are cut off at a constant value while the joint moves."""
+    told, joints, clipped = [], set(), 0
+    for run in session.runs:
+        if len(run) < STUCK_SAMPLES:
+            continue
+        # At rest a torque may hold any value; only moving samples can show a flat top.
+        moving = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1) > HIDDEN_TRAVEL
+        for joint in range(len(run.joints)):
+            for sign in (1.0, -1.0):
+                count, level = flat_top(sign * run.effort[moving, joint])
+                if count:
+                    clipped += count
+                    joints.add(joint)
+                    told.append((run.name, f"{run.joints[joint]} stays at {sign * level:.4g} N m for {count} samples"))
+    if not told:
+        return []
+    evidence = in_runs(session, told) + f"; {clipped / session.samples:.1%} of the samples"
+    remedy = "raise the limit of the channel or the drive, or record slower motion"
+    return [TelemetryIssue("clipped_effort", joints_at(session, joints), "warning", evidence, remedy)]
+
+
+def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
+    """Number of samples at a channel's cut-off maximum, and the maximum; zero if it is not cut off.
+
+    A cut piles up at one value what would lie above it: far more samples than in any slice just below.
+    """
+    if len(values) < TOP_SAMPLES or np.ptp(values) == 0.0:
+        return 0, 0.0
+    top, at = float(values.max()), values == values.max()
+    # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
+    if at.sum() < TOP_SAMPLES or top < TOP_LEVEL * np.abs(values).max() or is_coarse(values[:, None])[0]:
+        return 0, top
+    if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < TOP_STRETCH:
+        return 0, top
+    width = max(TOP_RANGE * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(values)))))
+    below, _ = np.histogram(values[~at], bins=top - width * np.arange(TOP_SLICES, -1, -1))
+    return (int(at.sum()), top) if at.sum() > TOP_PILE * below.max() else (0, top)
+
+
+def check_commands(session: Session) -> list[TelemetryIssue]:
+    """Finds commands that are logged as measurements."""
+    issues = []
+    for measured, command, issue, severity, remedy in COMMANDS:
+        pairs = [run.channels() for run in session.runs if command in run.channels()]
+        if not pairs:
+            continue
+        values = np.concatenate([pair[measured] for pair in pairs])
+        commands = np.concatenate([pair[command] for pair in pairs])
+        moving = np.abs(np.diff(commands, axis=0)) > 0.0
+        same = (values == commands)[1:] & moving
+        joints = np.flatnonzero((same.sum(axis=0) > COMMAND_SHARE * moving.sum(axis=0)) & moving.any(axis=0))
+        if len(joints):
+            evidence = f"{session.name}: {measured} of {session.joints[joints[0]]} equals its command in every sample"
+            issues.append(TelemetryIssue(issue, joints_at(session, joints), severity, evidence, remedy))
+    return issues

@@ -1,0 +1,202 @@
+"""Time: does it increase, does it stop, does it tremble?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.checks.report import in_runs
+from ident.recordings.blocks import cut_before
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+
+# Rows dropped for their time: a hiccup of the logger up to here, another clock beyond.
+FEW_ROWS = 0.01
+MOST_RESTARTS = 20
+# A gap is longer than any jitter (five intervals) and too long to be bridged (an arm's motion changes in 50 ms).
+GAP_INTERVALS, GAP_S = 5.0, 0.05
+SHORTEST_PIECE_S, SHORTEST_PIECE = 0.5, 30
+# A leap of the clock is no pause: longer than this many intervals, and than this many times the whole run.
+JUMP_INTERVALS, JUMP_RUNS = 1e5, 10.0
+# Spread of the intervals (1st to 99th percentile) in medians, from which sampling is told to be uneven.
+JITTER = 0.1
+# Positions that fit an even clock so much better (mean square) show that only the stamps tremble; stamps that are
+# farther off than this many intervals show that samples are missing.
+EVEN_CLOCK_GAIN, EVEN_CLOCK_OFF = 4.0, 2.0
+
+
+def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops repeated and late rows, and parts runs where the clock restarts inside a file."""
+    runs: list[Recording] = []
+    dropped, restarted, fatal = [], [], []
+    for run in session.runs:
+        kept, late = drop_late_rows(run)
+        restarts = np.flatnonzero(np.diff(run.time) < 0)
+        if not late:
+            runs.append(run)
+        elif late <= FEW_ROWS * len(run) or _repeats(run).sum() == late:
+            dropped.append((run.name, f"{late} of {len(run)} rows are repeated or late in time, dropped"))
+            runs.append(kept)
+        elif 0 < len(restarts) <= MOST_RESTARTS and _shortest_piece(run, restarts) >= SHORTEST_PIECE:
+            restarted.append(
+                (run.name, f"time falls back {len(restarts)} times, first after {run.time[restarts[0]]:.3f} s")
+            )
+            runs.extend(_cut(run, restarts + 1))
+        else:
+            share = np.mean(np.diff(run.time) <= 0)
+            fatal.append((run.name, f"{share:.0%} of the time steps are zero or negative"))
+            runs.append(kept)
+    issues = []
+    if dropped:
+        issues.append(TelemetryIssue("time_not_increasing", (), "note", in_runs(session, dropped), "none needed"))
+    if restarted:
+        evidence = in_runs(session, restarted) + "; parted there, the pieces are taken as independent"
+        issues.append(
+            TelemetryIssue("time_not_increasing", (), "warning", evidence, "record each run to a file of its own")
+        )
+    if fatal:
+        remedy = "log the time of measurement in full resolution, or give sample_rate_hz in session.toml without a time"
+        issues.append(TelemetryIssue("time_not_increasing", (), "fatal", in_runs(session, fatal), remedy))
+    return session.replace(runs=runs, common_clock=session.common_clock and not restarted), issues
+
+
+def drop_late_rows(run: Recording) -> tuple[Recording, int]:
+    """The rows whose time is later than that of all rows before, and the number of others."""
+    time = run.time
+    # A single stamp far ahead would make all later rows late: it goes first.
+    ahead = np.zeros(len(time), dtype=bool)
+    ahead[:1] = (time[:1] > time[1:2]) & (time[:1] > time[2:3]) if len(time) > SHORTEST_PIECE else False
+    ahead[1:-1] = (time[1:-1] > time[2:]) & (time[2:] > time[:-2])
+    peak = np.maximum.accumulate(np.where(ahead, -np.inf, time))
+    keep = ~ahead & np.concatenate([[True], time[1:] > peak[:-1]])
+    return (run if keep.all() else run.at(keep)), int((~keep).sum())
+
+
+def _repeats(run: Recording) -> Bool[Array, " T"]:
+    """Rows that equal the row before in all they hold."""
+    whole = np.column_stack([run.time[:, None], run.position, run.effort])
+    return np.concatenate([[False], (whole[1:] == whole[:-1]).all(axis=1)])
+
+
+def _shortest_piece(run: Recording, restarts: Array) -> int:
+    return int(np.diff([0, *(restarts + 1), len(run)]).min())
+
+
+def _cut(run: Recording, rows: Array) -> list[Recording]:
+    return [drop_late_rows(piece)[0] for piece in cut_before(run, rows)]
+
+
+def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Parts runs where the clock leaps: an even grid over such a leap would be longer than any recording.
+
+    A clock that is set while recording goes from seconds since power-on, or zero, to seconds since 1970.
+    """
+    runs: list[Recording] = []
+    told = []
+    for run in session.runs:
+        steps = np.diff(run.time)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        jumps = np.flatnonzero(steps > max(JUMP_INTERVALS * usual, JUMP_RUNS * usual * len(run)))
+        if not len(jumps) or usual <= 0.0:
+            runs.append(run)
+            continue
+        pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= SHORTEST_PIECE]
+        lost = len(run) - sum(map(len, pieces))
+        left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
+        told.append((run.name, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}"))
+        runs.extend(pieces)
+    if not told:
+        return session, []
+    few = sum(map(len, runs)) >= (1.0 - FEW_ROWS) * session.samples
+    severity: Severity = "fatal" if not runs else "note" if few else "warning"
+    issue = TelemetryIssue("clock_jump", (), severity, in_runs(session, told), "set the clock before recording")
+    return session.replace(runs=runs or session.runs), [issue]
+
+
+def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Parts runs where samples are missing for longer than motion can be interpolated."""
+    runs: list[Recording] = []
+    told = []
+    for run in session.runs:
+        steps = np.diff(run.time)
+        limit = max(GAP_INTERVALS * float(np.median(steps)), GAP_S) if len(steps) else np.inf
+        gaps = np.flatnonzero(steps > limit)
+        if not len(gaps):
+            runs.append(run)
+            continue
+        pieces = [p for p in _cut(run, gaps + 1) if p.duration >= SHORTEST_PIECE_S and len(p) >= SHORTEST_PIECE]
+        lost = 1.0 - sum(map(len, pieces)) / len(run)
+        longest = gaps[np.argmax(steps[gaps])]
+        what = f"{len(gaps)} gaps, the longest {steps[longest]:.3f} s after {run.time[longest]:.3f} s; parted there"
+        told.append((run.name, what + (f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else "")))
+        runs.extend(pieces)
+    if not told:
+        return session, []
+    if not runs:
+        evidence = in_runs(session, told) + "; nothing long enough is left"
+        return session, [TelemetryIssue("time_gap", (), "fatal", evidence, "record without pauses")]
+    lost_share = 1.0 - sum(map(len, runs)) / session.samples
+    severity: Severity = "note" if lost_share <= 0.1 else "warning"
+    issue = TelemetryIssue("time_gap", (), severity, in_runs(session, told), "none needed; look for lost messages")
+    return session.replace(runs=runs), [issue]
+
+
+def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Tells uneven sampling; where only the stamps are uneven and not the sampling, evens them out."""
+    runs: list[Recording] = []
+    told: list[tuple[float, str, str]] = []
+    mended: list[tuple[float, str, str]] = []
+    for run in session.runs:
+        steps = np.diff(run.time)
+        if len(steps) < SHORTEST_PIECE:
+            runs.append(run)
+            continue
+        low, middle, high = np.percentile(steps, [1, 50, 99])
+        if high - low <= JITTER * middle:
+            runs.append(run)
+            continue
+        what = f"intervals of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} ms, median {middle * 1e3:.1f} ms"
+        even = even_clock(run)
+        (told if even is None else mended).append((float(steps.max()), run.name, what))
+        runs.append(run if even is None else run.replace(time=even))
+    issues = []
+    for found, ending, remedy in (
+        (told, "the stamps are used as they are", "none needed"),
+        (
+            mended,
+            "positions fit an even clock better, which replaces the stamps",
+            "stamp samples when measured",
+        ),
+    ):
+        if found:
+            worst_first = [(name, what) for _, name, what in sorted(found, reverse=True)]
+            evidence = f"{in_runs(session, worst_first)}; {ending}"
+            issues.append(TelemetryIssue("jitter", (), "note", evidence, remedy))
+    return session.replace(runs=runs), issues
+
+
+def even_clock(run: Recording) -> Float[Array, " T"] | None:
+    """An even clock that fits the positions better than the stamps do, if there is one.
+
+    A receiver stamps even samples unevenly; then positions are smooth over the sample's number and not over time.
+    """
+    numbers = np.arange(len(run))
+    slope, start = np.polyfit(numbers, run.time, 1)
+    even = start + slope * numbers
+    if np.abs(run.time - even).max() > EVEN_CLOCK_OFF * slope:
+        return None  # samples are missing: the number does not tell the time
+    moving = run.position.std(axis=0) > 1e-3
+    if not moving.any():
+        return None
+    q = run.position[:, moving] / run.position[:, moving].std(axis=0)
+    return even if roughness(run.time, q) > EVEN_CLOCK_GAIN * roughness(even, q) else None
+
+
+def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
+    """Mean square distance of samples from the cubic through their four neighbours."""
+    offsets = [time[i : len(time) - 4 + i] - time[2:-2] for i in (0, 1, 3, 4)]
+    estimate = np.zeros_like(q[2:-2])
+    for i, row in zip(range(4), (0, 1, 3, 4), strict=True):
+        others = [offsets[k] for k in range(4) if k != i]
+        weight = np.prod([-other / (offsets[i] - other) for other in others], axis=0)
+        estimate += weight[:, None] * q[row : len(q) - 4 + row]
+    return float(np.mean((q[2:-2] - estimate) ** 2))

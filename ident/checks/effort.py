@@ -1,0 +1,314 @@
+"""Measured torque against the robot's model: sign, scale, and torques that are only a model of themselves.
+
+Per joint, over all runs,
+
+    tau = a_g g(q) + a_i (rnea(q, dq, ddq) - g(q)) + b tanh(dq / eps) + c dq + o,
+
+all through the same filter, with a_g, a_i, b, c ≥ 0: gravity pulls, inertia resists and friction brakes, whatever the
+URDF's masses, the rotor's inertia and the level of friction are. A flipped sign can't be fitted so; its negative can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.checks.filtered_run import FilteredRun, filter_run
+from ident.checks.report import joints_at
+from ident.checks.settings import USUAL_EFFORT, EffortSettings
+from ident.numerics import solve_non_negative
+from ident.recordings.recording import Session, TelemetryIssue
+from ident.robot.arm import ArmModel
+from ident.safe_read import toml_key
+
+# Width of the sign's transition at zero speed [rad/s]: a few times the noise of a filtered velocity.
+TRANSITION_RAD_S = 0.02
+ORIGIN_STATES = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Filtered states of all runs, and the model's torque in two parts, shapes (T, n)."""
+
+    q: Float[Array, "T n"]
+    dq: Float[Array, "T n"]
+    ddq: Float[Array, "T n"]
+    tau: Float[Array, "T n"]
+    gravity: Float[Array, "T n"]
+    inertial: Float[Array, "T n"]
+    settings: EffortSettings = USUAL_EFFORT
+
+    @property
+    def moving(self) -> Bool[Array, " n"]:
+        """Joints that move."""
+        return np.sqrt(np.mean(self.dq**2, axis=0)) > self.settings.moving_rad_s
+
+    @property
+    def telling(self) -> Bool[Array, " n"]:
+        """Joints whose torque the model can be held against."""
+        return self.moving | (self.gravity.std(axis=0) > self.settings.static_Nm)
+
+    @property
+    def alive(self) -> Bool[Array, " n"]:
+        """Joints whose torque changes at all."""
+        spread = self.tau.std(axis=0)
+        return spread > 1e-6 * max(float(np.abs(self.tau).max()), 1e-300)
+
+    @property
+    def heavy(self) -> Bool[Array, " n"]:
+        """Joints on which gravity changes much."""
+        change = self.gravity.std(axis=0)
+        return (change > self.settings.heavy_share * change.max()) & (change > self.settings.heavy_Nm)
+
+
+@dataclass(frozen=True)
+class SignedFit:
+    """The fit of one joint's torque, all physical coefficients non-negative.
+
+    Attributes:
+        explained: Share of the torque's variance that is explained.
+        gravity: a_g.
+        inertia: a_i.
+    """
+
+    explained: float
+    gravity: float
+    inertia: float
+
+
+def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = USUAL_EFFORT) -> States | None:
+    """The filtered motion of all runs; None where every run is too short."""
+    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    if not motions:
+        return None
+    q, dq, ddq, tau = (_stack(motions, name) for name in ("q", "dq", "ddq", "tau"))
+    gravity = arm.gravity(q)
+    return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity, settings)
+
+
+def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
+    return np.concatenate([getattr(motion, name) for motion in motions])
+
+
+def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:
+    """What a joint's torque is made of: gravity, inertia, dry and viscous friction."""
+    dq = states.dq[rows, joint]
+    return np.column_stack(
+        [states.gravity[rows, joint], states.inertial[rows, joint], np.tanh(dq / TRANSITION_RAD_S), dq]
+    )
+
+
+def fit_signed(
+    states: States, joint: int, sign: float, rows: Array | slice = slice(None), spring: bool = False
+) -> SignedFit:
+    """Fits one joint's torque, times a sign, with non-negative coefficients.
+
+    Args:
+        states: Filtered states.
+        joint: Which joint.
+        sign: Factor on the torque, 1 or -1.
+        rows: States to use.
+        spring: Whether a spring of either sign may explain what grows with the joint's angle.
+    """
+    tau, table = sign * states.tau[rows, joint], joint_terms(states, joint, rows)
+    table[:, 0] -= table[:, 0].mean()
+    size = np.linalg.norm(table, axis=0)
+    # Columns that are zero but for rounding would get coefficients without meaning.
+    live = size > 1e-6 * max(float(size.max()), 1e-12)
+    scaled = np.where(live, table / np.where(live, size, 1.0), 0.0)
+    free = np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring])
+    free = free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)
+    full = np.hstack([scaled, free, -free])
+    weights = solve_non_negative(full, tau)
+    residual = tau - full @ weights
+    variance = float(tau.var())
+    coefficients = np.where(live, weights[:4] / np.where(live, size, 1.0), 0.0)
+    explained = 1.0 - float(np.mean(residual**2)) / variance if variance > 0.0 else 0.0
+    return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
+
+
+def jackknife(table: Float[Array, "T k"], target: Float[Array, " T"], pieces: int) -> tuple[float, float]:
+    """The first coefficient of a least-squares fit, and its error by leaving out one piece of the rows at a time."""
+    steps = np.arange(len(table)) * pieces // len(table)
+    whole = np.column_stack([table, target])
+    each = np.stack([whole[steps == k].T @ whole[steps == k] for k in range(pieces)])
+    found, *parts = (
+        float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
+        for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
+    )
+    return found, float(np.sqrt((pieces - 1) / pieces * np.sum((np.array(parts) - np.mean(parts)) ** 2)))
+
+
+def _surely_off(states: States, joint: int) -> bool:
+    """Whether gravity's coefficient is out of range however it is drawn: strong friction that varies can hide it.
+
+    Delete-one-piece jackknife of free coefficients, of either sign, with and without a spring.
+    """
+    held = states.settings
+    terms = joint_terms(states, joint)
+    bare = [terms, np.ones(len(terms))]
+    for columns in (bare, [*bare, states.q[:, joint]]):
+        whole, error = jackknife(np.column_stack(columns), states.tau[:, joint], held.pieces)
+        doubt = held.sure * error
+        size = abs(whole)
+        if size + doubt > held.scale_low and size - doubt < held.scale_high:
+            return False
+    return True
+
+
+def explained_by_model(session: Session, arm: ArmModel) -> float:
+    """Median over the heavy joints of the share of torque that is explained with either sign."""
+    states = collect_states(session, arm)
+    if states is None or not states.heavy.any():
+        return 0.0
+    shares = [
+        max(fit_signed(states, int(joint), sign).explained for sign in (1.0, -1.0))
+        for joint in np.flatnonzero(states.heavy)
+    ]
+    return float(np.median(shares))
+
+
+def check_effort(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
+    """Sign, scale and origin of the measured torque.
+
+    Args:
+        session: The recordings, mended.
+        arm: The robot with the session's payload.
+        states: The recordings' motion, of `collect_states`.
+    """
+    held = states.settings
+    tested = [int(joint) for joint in np.flatnonzero(states.telling & states.alive)]
+    right = {joint: fit_signed(states, joint, 1.0) for joint in tested}
+    wrong = {joint: fit_signed(states, joint, -1.0) for joint in tested}
+    flipped = [
+        joint
+        for joint in tested
+        if wrong[joint].explained > max(held.sign_explains, right[joint].explained + held.sign_better)
+    ]
+    upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
+    issues = _tell_flipped(session, flipped, right, wrong)
+    # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
+    sprung = {joint: fit_signed(states, joint, -1.0 if joint in flipped else 1.0, spring=True) for joint in tested}
+    issues += _check_scale(session, states, upright, sprung)
+    return issues + _check_origin(session, arm, states)
+
+
+def _tell_flipped(
+    session: Session, flipped: list[int], right: dict[int, SignedFit], wrong: dict[int, SignedFit]
+) -> list[TelemetryIssue]:
+    if not flipped:
+        return []
+    joint = max(flipped, key=lambda j: wrong[j].explained)
+    evidence = (
+        f"{session.name}: gravity, inertia and friction explain {wrong[joint].explained:.0%} of minus the effort of "
+        f"{session.joints[joint]}, and {max(right[joint].explained, 0.0):.0%} of the effort"
+    )
+    lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
+    remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
+    return [TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy)]
+
+
+def _check_scale(
+    session: Session, states: States, fits: dict[int, SignedFit], sprung: dict[int, SignedFit]
+) -> list[TelemetryIssue]:
+    held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
+    remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
+    compensated = 'if the driver takes gravity out, write effort_kind = "gravity_compensated" in session.toml'
+    deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
+    off = [
+        joint
+        for joint in heavy
+        if joint not in deaf
+        and all(not held.scale_low < fit[joint].gravity < held.scale_high for fit in (fits, sprung))
+        and _surely_off(states, joint)
+    ]
+    issues = []
+    if deaf:
+        joint = min(deaf, key=lambda j: fits[j].explained)
+        evidence = (
+            f"{session.name}: gravity, inertia and friction explain {max(fits[joint].explained, 0.0):.0%} of the "
+            f"effort of {session.joints[joint]}, on which gravity changes by {states.gravity[:, joint].std():.1f} N m"
+        )
+        hint = f"log the joint's whole torque: no external one, nor another joint's; {compensated}"
+        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, deaf), "fatal", evidence, hint))
+    if off:
+        joint = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
+        evidence = (
+            f"{session.name}: the effort of {session.joints[joint]} follows the model's gravity torque at "
+            f"{fits[joint].gravity:.3g} of its size: a current, a percentage or another unit"
+        )
+        issues.append(
+            TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, f"{remedy}; {compensated}")
+        )
+    return issues
+
+
+def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
+    """Finds torques that a rigid model explains without any friction."""
+    moving = np.flatnonzero(states.moving & states.alive)
+    if len(states.q) < 20 * arm.n or not len(moving):
+        return []
+    rows = slice(None, None, max(1, len(states.q) // ORIGIN_STATES))
+    regressor = arm.regressor(states.q[rows], states.dq[rows], states.ddq[rows])
+    models = []
+    for joint in moving:
+        felt = regressor[:, joint, np.any(regressor[:, joint] != 0.0, axis=0)]  # no joint feels the links before it
+        rigid = np.column_stack([felt, states.ddq[rows, joint]])
+        found = fit_rigid(rigid, states.dq[rows, joint], states.tau[rows, joint])
+        if found.is_computed(states.settings):
+            models.append((found, int(joint)))
+    # One joint without friction may be a fine gear; most joints without are a computer.
+    if len(models) < max(1.0, 0.5 * len(moving)):
+        return []
+    found, worst = min(models, key=lambda model: model[0].left)
+    evidence = (
+        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {found.left:.2%}, with "
+        f"{found.friction:.3f} N m of friction: a computed torque, not a measured one"
+    )
+    joints = joints_at(session, [joint for _, joint in models])
+    remedy = "log the measured torque or the motor current"
+    return [TelemetryIssue("effort_is_model", joints, "fatal", evidence, remedy)]
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """A joint's torque by rigid-body columns, without and with friction.
+
+    Attributes:
+        spread: Standard deviation of the torque [N m].
+        left: Share of it that the rigid columns leave.
+        gain: Share of the residual's variance that friction takes away.
+        friction: RMS of the friction found [N m].
+    """
+
+    spread: float
+    left: float
+    gain: float
+    friction: float
+
+    def is_computed(self, settings: EffortSettings = USUAL_EFFORT) -> bool:
+        """Whether the torque shows no friction although the rigid columns explain it."""
+        explained = self.left**2 < 1.0 - settings.rigid_explains
+        without = self.friction < settings.friction_share * self.spread and self.gain < settings.friction_gain
+        return self.left < 1e-6 or (explained and without)
+
+
+def fit_rigid(rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"]) -> RigidFit:
+    """Least squares of a torque by rigid-body columns and an offset, without and with friction."""
+    friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
+    table = np.column_stack([rigid, np.ones(len(tau)), friction])
+    size = np.linalg.norm(table, axis=0)
+    table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
+    # All that least squares needs of the table is its triangle.
+    triangle = np.asarray(np.linalg.qr(np.column_stack([table, tau]), mode="r"))
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    left = []
+    for count in (columns.shape[1] - 2, columns.shape[1]):
+        weights, *_ = np.linalg.lstsq(columns[:, :count], target, rcond=1e-8)
+        left.append(float(np.linalg.norm(target - columns[:, :count] @ weights)) / np.sqrt(len(tau)))
+    spread = float(tau.std())
+    gain = 1.0 - (left[1] / left[0]) ** 2 if left[0] > 0.0 else 0.0
+    return RigidFit(spread, left[0] / spread, gain, float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2))))

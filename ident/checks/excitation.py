@@ -1,0 +1,155 @@
+"""Is there enough to learn from: runs, and motion that tells the parameters apart?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.checks.filtered_run import filter_run
+from ident.checks.independence import Independence
+from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
+from ident.errors import RecordingError, plural
+from ident.numerics import factor_by_pivots
+from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
+from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.robot.arm import ArmModel
+
+STATES = 800
+
+
+class Amount:
+    """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept.
+
+    Args:
+        most: States that are kept of each, where there may be very many sessions; None for all of them.
+        settings: How much is enough.
+    """
+
+    def __init__(self, most: int | None = None, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
+        self._most, self._settings = most, settings
+        self._name = ""
+        self._joints: tuple[str, ...] = ()
+        self._runs, self._seconds, self._blocks = 0, 0.0, 0
+        self._low: Array = np.array(np.inf)
+        self._high: Array = np.array(-np.inf)
+        self._states: list[Float[Array, "4 T n"]] = []
+        self._arm: ArmModel | None = None
+        self._independence = Independence(settings)
+
+    def take(self, session: Session, arm: ArmModel | None) -> None:
+        """Counts one more session, mended, with the robot as it needs it.
+
+        Raises:
+            RecordingError: It has other joints than the first.
+        """
+        self._name, self._joints = self._name or session.name, self._joints or session.joints
+        if session.joints != self._joints:
+            what = f"has other joints of the robot than {self._name}: {', '.join(session.joints)}"
+            remedy = "give sessions that recorded the same joints"
+            raise RecordingError(session.path or session.name, what, remedy)
+        if not session.samples:
+            return
+        self._runs += len(session.runs)
+        self._seconds += session.duration
+        self._blocks += count_blocks(session)
+        for run in (run for run in session.runs if len(run)):
+            self._low = np.minimum(self._low, run.position.min(axis=0))
+            self._high = np.maximum(self._high, run.position.max(axis=0))
+        self._arm = self._arm or arm
+        motions = list(filter(None, map(filter_run, session.runs)))
+        for motion in motions:
+            self._independence.take(motion.q, motion.dq, motion.ddq)
+        if arm is not None and motions:
+            states = np.concatenate([np.stack([one.q, one.dq, one.ddq, one.tau]) for one in motions], axis=1)
+            self._states.append(states[:, :: max(1, states.shape[1] // self._most) if self._most else 1])
+
+    def issues(self) -> list[TelemetryIssue]:
+        """What all that was taken lacks, together; nothing where nothing was recorded."""
+        return [*self._check_blocks(), *self._check_excitation()] if self._runs else []
+
+    def _check_blocks(self) -> list[TelemetryIssue]:
+        """Whether there are enough blocks for held-out splits."""
+        if self._blocks >= FEWEST_BLOCKS:
+            return []
+        blocks = f"{plural(self._blocks, 'block')} of {SHORTEST_BLOCK_S} s"
+        what = f"{self._seconds:.1f} s in {plural(self._runs, 'run')} give {blocks}"
+        remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
+        return [TelemetryIssue("too_few_runs", (), "fatal", f"{self._name}: {what}", remedy)]
+
+    def _check_excitation(self) -> list[TelemetryIssue]:
+        """Whether the motion moves every joint and tells the base parameters apart."""
+        travel = self._high - self._low
+        still = np.flatnonzero(travel < self._settings.least_travel)
+        remedy = "record motion of all joints over wide poses (`plan excite` proposes one)"
+        issues = []
+        if len(still):
+            names = tuple(self._joints[j] for j in still)
+            what = f"hardly any motion ({travel[still].max():.3f} rad at most) of {', '.join(names)}"
+            severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
+            issues.append(TelemetryIssue("insufficient_excitation", names, severity, f"{self._name}: {what}", remedy))
+        if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
+            issues += self._check_independence()
+        if self._arm is None or not self._states or len(still) == len(self._joints):
+            return issues
+        condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
+        if condition > self._settings.largest_condition:
+            what = f"the base parameters' regressor has a condition number of {condition:.3g}"
+            issues.append(TelemetryIssue("insufficient_excitation", (), "warning", f"{self._name}: {what}", remedy))
+        return issues
+
+    def _check_independence(self) -> list[TelemetryIssue]:
+        """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
+        shown = self._independence.shown()
+        moving = np.isfinite(shown.share)
+        up, down = shown.strokes
+        found = []
+        for j in np.flatnonzero(shown.one_sinusoid):
+            told = f"{100 * shown.share[j]:.2g} % of its acceleration does not follow from its angle"
+            found.append((j, f"{told} where one recording is left out: one sinusoid, or nearly"))
+        once = np.flatnonzero(shown.once & ~shown.one_sinusoid)
+        found += [(j, f"it moves {up[j]} times up and {down[j]} times down") for j in once]
+        if not found:
+            return []
+        joints = tuple(self._joints[j] for j, _ in found)
+        severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
+        what = f"{self._name}: {joints[0]}: {found[0][1]}" + (f"; so {', '.join(joints[1:])}" if joints[1:] else "")
+        remedy = "move every joint to and fro at several speeds in several recordings (`plan excite` proposes how)"
+        return [TelemetryIssue("insufficient_excitation", joints, severity, what, remedy)]
+
+
+def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
+    """Condition number of some motion's base regressor, rows per torque's spread, columns of unit length.
+
+    Args:
+        states: q, dq, ddq and tau, filtered.
+        arm: The robot.
+    """
+    q, dq, ddq, tau = states
+    step = slice(None, None, max(1, len(q) // STATES))
+    table = arm.regressor(q[step], dq[step], ddq[step])
+    spread = tau.std(axis=0)
+    # Without this, the shoulder's torque would drown what the wrist tells.
+    least = 1e-3 * float(spread.max()) or 1.0  # a torque may be all zeros
+    table = (table / np.maximum(spread, least)[:, None]).reshape(-1, 10 * arm.n)
+    size = np.linalg.norm(table, axis=0)
+    table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
+    # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.
+    factor, _ = factor_by_pivots(table)
+    values = np.linalg.svd(factor[:, : base_rank(arm)], compute_uv=False)
+    return float(values[0] / max(values[-1], 1e-12 * values[0]))
+
+
+def base_rank(arm: ArmModel) -> int:
+    """Number of base parameters: the regressor's rank in general motion.
+
+    Source: Gautier, Numerical calculation of the base inertial parameters of robots (1991).
+    """
+    # The rank is a property of the arm: fixed general states find it as well as any others.
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 60, arm.n))
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    q = low + (high - low) * 0.5 * (states[0] + 1.0)
+    table: Float[Array, "r 10n"] = arm.regressor(q, states[1], 3.0 * states[2]).reshape(-1, 10 * arm.n)
+    size = np.linalg.norm(table, axis=0)
+    seen = size > 1e-9 * size.max()
+    triangle = np.asarray(np.linalg.qr(table[:, seen] / size[seen], mode="r"))
+    return int(np.linalg.matrix_rank(triangle, tol=1e-8))

@@ -1,0 +1,176 @@
+"""The result of a telemetry check: what was found, and the session as it may be used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import RecordingError
+from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.recordings.save import write_session
+from ident.results import Result
+from ident.robot.arm import ArmModel
+
+SCHEMA = "ident.checks/1"
+ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
+# What a recording may be used under, but not without a word.
+DOUBTFUL = ("torque_scale", "guessed_gains", "mounting")
+# These say that there is too little to learn from, not that what is there is wrong: harmless in an evaluation.
+TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
+
+
+@dataclass(frozen=True)
+class JointEffort:
+    """What one joint's effort is.
+
+    Attributes:
+        joint: Its name.
+        kind: ``motor_current``, ``motor_torque`` (with the gear's friction), ``joint_torque`` (hardly any friction),
+            ``external_torque`` (follows neither gravity nor motion), ``gravity_compensated``, ``commanded``,
+            ``model_output`` or ``unknown``.
+        evidence: What was seen, with figures.
+    """
+
+    joint: str
+    kind: str
+    evidence: str
+
+    def to_dict(self) -> dict[str, str]:
+        """For JSON."""
+        return {"joint": self.joint, "kind": self.kind, "evidence": self.evidence}
+
+
+@dataclass(frozen=True, eq=False)
+class TelemetryReport:
+    """What a telemetry check found.
+
+    Attributes:
+        session: The session with everything mended that can be mended safely, joints in the robot's order.
+        issues: What was found, the worst first.
+        arm: The robot with the joints locked that the recording lacks, and its payload; None if none was given.
+        effort: What each joint's effort is; empty where there is no robot to hold it against.
+    """
+
+    session: Session
+    issues: tuple[TelemetryIssue, ...]
+    arm: ArmModel | None = None
+    effort: tuple[JointEffort, ...] = ()
+
+    def __post_init__(self) -> None:
+        ranked = sorted(self.issues, key=lambda issue: ORDER.index(issue.severity))
+        object.__setattr__(self, "issues", tuple(ranked))
+
+    @property
+    def fatal(self) -> tuple[TelemetryIssue, ...]:
+        """The issues that forbid a fit."""
+        return tuple(issue for issue in self.issues if issue.severity == "fatal")
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the recordings may be fitted."""
+        return not self.fatal
+
+    @property
+    def verdict(self) -> str:
+        """The same in words; never fit without a word where every size found rests on a doubtful one."""
+        doubts = [issue.issue for issue in self.issues if issue.issue in DOUBTFUL and issue.severity == "warning"]
+        if not self.is_fit:
+            return "not fit for use"
+        return f"to be used with care: {', '.join(dict.fromkeys(doubts))}" if doubts else "fit for use"
+
+    def find(self, issue: str) -> tuple[TelemetryIssue, ...]:
+        """The issues of one kind."""
+        return tuple(found for found in self.issues if found.issue == issue)
+
+    def require_fit(self, learning: bool = True) -> TelemetryReport:
+        """Passes if the recordings may be used, else refuses.
+
+        Args:
+            learning: Whether something is to be fitted; an evaluation may do with little data.
+
+        Raises:
+            RecordingError: A fatal issue; names the file, the place and the remedy.
+        """
+        fatal = [issue for issue in self.fatal if learning or issue.issue not in TOO_LITTLE]
+        if fatal:
+            first, more = fatal[0], len(fatal) - 1
+            also = f" (and {more} more, see `ident inspect`)" if more else ""
+            where = str(self.session.path or self.session.name)
+            raise RecordingError(where, f"{first.issue}: {first.evidence}", first.remedy + also)
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "session": self.session.name,
+            "runs": len(self.session.runs),
+            "samples": self.session.samples,
+            "duration_s": self.session.duration,
+            "robot": self.session.robot if self.arm is None else self.arm.name,
+            "joints": list(self.session.joints),
+            "common_clock": self.session.common_clock,
+            "fit": self.is_fit,
+            "effort": [one.to_dict() for one in self.effort],
+            "telemetry": [issue.to_dict() for issue in self.issues],
+        }
+
+    def mend(self, folder: str | Path) -> None:
+        """Writes the mended session as a folder of Parquet runs.
+
+        Raises:
+            RecordingError: Nothing is left of a run.
+        """
+        if not all(len(run) for run in self.session.runs):
+            where = str(self.session.path or self.session.name)
+            raise RecordingError(where, "nothing that can be used is left of it", "record it again")
+        write_session(self.session, folder)
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(Result):
+    """The telemetry checks of some sessions.
+
+    Attributes:
+        reports: One a session.
+    """
+
+    reports: tuple[TelemetryReport, ...]
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether all of them may be fitted."""
+        return all(report.is_fit for report in self.reports)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "schema": SCHEMA,
+            "sessions": [report.to_dict() for report in self.reports],
+            "provenance": self.provenance.to_dict(),
+        }
+
+
+def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
+    """The arm under the gravity that a session has been found, or said, to be recorded under."""
+    return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
+
+
+def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:
+    """Names of joints by their columns, in order, each once."""
+    return tuple(session.joints[column] for column in sorted(set(columns)))
+
+
+def in_runs(session: Session, told: Sequence[tuple[str, str]]) -> str:
+    """Evidence of several runs in one line: the first one's, and in how many more it was seen.
+
+    Args:
+        session: The session.
+        told: (run, what was seen), the most telling first.
+    """
+    run, what = told[0]
+    others = len({name for name, _ in told}) - 1
+    return f"{run}: {what}" + (f"; also in {others} of the other {len(session.runs) - 1} runs" if others else "")

@@ -1,0 +1,216 @@
+"""The loop: record, check the last model on what it never saw, diagnose all that was recorded, and again.
+
+Every round's recordings first judge the model of the round before, and only then teach the next one: the gap that ends
+the loop is always one on runs that the model never saw. `ident` owns the loop, because a user who has an arm and no
+planner closes the gap too; who moves the arm and who chooses the motion are given from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ident.checks import inspect_sessions
+from ident.closed_loop.exciting import Exciter
+from ident.closed_loop.gap import GapFloors, measure_floors
+from ident.closed_loop.models import as_diagnosed, as_urdf
+from ident.closed_loop.recorder import Recorder
+from ident.closed_loop.warmth import Warmth
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.effects.base import Effect
+from ident.errors import InputError
+from ident.export.law_model import LawModel
+from ident.motion.motion import Motion, prepare
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+
+MOST_ROUNDS = 8
+# A gap that looks closed and is not sure to be is looked at in so many rounds before all of them teach again.
+PATIENCE = 2
+# The loop has stalled where so many models in turn came no nearer than this share of the best before them: what is left
+# then has no name, and more motion of these kinds won't give it one.
+STALLED_MODELS, PROGRESS = 2, 0.97
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round.
+
+    Attributes:
+        minutes: Of motion, in this round.
+        gap: Of the model of the round before, on this round's recordings; None in the first.
+        verdict: Of the diagnosis of all recordings so far; empty where none was needed.
+        named: Effects that it named, each `effect joint`.
+    """
+
+    minutes: float
+    gap: GapFloors | None
+    verdict: str
+    named: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """How the loop ended.
+
+    Attributes:
+        closed: Whether it is sure that hardly more than noise is left.
+        reason: Why it ended.
+        rounds: All rounds.
+        before: Gap of the URDF as it is, on the last round's recordings.
+        after: Gap of the last model that was checked there.
+        model: That model.
+        record: The diagnosis that it comes from.
+        learned: Motions that it was made from.
+        floors: Noise of each joint [N m].
+        warmth: How warm its joints are after all rounds.
+    """
+
+    closed: bool
+    reason: str
+    rounds: tuple[Round, ...]
+    before: GapFloors
+    after: GapFloors
+    model: LawModel
+    record: dict[str, Any]
+    learned: tuple[Motion, ...]
+    floors: np.ndarray = field(repr=False)
+    warmth: Warmth
+
+    @property
+    def minutes(self) -> float:
+        """Of motion in all rounds, the last one's check among them."""
+        return sum(one.minutes for one in self.rounds)
+
+
+def close_gap(
+    arm: ArmModel,
+    recorder: Recorder,
+    exciter: Exciter,
+    catalogue: Sequence[Effect],
+    most: int = MOST_ROUNDS,
+    say: Say = lambda line: None,
+) -> Closed:
+    """Runs the loop until the gap is closed, or the rounds are spent.
+
+    Args:
+        arm: The arm as its URDF describes it.
+        recorder: Who records.
+        exciter: Who chooses motions.
+        catalogue: The effects that are asked for.
+        most: Most rounds, the first included; at least two, for the second checks the first.
+        say: Told each round in a line.
+
+    Raises:
+        InputError: Recordings that can't be used, or too few rounds.
+    """
+    if most < 2:
+        raise InputError("--rounds", f"{most} round(s) can't be checked", "give 2 or more")
+    known: list[Session] = []
+    rounds: list[Round] = []
+    state: _Taught | None = None
+    reached: list[float] = []
+    while True:
+        session = recorder.record(exciter.choose(None if state is None else state.record, len(rounds) + 1))
+        report = inspect_sessions([session], arm)[0]
+        report.require_fit(learning=False)
+        known.append(report.session)
+        minutes, gap = session.duration / 60.0, None
+        if state is not None:
+            state.unseen.extend(prepare(report.session, state.corner))
+            gap = measure_floors(state.model, state.unseen, state.floors, state.warmth)
+            say(_tell(len(rounds) + 1, minutes, gap))
+            last = len(rounds) + 1 >= most
+            state.looks += 1
+            waits = gap.small and state.looks < PATIENCE  # more motion makes it sure, or shows that it was chance
+            if waits and not (gap.closed or last):
+                rounds.append(Round(minutes, gap, "", ()))
+                continue
+            reached.append(gap.together)
+            stalled = _has_stalled(reached)
+            if gap.closed or last or stalled:
+                rounds.append(Round(minutes, gap, "", ()))
+                return state.end(rounds, gap, as_urdf(arm, session.payload), stalled)
+        state = _teach(known, arm, catalogue)
+        rounds.append(Round(minutes, gap, state.record["verdict"], state.named))
+        say(f"round {len(rounds)}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
+
+
+@dataclass(eq=False)
+class _Taught:
+    """A model, what it comes from, and the runs since, which it never saw."""
+
+    record: dict[str, Any]
+    model: LawModel
+    learned: tuple[Motion, ...]
+    warmth: Warmth
+    unseen: list[Motion] = field(default_factory=list)
+    looks: int = 0
+
+    @property
+    def corner(self) -> float:
+        """Of the common filter that the diagnosis, and so its noise, was told with [Hz]."""
+        return self.learned[0].lowpass.cutoff
+
+    @property
+    def floors(self) -> np.ndarray:
+        """Noise of each joint [N m]."""
+        return np.array([one["noise_floor_Nm"] for one in self.record["gap"].values()])
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        return tuple(f"{one['effect']} {', '.join(one['joints'])}" for one in self.record["findings"])
+
+    def end(self, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel, stalled: bool) -> Closed:
+        """How the loop ended."""
+        before = measure_floors(urdf, self.unseen, self.floors)
+        farthest = list(self.record["gap"])[int(np.argmax(gap.joints))]
+        why = "no nearer with more recordings" if stalled else "rounds spent"
+        reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
+        rest = self.model, self.record, self.learned, self.floors, self.warmth.after(self.model, self.unseen)
+        return Closed(gap.closed, reason, tuple(rounds), before, gap, *rest)
+
+
+def _has_stalled(reached: Sequence[float]) -> bool:
+    """Whether the last models came no nearer than the best before them."""
+    before, lately = reached[:-STALLED_MODELS], reached[-STALLED_MODELS:]
+    return bool(before) and min(lately) > PROGRESS * min(before)
+
+
+def _teach(sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]) -> _Taught:
+    """Diagnoses all recordings so far."""
+    record, learned = _diagnose(sessions, arm, catalogue)
+    model = as_diagnosed(arm, record, catalogue, sessions[-1].payload)
+    return _Taught(record, model, learned, Warmth.learnt(model, learned))
+
+
+def _diagnose(
+    sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]
+) -> tuple[dict[str, Any], tuple[Motion, ...]]:
+    reports = inspect_sessions(join_sessions(sessions), arm)
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, catalogue)
+    if analysis is None:
+        fatal = next(issue for issue in diagnosis.telemetry if issue.severity == "fatal")
+        where = str(sessions[-1].path or sessions[-1].name)
+        raise InputError(where, f"the recordings are refused: {fatal.issue}, {fatal.evidence}", fatal.remedy)
+    return diagnosis.to_dict(), tuple(motions)
+
+
+def join_sessions(sessions: Sequence[Session]) -> tuple[Session, ...]:
+    """One session of all runs where one clock goes on through them; the sessions as they are where it does not."""
+    runs = [run for session in sessions for run in session.runs]
+    ends = [(run.time[0], run.time[-1]) for run in runs]
+    if any(after[0] <= before[1] for before, after in pairwise(ends)):
+        return tuple(sessions)
+    return (sessions[0].replace(runs=tuple(runs)),)
+
+
+def _tell(number: int, minutes: float, gap: GapFloors) -> str:
+    joints = " ".join(f"{value:.2f}" for value in gap.joints)
+    left = f"{gap.together:.2f} × the noise ({joints}), at most {gap.upper:.2f}"
+    return f"round {number}: {minutes:.1f} min recorded; the last model leaves {left}"

@@ -1,0 +1,202 @@
+"""Names, friction's variation from run to run, and the URDF's error: each is told beside the others, until all hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.diagnosis.regression.baseline import Baseline, UrdfError
+from ident.diagnosis.regression.cross_validation import HeldOut
+from ident.diagnosis.regression.design import Group, Key
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
+from ident.diagnosis.regression.run_spread import estimate_run_spread
+from ident.diagnosis.regression.wandering import chance_of_law
+from ident.diagnosis.reservations import Reservation, find_implausible, find_uneven
+from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.intervals import Estimate, estimate_effects, inflation
+from ident.diagnosis.selection.refine import Refined, find_needless, refine
+from ident.diagnosis.selection.search import Search
+from ident.diagnosis.selection.tolerance import measure_tolerance
+from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, one_link_is_wrong
+from ident.effects.base import SessionContext
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Names that stand, and what was found on the way.
+
+    Attributes:
+        search: The search that gave them, with what it is to do without.
+        found: What it found.
+        estimates: Figures of each name.
+        fine: Their finer grids, if there are names.
+        doubted: Why further names were not believed.
+    """
+
+    search: Search
+    found: SearchResults
+    estimates: list[Estimate]
+    fine: Refined | None
+    doubted: tuple[Reservation, ...]
+
+
+def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settled:
+    """Names and how much friction varies from run to run: each is told beside the other.
+
+    Friction may vary by much until the names say otherwise: an effect must show beside that. What the names explain is
+    no variation of friction any more; where that makes it clearly smaller, smaller effects are looked for.
+    """
+    prior, settings = search.prior, search.settings
+    doubted: tuple[Reservation, ...] = ()
+    free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
+    spread = estimate_run_spread(free, _with_slow_effects(free, prior))
+    for left in reversed(range(settings.most_settling)):
+        evidence = free.with_run_spread(spread)
+        search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
+        sure = _sure(search, session, baseline, doubted)
+        search, doubted = sure.search, sure.doubted
+        drifting = _mere_drift(search, sure.found, free)
+        if drifting:
+            sure = _without(drifting, sure, session, baseline)
+            search, doubted = sure.search, sure.doubted
+        error, unlikely = _how_wrong(search, sure.found, session, baseline)
+        while unlikely and (error == prior.error or not left):
+            sure = _without(unlikely, sure, session, baseline)
+            search, doubted = sure.search, sure.doubted
+            error, unlikely = _how_wrong(search, sure.found, session, baseline)
+        # Beside slow effects that got no name friction varied too little, beside none of the others too much.
+        now = estimate_run_spread(free, project(free.gram(), free, prior, [item.group for item in sure.found.named]))
+        if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
+            break
+        spread, prior = now, Prior.believing(free, baseline, error)
+    return replace(sure, found=_or_doubted(sure.found, sure.doubted))
+
+
+def _or_doubted(found: SearchResults, doubted: Sequence[Reservation]) -> SearchResults:
+    """Results without names in which the best of what was doubted counts as refused: something is there."""
+    shown = [one.shows for one in doubted if one.shows is not None]
+    if found.named or found.hint is not None or not shown:
+        return found
+    return replace(found, refused=max(shown, key=lambda item: item.gates.evidence))
+
+
+def _with_slow_effects(evidence: Evidence, prior: Prior) -> Projection:
+    """The baseline with the best candidate of each slow effect at each joint.
+
+    What changes slowly (warm friction) changes from run to run, too: it has the first word, or it would never be heard.
+    """
+    gram = evidence.gram()
+    alone = project(gram, evidence, prior)
+    best: dict[tuple[str, int], tuple[float, Group]] = {}
+    for group in evidence.layout.groups:
+        if group.effect.by_run:
+            gain = alone.gain(group)[0]
+            if gain > best.get((group.effect.id, group.joint), (0.0, group))[0]:
+                best[group.effect.id, group.joint] = gain, group
+    return project(gram, evidence, prior, [group for _, group in best.values()])
+
+
+def _mere_drift(search: Search, found: SearchResults, free: Evidence) -> set[Key]:
+    """Names of slow effects that wandering friction explains as well: a slow curve follows some of any random walk.
+
+    Args:
+        search: The search.
+        found: What it found.
+        free: Its evidence with friction free to vary.
+    """
+    evidence, prior = search.evidence, search.prior
+    groups = [item.group for item in found.named]
+    slow = [group for group in groups if group.effect.by_run]
+    if not slow:
+        return set()
+    gram = free.gram()
+    least = search.settings.slow_error / evidence.layout.n
+    drifting = set()
+    for group in slow:
+        model = project(gram, free, prior, [other for other in groups if other is not group])
+        variants = [other for other in evidence.layout.groups if other.key == group.key]
+        if chance_of_law(free, model, variants, np.random.default_rng(search.seed)) > least:
+            drifting.add(group.key)
+    return drifting
+
+
+def _how_wrong(
+    search: Search, found: SearchResults, session: SessionContext, baseline: Baseline
+) -> tuple[UrdfError, set[Key]]:
+    """How far off the URDF must be believed to be before names of the inertias' kind can be judged: mostly as it was.
+
+    Either such a name was given, and a URDF that is wrong everywhere would explain nearly as much; or none was given,
+    and the tuned inertias lie beyond the tolerance.
+
+    Returns:
+        The error, and the first name that is not likely enough beside it. Where the error is what was believed anyway,
+        another search would give the same name again.
+    """
+    evidence, prior, settings = search.evidence, search.prior, search.settings
+    groups = [item.group for item in found.named]
+    absorbed = [item.group for item in found.named if item.absorbed]
+    model = project(evidence.gram(), evidence, prior, groups)
+    spare = inflation(evidence, model)
+    if not absorbed:
+        exceeded = measure_tolerance(evidence, prior, model, spare, settings).exceeded
+        # Where something sits at one link that has no name, it must be told.
+        if not exceeded or one_link_is_wrong(search, baseline, groups, spare):
+            return prior.error, set()
+        return best_belief(search, baseline, groups, spare).error, set()
+    for group in absorbed:
+        others = [other for other in groups if other is not group]
+        if added_evidence(search, session, baseline, group, others, spare) < search.inertial_nats:
+            return best_belief(search, baseline, others, spare).error, {group.key}
+    return prior.error, set()
+
+
+def _without(names: set[Key], sure: Settled, session: SessionContext, baseline: Baseline) -> Settled:
+    """The search once more, some names barred."""
+    search = replace(sure.search, barred=sure.search.barred | names)
+    return _sure(search, session, baseline, sure.doubted)
+
+
+def _sure(
+    search: Search, session: SessionContext, baseline: Baseline, doubted: tuple[Reservation, ...] = ()
+) -> Settled:
+    """The effects that the search named, without those that are needless, that a rival beats, or that no arm has.
+
+    What no arm has is no candidate: the search begins again without it, for what it explained may have another name.
+    So may what a name explained that a rival beats; where the rival does not stand either, the name has none.
+    """
+    beaten = 0
+    found, held, joints = search.run(), search.settings, baseline.nominal.joint_names
+    while found.named:  # without names there is nothing to refine: no second pass
+        groups = [item.group for item in found.named]
+        fine = refine(search, session, baseline, groups)
+        needless = find_needless(fine)
+        if needless is not None and len(search.barred) < held.most_doubted:
+            search = replace(search, barred=search.barred | {groups[needless].key})
+            found = search.run()
+            continue
+        estimates = estimate_effects(search, fine, session, found.named)
+        kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
+        refused = find_implausible({k: (found.named[k], estimates[k]) for k in kept}, session)
+        hidden = [k for k in kept if found.named[k].absorbed or groups[k].prior is not None]
+        refused = refused or find_uneven(search, groups, kept, hidden)
+        doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
+        if refused and len(doubted) <= held.most_doubted:
+            keys = {groups[k].key for k in refused}
+            search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
+            found = search.run()
+            continue
+        kept = [k for k in kept if k not in refused]
+        if len(kept) == len(groups):
+            return Settled(search, found, estimates, fine, doubted)
+        if not refused and beaten < held.most_doubted:
+            lost = {group.key for k, group in enumerate(groups) if k not in kept}
+            beaten += len(lost)
+            other = replace(search, barred=search.barred | lost).run()
+            if len(other.named) > len(kept):
+                search, found = replace(search, barred=search.barred | lost), other
+                continue
+        found = search.only(found, kept)
+    return Settled(search, found, [], None, doubted)

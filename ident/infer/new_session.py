@@ -1,0 +1,267 @@
+"""Guesses a session.toml and writes it out: every line with its evidence, for a person to correct."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.checks.report import TelemetryReport
+from ident.errors import InputError, RecordingError
+from ident.files import atomic_write
+from ident.infer.by_data import guess_by_data
+from ident.infer.by_name import guess_by_name
+from ident.infer.foreign import ForeignTable, read_foreign
+from ident.infer.guess import Guess, Reason, Signals
+from ident.infer.units import (
+    Unit,
+    angle_unit,
+    check_velocity,
+    joint_order,
+    sample_rate,
+    states_of,
+    time_unit,
+    torque_of,
+)
+from ident.outputs import ELSEWHERE, require_plain
+from ident.recordings.columns import TIME
+from ident.recordings.lerobot import is_dataset
+from ident.recordings.load import METADATA, SUFFIXES
+from ident.recordings.session_toml import GUESSED, NAME
+from ident.results import Result
+from ident.robot.arm import ArmModel
+from ident.safe_read import toml_key
+
+SCHEMA = "ident.new/1"
+# An element of a list: name.0, name_0, name[0].
+ELEMENT = re.compile(r"(?P<head>.+[._\[])(?P<number>\d+)(?P<tail>\]?)")
+HEAD = "# Guessed by armgap (`ident new`), each line with its evidence: correct what is wrong, then `ident inspect`."
+SEAL = "# as written: sha256 "
+
+
+@dataclass(frozen=True, eq=False)
+class NewSession(Result):
+    """A session.toml that was guessed.
+
+    Attributes:
+        file: Where it stands or is to stand.
+        guess: What was guessed, and why.
+        text: The file's text.
+        report: The telemetry check of the session under these settings; None where no robot was given.
+    """
+
+    file: Path
+    guess: Guess
+    text: str
+    report: TelemetryReport | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "schema": SCHEMA,
+            "file": str(self.file),
+            "robot": self.provenance.settings.get("robot") or self.guess.settings.get("robot"),
+            "joints": sorted({name.rpartition("/")[0] for name in self.guess.columns.values() if "/" in name}),
+            "columns": self.guess.columns,
+            "settings": self.guess.settings,
+            "reasons": [reason.to_dict() for reason in self.guess.reasons],
+            "left_out": list(self.guess.left_out),
+            "telemetry": [] if self.report is None else [issue.to_dict() for issue in self.report.issues],
+            "provenance": self.provenance.to_dict(),
+        }
+
+    def summary(self) -> str:
+        """The guesses in plain lines."""
+        lines = [f"{reason.what}: {reason.guess} ({reason.evidence})" for reason in self.guess.reasons]
+        return "\n".join([*lines, *self.guess.left_out])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.summary())}</pre>"
+
+    def write(self) -> None:
+        """Writes the file, whole or not at all; only an uncorrected guess of armgap's own is ever replaced."""
+        require_own_guess(self.file)
+        with atomic_write(self.file) as part:
+            part.write_text(self.text, encoding="utf-8")
+
+
+def place_of(path: Path) -> Path:
+    """The session.toml of a folder, or `<stem>.toml` beside a single file."""
+    return path / NAME if path.is_dir() else path.with_suffix(".toml")
+
+
+def require_own_guess(path: Path) -> None:
+    """Passes if nothing stands at a place, or a guess that nobody has corrected.
+
+    Raises:
+        InputError: A file of the user's, or a guess that was corrected.
+    """
+    require_plain(path)
+    if not path.exists():
+        return
+    text = path.read_text(encoding="utf-8", errors="replace")
+    head, seal, rest = text.partition(SEAL)
+    told, _, body = rest.partition("\n")
+    if not head.startswith(HEAD):
+        raise InputError(path, "is a file that armgap did not write", ELSEWHERE)
+    if not seal or told.strip() != _digest(body):
+        raise InputError(path, "was corrected since armgap guessed it", "remove it first if it is to be guessed again")
+
+
+def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSession:
+    """Guesses the settings of a session from its largest run.
+
+    Args:
+        path: Folder or file of the recordings.
+        arm: The robot, or None.
+        robot: How the user names it.
+
+    Raises:
+        RecordingError: No table there, or none that can be told from its names or numbers.
+    """
+    table = read_foreign(_largest(path))
+    signals = guess_by_name(table, arm) if table.has_names else None
+    if signals is None:
+        if arm is None:
+            what = "its columns' names don't say which is position"
+            raise RecordingError(table.source, what, "give --robot: its motion tells the columns")
+        signals = guess_by_data(table, arm)
+    place = place_of(path)
+    guess = _complete(table, signals, arm)
+    if robot is not None:
+        guess.settings["robot"] = os.path.relpath(robot, place.parent) if Path(robot).is_file() else robot
+    return NewSession(place, guess, write_text(guess))
+
+
+def _largest(path: Path) -> Path:
+    """The run by which columns are told: the largest file of a folder."""
+    if path.is_file() or is_dataset(path) or (path / METADATA).is_file():
+        return path
+    if not path.is_dir():
+        raise RecordingError(path, "no such file or folder", "give a folder of runs or a table")
+    found = [one for one in path.iterdir() if one.suffix.lower() in SUFFIXES and not one.name.startswith(".")]
+    found += [one for one in path.iterdir() if one.is_dir() and (one / METADATA).is_file()]
+    if not found:
+        raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
+    return max(found, key=lambda one: (one.stat().st_size, one.name))
+
+
+def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Guess:
+    """Units, signs and order of the signals, as columns and settings."""
+    whole = np.isfinite(np.column_stack([signals.time, *signals.tables.values()])).all(axis=1)
+    signals = replace(
+        signals, time=signals.time[whole], tables={name: values[whole] for name, values in signals.tables.items()}
+    )
+    time, angle = time_unit(signals), angle_unit(signals, arm)
+    rate, rate_reason = sample_rate(signals, table.rate_hz, angle)
+    if signals.clock is None and rate is None:
+        what = "no column is time, and nothing tells the rate"
+        raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
+    if rate is not None:
+        time = Unit("s", 1.0 / rate)
+    signals, velocity, refused = check_velocity(signals, time, angle)
+    reasons = [*signals.reasons, time.reason, rate_reason, angle.reason, velocity]
+    nominal = "effort" if "effort" in signals.tables else "current"
+    joints, channel, settings = signals.joints, nominal, {}
+    if arm is not None:
+        joints, order = joint_order(signals, time, angle, arm)
+        states = states_of(signals, time, angle, arm, joints)
+        known = tuple(name for name in arm.joint_names if name in joints)
+        torque = torque_of(signals, states, known, nominal)
+        channel, settings = torque.channel, _torque_settings(torque.signs, torque.gains)
+        reasons += [order, *torque.reasons]
+    elif nominal == "current":
+        settings = _torque_settings({}, dict.fromkeys(joints, 1.0))
+        reasons.append(Reason("drive_gain_Nm_per_A", "1", "without a robot nothing tells it: give the figures"))
+    if time.name != "s":
+        settings["time_unit"] = time.name
+    if angle.name != "rad":
+        settings["angle_unit"] = angle.name
+    if rate is not None:
+        settings["sample_rate_hz"] = rate
+    columns = {} if signals.clock is None else {signals.clock: TIME}
+    for name, own in signals.columns.items():
+        native = channel if name == nominal else name
+        columns.update({column: f"{joint}/{native}" for column, joint in zip(own, joints, strict=True)})
+    left = [] if refused is None else [f"velocity {refused}"]
+    unused = [name for name in table.columns if name not in columns]
+    left += [f"not used: {', '.join(fold_names(unused))}"] if unused else []
+    return Guess(columns, settings, tuple(one for one in reasons if one is not None), tuple(left))
+
+
+def fold_names(names: Sequence[str]) -> list[str]:
+    """Names of a list's elements as one: `tau_ext[0]`, `tau_ext[1]`, … become `tau_ext[0…6]`, in their order."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        parts = ELEMENT.fullmatch(name)
+        key = (parts["head"], parts["tail"]) if parts else (name, "")
+        found.setdefault(key, []).append(parts["number"] if parts else "")
+    return [
+        f"{head}{numbers[0]}…{numbers[-1]}{tail}" if len(numbers) > 1 else f"{head}{numbers[0]}{tail}"
+        for (head, tail), numbers in found.items()
+    ]
+
+
+def _torque_settings(signs: dict[str, int], gains: dict[str, float]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    if gains:
+        found["drive_gain_Nm_per_A"] = gains
+    if signs:
+        found["effort_sign"] = signs
+    return found
+
+
+def write_text(guess: Guess) -> str:
+    """The text of session.toml: keys, then tables, the evidence as comments."""
+    why = {reason.what: reason for reason in guess.reasons}
+    lines: list[str] = []
+    for key, value in guess.settings.items():
+        if not isinstance(value, dict):
+            reason = why.get(key)
+            lines += [f"# {_comment(reason.evidence)}"] if reason else []
+            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+    lines += ["", "[columns]"]
+    channel = ""
+    for name, native in guess.columns.items():
+        own = native.rpartition("/")[2]
+        if own != channel:
+            told = [
+                reason for reason in guess.reasons if reason.what == own or (own, reason.what) == ("current", "effort")
+            ]
+            lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in told]
+            channel = own
+        lines.append(f"{toml_key(name)} = {json.dumps(native, ensure_ascii=False)}")
+    for key in ("drive_gain_Nm_per_A", "effort_sign"):
+        if key in guess.settings:
+            lines += ["", f"[{key}]"]
+            for joint, value in guess.settings[key].items():
+                reason = why.get(f"{key}.{joint}")
+                lines.append(f"{toml_key(joint)} = {value:g}" + (f"  # {_comment(reason.evidence)}" if reason else ""))
+            if key == "drive_gain_Nm_per_A":
+                lines.append(f"{GUESSED} = true  # until somebody has measured them")
+    lines += ["", "# Further evidence:"]
+    lines += [
+        f"# {reason.what}: {_comment(f'{reason.guess}; {reason.evidence}')}"
+        for reason in guess.reasons
+        if reason.what in ("joints", "angle_unit", "time_unit") or reason.what.startswith("effort_sign")
+    ]
+    lines += [f"# {_comment(line)}" for line in guess.left_out]
+    body = "\n".join(lines) + "\n"
+    return f"{HEAD}\n{SEAL}{_digest(body)}\n{body}"
+
+
+def _digest(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()
+
+
+def _comment(text: str) -> str:
+    """A text that stays within its comment whatever names stand in it."""
+    return json.dumps(text, ensure_ascii=False)[1:-1].replace("\x7f", "?")

@@ -1,0 +1,215 @@
+"""Units, signs, gains and joint order of columns whose meaning is known: what the numbers and the robot say of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.checks.effort import SignedFit, States, collect_states, fit_signed
+from ident.checks.settings import USUAL_EFFORT
+from ident.checks.velocities import compare_velocities
+from ident.infer.by_data import follow
+from ident.infer.guess import Reason, Signals
+from ident.infer.names import words_of
+from ident.recordings.recording import Session
+from ident.recordings.session_toml import TIME_UNITS
+from ident.robot.arm import ArmModel
+
+# Sampling of robots' logs, fastest and slowest step [s].
+FASTEST_S, SLOWEST_S = 2e-4, 0.5
+# No joint of an arm turns farther than three turns to a side [rad].
+FARTHEST_RAD = 6 * math.pi
+# Velocity is in the positions' unit if its slope against their derivative is one within this, and it is that signal.
+SLOPE_OFF, SAME_SIGNAL = 0.1, 0.9
+# Joint order: another one is taken where the model explains so much more of the torque.
+CLEARLY_MORE = 0.2
+# A gain rests on gravity or inertia if the model explains at least this share of the joint's current.
+TRUSTED = 0.5
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: its name, its factor to SI, and why."""
+
+    name: str
+    factor: float
+    reason: Reason | None = None
+
+
+def time_unit(signals: Signals) -> Unit:
+    """The unit of time, by the column's name and by the step from sample to sample."""
+    if signals.clock is None:
+        return Unit("s", 1.0)
+    step = float(np.median(np.diff(signals.time)))
+    named = [unit for unit in TIME_UNITS if unit != "s" and unit in words_of(signals.clock)]
+    fitting = [unit for unit, factor in TIME_UNITS.items() if FASTEST_S <= step * factor <= SLOWEST_S]
+    unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
+    factor = TIME_UNITS[unit]
+    told = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
+    return Unit(unit, factor, Reason("time_unit", unit, told))
+
+
+def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
+    """Radians or degrees, by the robot's limits, else by what no arm can do."""
+    far = np.abs(signals.tables["position"]).max(axis=0)
+    sliding = np.zeros(len(far), dtype=bool)
+    if arm is not None:
+        known = [arm.joint_names.index(joint) for joint in signals.joints]
+        sliding = arm.sliding_joints[known]
+        reach = np.maximum(np.abs(arm.lower), np.abs(arm.upper))[known]
+        reach = np.where(reach < FARTHEST_RAD, reach, FARTHEST_RAD)
+    else:
+        reach = np.full(len(far), FARTHEST_RAD)
+    turning = ~sliding
+    beyond = turning & (far > 1.1 * reach)
+    if not beyond.any():
+        within = "the robot's limits" if arm is not None else "three turns"
+        told = f"the largest angle is {far[turning].max(initial=0.0):.3g}, within {within} in radians"
+        return Unit("rad", 1.0, Reason("angle_unit", "rad", told))
+    j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
+    told = (
+        f"{signals.joints[j]} goes to {far[j]:.4g}; its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
+    )
+    return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", told))
+
+
+def check_velocity(signals: Signals, time: Unit, angle: Unit) -> tuple[Signals, Reason | None, str | None]:
+    """The signals without a velocity that is not their positions' derivative in the same unit, and why."""
+    if "velocity" not in signals.tables:
+        return signals, None, None
+    torque = np.zeros_like(signals.tables["position"])
+    found = compare_velocities(Session("guess", (signals.run(time.factor, angle.factor, torque),)))
+    if found is None or not found.moving.any():
+        return signals, None, None
+    slope, match = (float(np.median(one[found.moving])) for one in (found.slope, found.correlation))
+    told = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
+    if abs(slope - 1.0) < SLOPE_OFF and match > SAME_SIGNAL:
+        return signals, Reason("velocity", "in the positions' unit per second", told), None
+    return signals.without("velocity"), None, f"not used: {told}; position is differentiated instead"
+
+
+def sample_rate(signals: Signals, stated: float | None, angle: Unit) -> tuple[float | None, Reason | None]:
+    """The rate of a table without time: as the file states it, else by velocity against position's steps [Hz]."""
+    if signals.clock is not None:
+        return None, None
+    if stated is not None:
+        return stated, Reason("sample_rate_hz", f"{stated:g}", "the data set states it")
+    if "velocity" not in signals.tables:
+        return None, None
+    steps = np.gradient(signals.tables["position"], axis=0)
+    speed = signals.tables["velocity"]
+    power = (steps**2).sum(axis=0)
+    slope = (speed * steps).sum(axis=0)[power > 0] / power[power > 0]
+    rate = float(np.median(slope)) if len(slope) else 0.0
+    if not FASTEST_S <= 1.0 / max(rate, 1e-9) <= SLOWEST_S:
+        return None, None
+    rate = round(rate, 1)
+    return rate, Reason("sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample")
+
+
+def states_of(signals: Signals, time: Unit, angle: Unit, arm: ArmModel, joints: Iterable[str]) -> States | None:
+    """The filtered motion with the torque's columns as they stand, its joints called so."""
+    torque = signals.tables["effort" if "effort" in signals.tables else "current"]
+    run = signals.run(time.factor, angle.factor, torque).replace(joints=tuple(joints))
+    present = [name for name in arm.joint_names if name in run.joints]
+    return collect_states(Session("guess", (run.select(present),)), arm.keeping(run.joints))
+
+
+def joint_order(signals: Signals, time: Unit, angle: Unit, arm: ArmModel) -> tuple[tuple[str, ...], Reason | None]:
+    """The robot's order or the alphabetical one, in which ROS drivers publish: whichever explains the torque."""
+    orders = [signals.joints, tuple(sorted(signals.joints))]
+    if orders[0] == orders[1] or set(signals.joints) != set(arm.joint_names):
+        return signals.joints, None
+    shares = []
+    for order in orders:
+        states = states_of(signals, time, angle, arm, order)
+        shares.append(0.0 if states is None else follow(states)[0])
+    told = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
+    best = orders[1] if shares[1] > shares[0] + CLEARLY_MORE else orders[0]
+    return best, Reason("joints", ", ".join(best), told)
+
+
+@dataclass(frozen=True)
+class Torque:
+    """What is to be done to the torque's columns.
+
+    Attributes:
+        channel: `effort` where they are N m, else `current`.
+        signs: Joint -> -1 where they point the other way.
+        gains: Joint -> N m per unit of the column.
+        reasons: Why, joint by joint.
+    """
+
+    channel: str
+    signs: dict[str, int]
+    gains: dict[str, float]
+    reasons: tuple[Reason, ...]
+
+
+def torque_of(signals: Signals, states: States | None, joints: tuple[str, ...], nominal: str) -> Torque:
+    """Sign and scale of each joint's torque, by what gravity, inertia and friction of the model explain.
+
+    Args:
+        signals: The columns.
+        states: Filtered motion, joints in the robot's order; None where it is too short to tell.
+        joints: Names of the states' joints.
+        nominal: `effort` or `current`: what the columns' names say.
+    """
+    if states is None:
+        gains = dict.fromkeys(joints, 1.0) if nominal == "current" else {}
+        why = "too short a run to tell; 1 stands for a figure that nobody has given"
+        return Torque(nominal, {}, gains, (Reason("effort", nominal, why),) if gains else ())
+    fits = {}
+    for j, joint in enumerate(joints):
+        sides = {sign: fit_signed(states, j, float(sign)) for sign in (1, -1)}
+        best = max(sides, key=lambda sign: sides[sign].explained)
+        clear = states.alive[j] and sides[best].explained > max(
+            USUAL_EFFORT.follows, sides[-best].explained + CLEARLY_MORE
+        )
+        fits[joint] = (best if clear else 1, sides[best], bool(clear), bool(states.heavy[j]))
+    scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > TRUSTED]
+    scale = float(np.median(scales)) if scales else 1.0
+    channel = nominal if nominal == "current" or USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
+    signs = {joint: sign for joint, (sign, _, _, _) in fits.items() if sign < 0}
+    reasons = _sign_reasons(fits)
+    if channel == "effort":
+        return Torque(channel, signs, {}, reasons)
+    gains, told = _gains(fits, scale)
+    return Torque(channel, signs, gains, (*reasons, *told))
+
+
+def _sign_reasons(fits: dict[str, tuple[int, SignedFit, bool, bool]]) -> tuple[Reason, ...]:
+    """One reason for all joints that are sure to point the right way, one for each other joint."""
+    upright = [joint for joint, (sign, _, clear, _) in fits.items() if clear and sign > 0]
+    reasons = []
+    if upright:
+        least = min(fits[joint][1].explained for joint in upright)
+        told = f"gravity, inertia and friction explain at least {least:.0%} of {', '.join(upright)}"
+        reasons.append(Reason("effort_sign", "+1", told))
+    for joint, (sign, fit, clear, _) in fits.items():
+        told = f"gravity, inertia and friction explain {max(fit.explained, 0.0):.0%} with this sign"
+        if not clear:
+            reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{told}: not sure, taken as it stands"))
+        elif sign < 0:
+            reasons.append(Reason(f"effort_sign.{joint}", "-1", told))
+    return tuple(reasons)
+
+
+def _gains(fits: dict[str, tuple[int, SignedFit, bool, bool]], scale: float) -> tuple[dict[str, float], list[Reason]]:
+    """Gains of all joints: by their own gravity, else by the others' median.
+
+    Inertia tells no gain: what a motor feels beside the URDF's links is its own rotor.
+    """
+    gains: dict[str, float] = {}
+    reasons: list[Reason] = []
+    for joint, (_, fit, clear, heavy) in fits.items():
+        if clear and heavy and fit.gravity > 0.0:
+            size, why = fit.gravity, "gravity of the URDF over what the column shows of it"
+        else:
+            size, why = scale, "gravity hardly changes here; the median of the joints where it does"
+        gains[joint] = float(f"{1.0 / max(size, 1e-9):.3g}")
+        reasons.append(Reason(f"drive_gain_Nm_per_A.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better"))
+    return gains, reasons

@@ -1,0 +1,198 @@
+"""Alarms of an arm: which figure changed, since when, by how much.
+
+The evidence of all figures of an arm is averaged: an average of such evidence is evidence again, whatever the figures
+have to do with each other. An alarm is raised when it reaches 1 over the level. So over an arm's whole life the
+chance of any alarm without a change is at most the level, however many figures there are. After an alarm the figures
+that it names start anew, the others go on with what evidence they had taken away, and the same holds for the next
+alarm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ident.arrays import Array, Float
+from ident.monitor.e_process import ChangeBets
+from ident.monitor.figures import UNITS
+from ident.monitor.gain_change import common_scale
+
+# Chance of any false alarm in an arm's life.
+LEVEL = 0.05
+# Evidence of one figure alone from which on it is told as a hint, no alarm yet: of arms in which nothing changes, one
+# look in twenty has one (32 figures, normal days, 1 to 40 sessions).
+HINT = 10.0
+# A session that tells a figure this many times worse than is usual says nothing about day-to-day spread: it is passed
+# over. Whether it is follows from its motions alone, not from what they gave.
+WORST_ERROR = 2.0
+
+
+@dataclass(frozen=True)
+class Point:
+    """A figure in one session.
+
+    Attributes:
+        session: The session's name.
+        date: Its date, ISO.
+        value: The figure.
+        low, high: Its 95 % interval by that session alone.
+        std: Its standard deviation.
+    """
+
+    session: str
+    date: str
+    value: float
+    low: float
+    high: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A figure of an arm that has changed.
+
+    Attributes:
+        arm, joint, figure: What.
+        session: After which session that was told.
+        since: The first session after the change, as far as that can be told.
+        evidence: Of this figure: how many times better a change explains its values than none.
+        probability: That something of the arm changed, where a change was as likely as none before.
+        before, after: Mean of the figure.
+        low, high: 95 % interval of the change.
+        spread: Day-to-day standard deviation before the change.
+        scale, scale_low, scale_high: Factor by which all figures of the joint changed alike, if they did.
+    """
+
+    arm: str
+    joint: str
+    figure: str
+    session: str
+    since: str
+    evidence: float
+    probability: float
+    before: float
+    after: float
+    low: float
+    high: float
+    spread: float
+    scale: float | None = None
+    scale_low: float | None = None
+    scale_high: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON and for tables."""
+        return dict(vars(self))
+
+
+class _Stream:
+    """One figure: its values since it started anew, and what evidence they hold."""
+
+    def __init__(self) -> None:
+        self.start_anew()
+
+    def start_anew(self) -> None:
+        """Forgets everything: what comes now is the state after the change."""
+        self.points: list[Point] = []
+        self.bets = ChangeBets()
+        self.taken = 1.0  # what was taken away at alarms of other figures
+
+    @property
+    def evidence(self) -> float:
+        """What speaks for a change, less what was taken away."""
+        return self.bets.evidence / self.taken
+
+    def take(self, point: Point) -> None:
+        """One more session."""
+        usual = np.median([one.std for one in self.points]) if self.points else np.inf
+        if point.std <= WORST_ERROR * usual:
+            self.points.append(point)
+            self.bets.add(point.value)
+
+    def hand_in(self) -> None:
+        """Goes on without the evidence so far."""
+        self.taken *= max(1.0, self.evidence)
+
+
+def find_changes(
+    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], order: Sequence[str], level: float = LEVEL
+) -> tuple[tuple[Alarm, ...], Alarm | None]:
+    """All alarms in an arm's history, as they would have been raised session by session, and what may be the next.
+
+    Args:
+        arm: Its name.
+        history: (joint, figure) -> its points.
+        order: Names of the sessions in order of time.
+        level: Chance of any false alarm in the arm's life.
+
+    Returns:
+        The alarms; the figure that speaks most for a change that is none yet, if one does.
+    """
+    streams = {key: _Stream() for key in history}
+    # All that the joints could have: a figure that first appears later must not change what was told before.
+    count = max(len(streams), len({joint for joint, _ in history}) * len(UNITS))
+    by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {name: [] for name in order}
+    for key, points in history.items():
+        for point in points:
+            by_session[point.session].append((key, point))
+    alarms: list[Alarm] = []
+    evidence = 1.0
+    for session in order:
+        for key, point in by_session[session]:
+            streams[key].take(point)
+        evidence = (sum(stream.evidence for stream in streams.values()) + count - len(streams)) / max(count, 1)
+        if evidence < 1.0 / level:
+            continue
+        # The figure with most evidence, and every other that would have been enough alone.
+        ranked = sorted(streams, key=lambda key: -streams[key].evidence)
+        enough = count / level
+        named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
+        alarms += [_tell(arm, key, streams, session, evidence) for key in named]
+        for key, stream in streams.items():
+            stream.start_anew() if key in named else stream.hand_in()
+    first = max(streams, key=lambda key: streams[key].evidence, default=None)
+    told = first is not None and streams[first].evidence >= HINT
+    hint = _tell(arm, first, streams, order[-1], evidence) if first is not None and told else None
+    return tuple(alarms), hint
+
+
+def _tell(
+    arm: str, key: tuple[str, str], streams: Mapping[tuple[str, str], _Stream], session: str, evidence: float
+) -> Alarm:
+    stream = streams[key]
+    values = np.array([point.value for point in stream.points])
+    early, late = values[: stream.bets.before], values[stream.bets.before :]
+    low, high = _interval_of_change(early, late)
+    own = {figure: other.points for (joint, figure), other in streams.items() if joint == key[0]}
+    past = {point.session for point in stream.points[: stream.bets.before]}
+    scale = common_scale(
+        {figure: [point.value for point in points if point.session in past] for figure, points in own.items()},
+        {figure: [point.value for point in points if point.session not in past] for figure, points in own.items()},
+    )
+    return Alarm(
+        arm=arm,
+        joint=key[0],
+        figure=key[1],
+        session=session,
+        since=stream.points[stream.bets.before].session,
+        evidence=float(min(stream.evidence, 1e300)),
+        probability=evidence / (1.0 + evidence),
+        before=float(early.mean()),
+        after=float(late.mean()),
+        low=low,
+        high=high,
+        spread=float(early.std(ddof=1)),
+        **({} if scale is None else dict(zip(("scale", "scale_low", "scale_high"), scale, strict=True))),
+    )
+
+
+def _interval_of_change(early: Float[Array, " a"], late: Float[Array, " b"]) -> tuple[float, float]:
+    """95 % interval of the difference of means, both with the same spread."""
+    free = len(early) + len(late) - 2
+    square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
+    half = float(stdtrit(free, 0.975)) * float(np.sqrt(square / free * (1 / len(early) + 1 / len(late))))
+    change = float(late.mean() - early.mean())
+    return change - half, change + half

@@ -1,0 +1,155 @@
+"""What stands in a watched folder: arms, their sessions, when these were recorded, and whether they are complete."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+from ident.errors import InputError
+from ident.outputs import MARKER, is_begun
+from ident.recordings.lerobot import is_dataset
+from ident.recordings.load import METADATA, SUFFIXES
+from ident.recordings.session_toml import NAME, load_session_file
+
+# Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over there.
+STORE_KIND = "watch"
+# A date within a name: 2026-05-03, 26_05_03, 20260503.
+DATES = re.compile(r"(?<!\d)(?:(20\d\d)|(\d\d))([-_.]?)(\d\d)\3(\d\d)(?!\d)")
+# Stamps of recordings below this count from the start of something, above from 1970 [s].
+EPOCH = 1e9
+
+
+class NoSession(InputError):
+    """A watched folder in which no session lies yet."""
+
+
+@dataclass(frozen=True)
+class FoundSession:
+    """A session that lies there.
+
+    Attributes:
+        arm: Name of the arm: of the folder that holds the sessions.
+        name: Name of the session.
+        path: Its folder.
+        settings: The session.toml that holds for it: its own, its arm's, or the whole folder's.
+        stamp: Of its files' names, sizes and times: another one means that it has changed.
+        newest: When its newest file was written [s since 1970].
+    """
+
+    arm: str
+    name: str
+    path: Path
+    settings: Path | None
+    stamp: str
+    newest: float
+
+    @property
+    def key(self) -> str:
+        """Its name among all arms."""
+        return f"{self.arm}/{self.name}"
+
+
+def find_sessions(folder: Path) -> list[FoundSession]:
+    """All sessions: folders of runs in the folder (of one arm), or in folders of arms.
+
+    Raises:
+        InputError: No such folder, or no session in it.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "give a folder of sessions, or of arms with sessions")
+    found = list(_in_folder(folder))
+    if not found:
+        # Whoever goes on looking may wait for the first one.
+        what = "holds no session" + (", but runs" if _is_session(folder) else "")
+        raise NoSession(folder, what, "give each session a folder: FOLDER/SESSION or FOLDER/ARM/SESSION")
+    return sorted(found, key=lambda one: one.key)
+
+
+def _in_folder(folder: Path) -> Iterator[FoundSession]:
+    for child in sorted(_folders(folder)):
+        if _is_session(child):
+            yield _look_at(folder.resolve().name, child, folder)
+        else:
+            for session in sorted(_folders(child)):
+                if _is_session(session):
+                    yield _look_at(child.name, session, folder)
+
+
+def _folders(folder: Path) -> list[Path]:
+    return [
+        one
+        for one in folder.iterdir()
+        if one.is_dir() and not one.name.startswith(".") and not is_begun(one, STORE_KIND)
+    ]
+
+
+def _is_session(folder: Path) -> bool:
+    """Whether runs lie in a folder: tables, bags, a data set."""
+    if is_dataset(folder):
+        return True
+    return any(
+        not one.name.startswith(".")
+        and ((one.is_file() and one.suffix.lower() in SUFFIXES) or (one / METADATA).is_file())
+        for one in folder.iterdir()
+    )
+
+
+def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:
+    settings = next((one for one in (path / NAME, path.parent / NAME, folder / NAME) if one.is_file()), None)
+    files = sorted(one for one in path.rglob("*") if one.is_file() and one.name != MARKER)
+    digest, newest = hashlib.sha256(), 0.0
+    for file in [*files, *([settings] if settings is not None and settings.parent != path else [])]:
+        status = file.stat()
+        digest.update(f"{file.name}\0{status.st_size}\0{status.st_mtime_ns}\n".encode(errors="surrogateescape"))
+        newest = max(newest, status.st_mtime)
+    return FoundSession(arm, path.name, path, settings, digest.hexdigest(), newest)
+
+
+def is_settled(session: FoundSession, settle: float) -> bool:
+    """Whether nothing was written to it for so long [s]: nobody is recording there any more."""
+    return time.time() - session.newest >= settle
+
+
+def date_of(session: FoundSession, first: float | None) -> str:
+    """When a session was recorded, ISO: as session.toml's `date` says, its name, its stamps, or its newest file.
+
+    Args:
+        session: The session.
+        first: Its first stamp [s].
+    """
+    own = session.path / NAME
+    told = load_session_file(own).metadata.get("date") if own.is_file() else None
+    if isinstance(told, datetime | date):
+        return _in_utc(told)
+    if isinstance(told, str):
+        try:
+            return _in_utc(datetime.fromisoformat(told))
+        except ValueError:
+            raise InputError(own, f"date = {told!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
+    named = _date_in(session.name)
+    if named is not None:
+        return named
+    moment = first if first is not None and first > EPOCH else session.newest
+    return datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat(timespec="seconds")
+
+
+def _in_utc(moment: datetime | date) -> str:
+    """ISO; a moment with a zone as UTC without one, so that all dates can be put in order."""
+    if isinstance(moment, datetime) and moment.tzinfo is not None:
+        moment = moment.astimezone(UTC).replace(tzinfo=None)
+    return moment.isoformat()
+
+
+def _date_in(name: str) -> str | None:
+    for match in DATES.finditer(name):
+        year = int(match[1]) if match[1] else 2000 + int(match[2])
+        try:
+            return date(year, int(match[4]), int(match[5])).isoformat()
+        except ValueError:
+            continue
+    return None

@@ -1,0 +1,95 @@
+"""Sessions that stand out: one figure far from all its other days, as when a tool was left on. No alarm, a hint.
+
+Each value is held against the mean and spread of the figure's other sessions since its last change (deleted residual,
+Student's t); the level is shared between all values of the arm (Bonferroni). So a look at normal days has a false hint
+with that chance; unlike an alarm's, it is one look's, not that of all looks together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtr
+
+from ident.monitor.alarms import Alarm, Point
+
+# Chance of a false hint in one look at an arm.
+LEVEL = 0.05
+# Other sessions that tell what is usual.
+LEAST_OTHERS = 4
+
+
+@dataclass(frozen=True)
+class OddSession:
+    """A figure that one session alone has.
+
+    Attributes:
+        arm, joint, figure, session: What.
+        value: The figure there.
+        usual, spread: Mean and standard deviation of the other sessions.
+        p_value: Of a value so far off, before it is shared.
+    """
+
+    arm: str
+    joint: str
+    figure: str
+    session: str
+    value: float
+    usual: float
+    spread: float
+    p_value: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return dict(vars(self))
+
+
+def find_odd_sessions(
+    arm: str, history: Mapping[tuple[str, str], Sequence[Point]], alarms: Sequence[Alarm], level: float = LEVEL
+) -> tuple[OddSession, ...]:
+    """The oddest figure of each session that stands out.
+
+    Args:
+        arm: Its name.
+        history: (joint, figure) -> its points, in order of time.
+        alarms: What has changed: days before and after are not compared.
+        level: Chance of a false hint.
+    """
+    tests = sum(len(points) for points in history.values())
+    found: dict[str, OddSession] = {}
+    for (joint, figure), points in history.items():
+        starts = {alarm.since for alarm in alarms if (alarm.joint, alarm.figure) == (joint, figure)}
+        for stretch in _stretches(points, starts):
+            for point, usual, spread, p in _against_others(stretch):
+                known = found.get(point.session)
+                if p * tests < level and (known is None or p < known.p_value):
+                    found[point.session] = OddSession(arm, joint, figure, point.session, point.value, usual, spread, p)
+    return tuple(found.values())
+
+
+def _stretches(points: Sequence[Point], starts: set[str]) -> list[list[Point]]:
+    """The points from one change to the next."""
+    parts: list[list[Point]] = [[]]
+    for point in points:
+        if point.session in starts:
+            parts.append([])
+        parts[-1].append(point)
+    return parts
+
+
+def _against_others(points: Sequence[Point]) -> list[tuple[Point, float, float, float]]:
+    if len(points) <= LEAST_OTHERS:
+        return []
+    values = np.array([point.value for point in points])
+    found = []
+    for i, point in enumerate(points):
+        others = np.delete(values, i)
+        usual, spread = float(others.mean()), float(others.std(ddof=1))
+        # A session that tells the figure badly may lie as far off as its own error allows.
+        scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
+        p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
+        found.append((point, usual, spread, p))
+    return found

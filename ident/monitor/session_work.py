@@ -1,0 +1,125 @@
+"""What is done with one session: figures by the same regression every day, and a diagnosis; all goes to the store."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ident.checks.report import TelemetryReport
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.effects.catalogue import CATALOGUE
+from ident.errors import InputError
+from ident.files import atomic_write
+from ident.model.hybrid import HybridModel
+from ident.monitor.figures import UNITS, compute_figures
+from ident.monitor.folder import FoundSession, date_of
+from ident.monitor.store import DONE, Store
+from ident.motion.motion import prepare
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+from ident.sessions import inspect_paths
+
+
+@dataclass(frozen=True)
+class SessionTask:
+    """One session to be looked at, as it goes to another process.
+
+    Attributes:
+        session: Which.
+        robot: URDF path or name; None takes the one named in session.toml.
+        model: Folder of a model fitted to arms of this kind, whose inertias are the reference; None takes the URDF's.
+        store: Folder of the store.
+        diagnosed: Whether a diagnosis is made too.
+    """
+
+    session: FoundSession
+    robot: str | None
+    model: str | None
+    store: str
+    diagnosed: bool
+
+
+def examine_session(task: SessionTask) -> str:
+    """Looks at one session and writes what is found; a session that is unfit is noted as such.
+
+    Returns:
+        Its name, `arm/session`.
+    """
+    store, found = Store(Path(task.store)), task.session
+    row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": str(found.path)}
+    try:
+        arm, (report,) = inspect_paths([found.path], task.robot, session_file=found.settings)
+        session, row["robot"] = report.session, arm.name
+        row["date"] = date_of(found, _first_stamp(session))
+        report.require_fit()
+        model = None if task.model is None else HybridModel.load(Path(task.model))
+        figures = _figures(report, arm, model)
+        if task.diagnosed:
+            row["verdict"] = _write_diagnosis(store, found, report, arm, model, row)
+        store.write("figures", found.arm, found.name, [{**row, **one} for one in figures])
+        size = {"samples": session.samples, "duration_s": session.duration}
+        store.write(DONE, found.arm, found.name, [{**row, **size, "status": "done"}])
+    except InputError as error:
+        _write_unfit(store, found, row, "refused", str(error))
+    except Exception as error:  # one session that we fail at must not end the watch over all others
+        _write_unfit(store, found, row, "failed", f"{type(error).__name__}: {error}")
+    return found.key
+
+
+def _write_unfit(store: Store, found: FoundSession, row: dict[str, Any], status: str, reason: str) -> None:
+    row.setdefault("date", _date_of_unfit(found))
+    for kind in ("figures", "effects"):
+        store.write(kind, found.arm, found.name, [])
+    store.write(DONE, found.arm, found.name, [{**row, "status": status, "reason": reason}])
+
+
+def _first_stamp(session: Session) -> float | None:
+    return float(session.runs[0].time[0]) if session.runs and len(session.runs[0]) else None
+
+
+def _date_of_unfit(found: FoundSession) -> str:
+    try:
+        return date_of(found, None)
+    except InputError:
+        return ""
+
+
+def _figures(report: TelemetryReport, arm: ArmModel, model: HybridModel | None) -> list[dict[str, Any]]:
+    reference = arm
+    if model is not None:
+        model.require_robot(arm, "--model")
+        reference = model.arm
+    found = compute_figures(prepare(report.session), reference.keeping(report.session.joints))
+    return [{**vars(one), "unit": UNITS[one.figure]} for one in found]
+
+
+def _write_diagnosis(
+    store: Store,
+    found: FoundSession,
+    report: TelemetryReport,
+    arm: ArmModel,
+    model: HybridModel | None,
+    row: dict[str, Any],
+) -> str:
+    """Diagnoses the session, writes its record beside the tables, and returns the verdict."""
+    diagnosis, _, _ = diagnose_reports([report], arm, CATALOGUE, model=model)
+    record = diagnosis.to_dict()
+    with atomic_write(store.place("diagnoses", found.arm, found.name, ".json")) as part:
+        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    store.write("effects", found.arm, found.name, [{**row, **one} for one in _effects(record)])
+    return diagnosis.verdict
+
+
+def _effects(record: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "effect": one["effect"],
+            "joints": ", ".join(one["joints"]),
+            "probability": one["probability"],
+            "shrink": one["heldout"]["shrink"],
+            "action": one.get("action"),
+        }
+        for one in record["findings"]
+    ]

@@ -1,0 +1,252 @@
+"""One look at a watched folder: new sessions are examined once, then alarms and pages follow from the whole store."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from ident.errors import plural
+from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
+from ident.monitor.figures import UNITS
+from ident.monitor.folder import STORE_KIND, FoundSession, find_sessions, is_settled
+from ident.monitor.outliers import OddSession, find_odd_sessions
+from ident.monitor.session_work import SessionTask, examine_session
+from ident.monitor.store import Store, write_rows
+from ident.outputs import begin_folder
+from ident.results import Result
+from ident.workers import run_tasks
+
+SCHEMA = "ident.watch/1"
+
+
+@dataclass(frozen=True)
+class WatchOptions:
+    """How a folder is watched.
+
+    Attributes:
+        robot: URDF path or name; None takes the one named in session.toml.
+        model: Folder of a fitted model whose inertias are the reference of all figures.
+        diagnosed: Whether each session is diagnosed too.
+        level: Chance of any false alarm in an arm's life.
+        settle: A session is looked at when nothing was written to it for so long [s].
+        workers: Processes on this machine.
+        scheduler: Address of a Dask scheduler instead.
+    """
+
+    robot: str | None = None
+    model: str | None = None
+    diagnosed: bool = True
+    level: float = LEVEL
+    settle: float = 10.0
+    workers: int = 1
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmHistory:
+    """All that is known of an arm.
+
+    Attributes:
+        arm: Its name.
+        sessions: Rows of its sessions, in order of time.
+        figures: (joint, figure) -> its points, in order of time.
+        effects: Rows of the effects that diagnoses named.
+        alarms: What has changed.
+        odd: Sessions that stand out.
+        hint: What may be changing, without evidence enough for an alarm.
+    """
+
+    arm: str
+    sessions: tuple[dict[str, Any], ...]
+    figures: dict[tuple[str, str], list[Point]]
+    effects: tuple[dict[str, Any], ...] = ()
+    alarms: tuple[Alarm, ...] = ()
+    odd: tuple[OddSession, ...] = ()
+    hint: Alarm | None = None
+
+    @property
+    def done(self) -> list[dict[str, Any]]:
+        """Rows of the sessions that were fit."""
+        return [row for row in self.sessions if row["status"] == "done"]
+
+    @property
+    def last_effects(self) -> list[dict[str, Any]]:
+        """Rows of the effects that the last of these shows."""
+        last = self.done[-1:]
+        return [row for row in self.effects if last and row["session"] == last[0]["session"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Watch(Result):
+    """What a look at a folder gave.
+
+    Attributes:
+        arms: Every arm in the store.
+        fresh: Sessions that were examined this time.
+        waiting: Sessions that are still being written.
+        level: Chance of any false alarm in an arm's life.
+    """
+
+    arms: tuple[ArmHistory, ...]
+    fresh: tuple[str, ...] = ()
+    waiting: tuple[str, ...] = ()
+    level: float = LEVEL
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """Of all arms."""
+        return tuple(alarm for arm in self.arms for alarm in arm.alarms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "schema": SCHEMA,
+            "level": self.level,
+            "fresh": list(self.fresh),
+            "waiting": list(self.waiting),
+            "arms": [_arm_record(arm) for arm in self.arms],
+            "alarms": [alarm.to_dict() for alarm in self.alarms],
+            "odd": [one.to_dict() for arm in self.arms for one in arm.odd],
+            "provenance": self.provenance.to_dict(),
+        }
+
+    def summary(self) -> str:
+        """What is new, and what has changed."""
+        count = sum(len(arm.sessions) for arm in self.arms)
+        lines = [f"{plural(len(self.arms), 'arm')}, {plural(count, 'session')}, {len(self.fresh)} of them new"]
+        unfit = [row for arm in self.arms for row in arm.sessions if row["status"] != "done"]
+        lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
+        lines += [f"{name}: waits: it was written to a moment ago (--settle says how long)" for name in self.waiting]
+        lines += [tell_odd(one) for arm in self.arms for one in arm.odd]
+        lines += [tell_alarm(alarm) for alarm in self.alarms]
+        lines += [] if self.alarms else ["no alarm"]
+        lines += [f"no alarm yet, but perhaps: {tell_alarm(arm.hint)}" for arm in self.arms if arm.hint is not None]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.summary())}</pre>"
+
+
+def tell_alarm(alarm: Alarm) -> str:
+    """An alarm in one line."""
+    unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
+    change = alarm.after - alarm.before
+    if alarm.scale is not None and alarm.scale_low is not None and alarm.scale_high is not None:
+        low, high = 100.0 * (alarm.scale_low - 1.0), 100.0 * (alarm.scale_high - 1.0)
+        size = f"{100.0 * (alarm.scale - 1.0):+.3g} % [{low:.3g}, {high:.3g}]"
+        return f"{alarm.arm}: the torque of {alarm.joint} changed its scale by {size} since {alarm.since}"
+    return (
+        f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change:+.3g}{unit} [{alarm.low:.3g}, {alarm.high:.3g}] "
+        f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
+    )
+
+
+def tell_odd(one: OddSession) -> str:
+    """A session that stands out, in one line."""
+    unit = "" if UNITS[one.figure] == "1" else f" {UNITS[one.figure]}"
+    return (
+        f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit}, "
+        f"otherwise {one.usual:.3g} ± {one.spread:.2g}"
+    )
+
+
+def _arm_record(arm: ArmHistory) -> dict[str, Any]:
+    return {
+        "arm": arm.arm,
+        "robot": next((row["robot"] for row in reversed(arm.sessions) if row.get("robot")), None),
+        "joints": list(dict.fromkeys(joint for joint, _ in arm.figures)),
+        "sessions": [dict(row) for row in arm.sessions],
+        "figures": {f"{joint}/{figure}": [vars(one) for one in own] for (joint, figure), own in arm.figures.items()},
+        "effects": [dict(row) for row in arm.effects],
+        "hint": None if arm.hint is None else arm.hint.to_dict(),
+    }
+
+
+def look(
+    folder: Path,
+    store: Path,
+    options: WatchOptions,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Watch:
+    """Examines what is new in a folder and reads the whole store.
+
+    Args:
+        folder: Sessions of one arm, or folders of arms.
+        store: Folder of the store; what was examined before stays.
+        options: How.
+        progress: Told how many of the new sessions are done.
+
+    Raises:
+        InputError: The folder holds no session, the store's folder is not ours, the scheduler can't be reached.
+    """
+    found = find_sessions(folder.resolve())
+    store = store.resolve()
+    begin_folder(store, STORE_KIND)
+    kept = Store(store)
+    done = kept.stamps()
+    new = [one for one in found if done.get(one.key) != one.stamp]
+    ready = [one for one in new if is_settled(one, options.settle)]
+    tasks = [_task(one, store, options) for one in ready]
+    finished: list[str] = []
+
+    def count(name: str) -> None:
+        finished.append(name)
+        progress(len(finished), len(tasks))
+
+    if options.workers == 1 and options.scheduler is None:
+        for task in tasks:
+            count(examine_session(task))
+    else:
+        run_tasks(examine_session, tasks, options.workers, options.scheduler, count)
+    arms = read_histories(kept, options.level)
+    write_rows(store / "alarms.parquet", "alarms", [one.to_dict() for arm in arms for one in arm.alarms])
+    ready_names = {one.key for one in ready}
+    waiting = tuple(one.key for one in new if one.key not in ready_names)
+    return Watch(arms, tuple(sorted(finished)), waiting, options.level)
+
+
+def _task(session: FoundSession, store: Path, options: WatchOptions) -> SessionTask:
+    return SessionTask(session, options.robot, options.model, str(store), options.diagnosed)
+
+
+def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]:
+    """Every arm's history and alarms, from the store alone."""
+    sessions, figures, effects = (_by_arm(store.read(kind)) for kind in ("sessions", "figures", "effects"))
+    return tuple(
+        make_history(arm, sessions[arm], figures.get(arm, []), effects.get(arm, []), level) for arm in sorted(sessions)
+    )
+
+
+def make_history(
+    arm: str,
+    sessions: Iterable[dict[str, Any]],
+    figures: Iterable[dict[str, Any]],
+    effects: Iterable[dict[str, Any]] = (),
+    level: float = LEVEL,
+) -> ArmHistory:
+    """An arm's history from the rows of the store."""
+    ordered = tuple(sorted(sessions, key=lambda row: (row["date"], row["session"])))
+    order = [row["session"] for row in ordered if row["status"] == "done"]
+    place = {name: i for i, name in enumerate(order)}
+    points: dict[tuple[str, str], list[Point]] = defaultdict(list)
+    for row in figures:
+        if row["session"] in place:
+            values = (row[name] for name in ("session", "date", "value", "low", "high", "std"))
+            points[row["joint"], row["figure"]].append(Point(*values))
+    for own in points.values():
+        own.sort(key=lambda point: place[point.session])
+    alarms, hint = find_changes(arm, points, order, level)
+    odd = find_odd_sessions(arm, points, alarms)
+    named = tuple(row for row in effects if row["session"] in place)
+    return ArmHistory(arm, ordered, dict(points), named, alarms, odd, hint)
+
+
+def _by_arm(rows: Iterable[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        found[row["arm"]].append(row)
+    return found

@@ -1,0 +1,259 @@
+"""What goal and position tell of a servo, joint by joint.
+
+    J q'' + D q' + F s + g(q) = K (u(t − d) − q),   divided by K:
+    u(t − d) − q = (J/K) q'' + (D/K) q' + (F/K) s + o + g(q)/K
+
+Inertia over gain, lag, half the dead band, offset of the zero, and droop under load stand linear in what is measured;
+the delay is searched on a grid. As everywhere, a figure is told only if leaving it out costs on stretches that the fit
+never saw, more than chance would among all figures and joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from ident.arrays import Array, Bool, Float, Int
+from ident.robot.arm import ArmModel
+from ident.servo.runs import GoalRun
+
+# Figure -> unit of what is reported.
+UNITS = {
+    "inertia_s2": "s²",
+    "lag_s": "s",
+    "dead_band_rad": "rad",
+    "zero_rad": "rad",
+    "droop_rad_Nm": "rad/(N m)",
+    "delay_s": "s",
+    "total_lag_s": "s",
+    "gain_Nm_rad": "N m/rad",
+}
+COLUMNS = ("inertia_s2", "lag_s", "dead_band_rad", "zero_rad", "droop_rad_Nm")
+# Pieces whose errors are taken as independent [s]; fewer tell nothing; parts that are left out in turn.
+PIECE_S, LEAST_PIECES, PARTS = 1.5, 10, 10
+# Delays that are tried, up to this and in these steps [s]: a bus of hobby servos is read every 5 to 30 ms.
+LONGEST_DELAY, DELAY_STEP = 0.2, 0.002
+# A joint that moves less than this has no story to tell [rad]; gravity that changes less bends nothing [N m].
+LEAST_TRAVEL, LEAST_GRAVITY = 0.05, 0.02
+# Chance of any false figure over a whole arm; level of the intervals.
+FALSE, LEVEL = 0.05, 0.95
+
+
+@dataclass(frozen=True)
+class ServoFigure:
+    """One figure of a joint, with its 95 % interval."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+    def to_dict(self) -> dict[str, float | str]:
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": UNITS[self.name]}
+
+
+@dataclass(frozen=True, eq=False)
+class ServoJoint:
+    """What is told of one joint.
+
+    Attributes:
+        joint: Its name.
+        figures: What is told.
+        untold: Figures that are not, with the reason and what would help.
+        rms_before, rms_after: Following error on stretches left out: as it is, and less what the figures say [rad].
+    """
+
+    joint: str
+    figures: tuple[ServoFigure, ...]
+    untold: dict[str, str]
+    rms_before: float
+    rms_after: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of one joint at one delay: error, columns, and the piece of each row."""
+
+    error: Float[Array, " R"]
+    columns: Float[Array, "R k"]
+    piece: Int[Array, " R"]
+    names: tuple[str, ...]
+
+
+def fit_servos(runs: Sequence[GoalRun], arm: ArmModel | None) -> tuple[ServoJoint, ...]:
+    """All joints.
+
+    Args:
+        runs: The runs.
+        arm: The arm, whose gravity bends the joints; None where nobody knows it.
+    """
+    joints = runs[0].motion.joints
+    tests = len(joints) * (len(COLUMNS) + 1)
+    gravity = [None if arm is None else run.motion.filtered(arm.gravity(run.motion.q)) for run in runs]
+    return tuple(_fit_joint(runs, gravity, j, name, tests) for j, name in enumerate(joints))
+
+
+def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, joint: str, tests: int) -> ServoJoint:
+    travel = max(float(np.ptp(run.motion.q[:, j])) for run in runs)
+    if travel < LEAST_TRAVEL:
+        return _silent(joint, f"it moves by {travel:.3f} rad only: move it farther")
+    delays = np.arange(0.0, LONGEST_DELAY, DELAY_STEP)
+    table = [_rows(runs, gravity, j, float(delay)) for delay in delays]
+    pieces = len(np.unique(table[0].piece))
+    if pieces < LEAST_PIECES:
+        what = f"{pieces} stretches of {PIECE_S:g} s in which it moves clear of reversals"
+        return _silent(joint, f"{what}: record {LEAST_PIECES} or more")
+    losses = np.stack([_held_out(rows) for rows in table])
+    best = int(np.argmin(losses.sum(axis=1)))
+    reach = float(stdtrit(pieces - 1, 1.0 - 0.5 * FALSE / tests))
+    near = np.array([_no_worse(losses[k], losses[best]) for k in range(len(delays))])
+    low, high = float(delays[near].min()), float(delays[near].max())
+    sure = not _no_worse(losses[0], losses[best], reach)
+    rows = table[best if sure else 0]
+    # The grid's neighbours too: the truth lies between its points.
+    open_ = np.flatnonzero(np.convolve(near, np.ones(3), mode="same") > 0.0)
+    figures, untold = _linear(rows, [table[k] for k in open_], reach)
+    if sure:
+        value = _between(delays, losses.sum(axis=1), best)
+        figures.append(ServoFigure("delay_s", value, max(low - DELAY_STEP, 0.0), high + DELAY_STEP))
+    else:
+        untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
+    figures += _total_lag(table, near, best) + _gain(figures)
+    after = np.sqrt(losses[best if sure else 0].sum() / len(rows.error))
+    before = np.sqrt(np.mean(table[0].error ** 2))
+    return ServoJoint(joint, tuple(figures), untold, float(before), float(after))
+
+
+def _between(delays: Float[Array, " D"], losses: Float[Array, " D"], best: int) -> float:
+    """The lowest point of the parabola through the best delay and its neighbours [s]."""
+    if not 0 < best < len(delays) - 1:
+        return float(delays[best])
+    before, at, after = losses[best - 1 : best + 2]
+    bend = before - 2.0 * at + after
+    return float(delays[best] + (0.5 * DELAY_STEP * (before - after) / bend if bend > 0.0 else 0.0))
+
+
+def _silent(joint: str, reason: str) -> ServoJoint:
+    return ServoJoint(joint, (), dict.fromkeys((*COLUMNS, "delay_s"), reason), float("nan"), float("nan"))
+
+
+def _rows(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int, delay: float) -> _Rows:
+    """Everything goes through the run's filter, the error as the columns."""
+    errors, tables, pieces, first = [], [], [], 0
+    for run, load in zip(runs, gravity, strict=True):
+        motion = run.motion
+        rows: Bool[Array, " t"] = motion.settled[:, j]
+        motions = motion.filtered(np.column_stack([motion.ddq[:, j], motion.dq[:, j], np.sign(motion.dq[:, j])]))
+        columns = [motions, np.ones((len(motions), 1))]
+        if load is not None:
+            columns.append(load[:, j : j + 1])
+        goal = motion.filtered(run.goal_at(j, delay))
+        errors.append((goal - motion.tau_filtered[:, j])[rows])
+        tables.append(np.concatenate(columns, axis=1)[rows])
+        number = ((motion.time[motion.coarse] - motion.time[0]) // PIECE_S).astype(int)
+        pieces.append(first + number[rows])
+        first += int(number[-1]) + 1
+    known = COLUMNS if gravity[0] is not None else COLUMNS[:-1]
+    return _Rows(np.concatenate(errors), np.concatenate(tables), np.concatenate(pieces), known)
+
+
+def _held_out(rows: _Rows, without: int | None = None) -> Float[Array, " P"]:
+    """Squared error of each piece when its part was left out."""
+    keep = [k for k in range(rows.columns.shape[1]) if k != without]
+    x, scale = rows.columns[:, keep], np.linalg.norm(rows.columns[:, keep], axis=0)
+    x = x / np.where(scale > 0.0, scale, 1.0)
+    names, index = np.unique(rows.piece, return_inverse=True)
+    part = (np.arange(len(names)) * PARTS // len(names))[index]
+    left = np.empty_like(rows.error)
+    whole, target = x.T @ x, x.T @ rows.error
+    for k in range(PARTS):
+        out = part == k
+        own = x[out]
+        beta = np.linalg.lstsq(whole - own.T @ own, target - own.T @ rows.error[out], rcond=1e-10)[0]
+        left[out] = rows.error[out] - own @ beta
+    return np.bincount(index, left**2, minlength=len(names))
+
+
+def _no_worse(one: Float[Array, " P"], best: Float[Array, " P"], reach: float | None = None) -> bool:
+    """Whether an error on pieces is not surely larger than another, piece against piece."""
+    apart = one - best
+    count = len(apart)
+    reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL)) if reach is None else reach
+    return bool(apart.sum() <= reach * np.sqrt(count * np.sum((apart - apart.mean()) ** 2) / (count - 1)))
+
+
+def _linear(rows: _Rows, near: Sequence[_Rows], reach: float) -> tuple[list[ServoFigure], dict[str, str]]:
+    """Figures that are linear in the columns, and those that are not told.
+
+    An interval spans those at all delays that are not surely worse: what the delay leaves open, the figures leave open.
+    """
+    beta, std, count = _solve(rows)
+    whole = _held_out(rows)
+    usual = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
+    others = [_solve(one)[:2] for one in near]
+    low = np.min([beta - usual * std, *(b - usual * s for b, s in others)], axis=0)
+    high = np.max([beta + usual * std, *(b + usual * s for b, s in others)], axis=0)
+    figures, untold = [], {}
+    for k, name in enumerate(rows.names):
+        needed = not _no_worse(_held_out(rows, k), whole, reach)
+        positive = name == "zero_rad" or beta[k] > 0.0
+        if needed and positive and abs(beta[k]) > reach * std[k] and low[k] * high[k] > 0.0:
+            figures.append(ServoFigure(name, float(beta[k]), float(low[k]), float(high[k])))
+        else:
+            untold[name] = REASONS[name]
+    if "droop_rad_Nm" not in rows.names:
+        untold["droop_rad_Nm"] = "nobody knows what the joint carries: give --robot"
+    elif float(np.std(rows.columns[:, -1])) < LEAST_GRAVITY:
+        figures = [one for one in figures if one.name != "droop_rad_Nm"]
+        untold["droop_rad_Nm"] = "gravity hardly changes at this joint: move the arm so that it carries more and less"
+    return figures, untold
+
+
+REASONS = {
+    "inertia_s2": "too slow to tell: move it faster",
+    "lag_s": "no lag beyond chance: move it faster, at several speeds",
+    "dead_band_rad": "no dead band beyond chance: move it slowly both ways over the same stretch",
+    "zero_rad": "no offset beyond chance",
+    "droop_rad_Nm": "no droop beyond chance: hold known masses in stretched poses",
+}
+
+
+def _solve(rows: _Rows) -> tuple[Float[Array, " k"], Float[Array, " k"], int]:
+    """Least squares, standard deviations by how the pieces differ, and their number.
+
+    Source: Liang and Zeger 1986, the sandwich over clusters.
+    """
+    scale = np.linalg.norm(rows.columns, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    x = rows.columns / scale
+    bread = np.linalg.pinv(x.T @ x, rcond=1e-10, hermitian=True)
+    beta = bread @ (x.T @ rows.error)
+    left = rows.error - x @ beta
+    names, index = np.unique(rows.piece, return_inverse=True)
+    scores = np.zeros((len(names), x.shape[1]))
+    np.add.at(scores, index, x * left[:, None])
+    covariance = bread @ (scores.T @ scores) @ bread * len(names) / max(1, len(names) - x.shape[1])
+    return beta / scale, np.sqrt(np.diag(covariance)) / scale, len(names)
+
+
+def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> list[ServoFigure]:
+    """Delay and lag together: what slow motion sees, and what hardly depends on how they share it."""
+    found = {}
+    for k in {best, *map(int, np.flatnonzero(near))}:
+        beta, std, count = _solve(table[k])
+        reach = float(stdtrit(count - 1, 0.5 + 0.5 * LEVEL))
+        middle = float(beta[1]) + k * DELAY_STEP
+        found[k] = (middle, middle - reach * float(std[1]), middle + reach * float(std[1]))
+    low, high = min(one[1] for one in found.values()), max(one[2] for one in found.values())
+    return [ServoFigure("total_lag_s", found[best][0], low, high)] if low > 0.0 else []
+
+
+def _gain(figures: Sequence[ServoFigure]) -> list[ServoFigure]:
+    """The controller's stiffness, where droop tells it."""
+    for one in figures:
+        if one.name == "droop_rad_Nm" and one.low > 0.0:
+            return [ServoFigure("gain_Nm_rad", 1.0 / one.value, 1.0 / one.high, 1.0 / one.low)]
+    return []

@@ -1,0 +1,31 @@
+"""What can be wrong with the simulated arm, by the catalogue's id, and what no catalogue lists."""
+
+from __future__ import annotations
+
+from ident.errors import InputError
+from ident.simulation.causes.base import Cause, Circumstances
+from ident.simulation.causes.drive import DRIVE
+from ident.simulation.causes.friction import RUBBING
+from ident.simulation.causes.load import LOAD
+from ident.simulation.causes.sensor import SENSOR
+from ident.simulation.causes.unlisted import UNLISTED
+
+CATALOGUE: dict[str, Cause] = {cause.id: cause for cause in (*RUBBING, *DRIVE, *LOAD, *SENSOR)}
+"""The 21 effects of the catalogue."""
+
+OUTSIDE: dict[str, Cause] = {cause.id: cause for cause in UNLISTED}
+"""Causes outside the catalogue."""
+
+__all__ = ["CATALOGUE", "OUTSIDE", "Cause", "Circumstances", "find_cause"]
+
+
+def find_cause(name: str) -> Cause:
+    """The cause of an id.
+
+    Raises:
+        InputError: No such id.
+    """
+    known = {**CATALOGUE, **OUTSIDE}
+    if name not in known:
+        raise InputError("--effect", f"unknown effect {name!r}", f"choose from: {', '.join(known)}")
+    return known[name]

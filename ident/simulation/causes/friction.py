@@ -1,0 +1,115 @@
+"""Friction that Coulomb's and Newton's laws do not explain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.simulation.causes.base import Cause, Circumstances, Parameters, between
+from ident.simulation.hardware import Hardware
+from ident.simulation.thermal import heat_law
+
+# Rise of the lubricant at steady rated work, to which thermal changes refer [K].
+RATED_RISE_K = 25.0
+# Share of the transmitted torque that a joint's gear may lose: strain-wave and planetary gears lose less.
+LARGEST_LOSS = 0.25
+
+
+def _up_to(scene: Circumstances) -> tuple[float, float]:
+    """Dry friction beyond a third of the rated torque would stall the joint."""
+    return 0.0, 0.33 * scene.rated
+
+
+def _either_way(scene: Circumstances) -> tuple[float, float]:
+    """A difference between directions can't exceed twice the friction itself."""
+    return -1.8 * scene.coulomb, 1.8 * scene.coulomb
+
+
+def _stribeck(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    velocity = float(np.exp(scene.rng.uniform(np.log(0.03), np.log(0.15))))
+    exponent = float(scene.rng.uniform(0.9, 2.0))
+    hardware = scene.hardware.with_laws(
+        "friction", scene.joint, stribeck=size, stribeck_velocity=velocity, stribeck_exponent=exponent
+    )
+    return hardware, {"amplitude_Nm": size, "stribeck_velocity_rad_s": velocity, "exponent": exponent}
+
+
+def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    velocity = float(scene.rng.uniform(0.05, 0.3))
+    hardware = scene.hardware.with_laws("friction", scene.joint, eyring=size, eyring_velocity=velocity)
+    # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
+    v = np.geomspace(0.1, 2.0, 60)
+    exponent, log_coefficient = np.polyfit(np.log(v), np.log(np.arcsinh(v / velocity)), 1)
+    nearest = {"coefficient": float(size * np.exp(log_coefficient)), "exponent": float(exponent)}
+    return hardware, {"eyring_Nm": size, "eyring_velocity_rad_s": velocity, **nearest}
+
+
+def _load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    return scene.hardware.with_laws("friction", scene.joint, load=size), {"mu": size}
+
+
+def _thermal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """The joint's own heat network; its lubricant loses a share of its viscosity at the rated rise."""
+    h, j = scene.hardware, scene.joint
+    time_constant = float(np.exp(scene.rng.uniform(np.log(40.0), np.log(240.0))))
+    loss = h.friction.coulomb * 0.6 + h.friction.viscous * 0.36
+    network = heat_law(loss, RATED_RISE_K, time_constant)
+    heat = {name: getattr(network, name)[j] for name in ("lubricant", "housing", "inner", "outer")}
+    decay = -np.log1p(-size) / RATED_RISE_K
+    dry = 0.25 * decay  # dry friction depends far less on temperature
+    hardware = h.with_laws("heat", j, **heat).with_laws("friction", j, thermal_viscous=decay, thermal_coulomb=dry)
+    changes = {"viscous_change": -size, "coulomb_change": float(np.expm1(-dry * RATED_RISE_K))}
+    return hardware, {**changes, "time_constant_s": time_constant}
+
+
+def _hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    displacement = float(np.exp(scene.rng.uniform(np.log(2e-3), np.log(3e-2))))
+    hardware = scene.hardware.with_laws("friction", scene.joint, soft=size, soft_stiffness=size / displacement)
+    return hardware, {"amplitude_Nm": size, "displacement_rad": displacement}
+
+
+def _position(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    order, phase = int(scene.rng.integers(1, 3)), float(scene.rng.uniform(-np.pi, np.pi))
+    hardware = scene.hardware.with_laws(
+        "friction", scene.joint, seat=size / scene.coulomb, seat_order=order, seat_phase=phase
+    )
+    return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+
+
+def _asymmetric(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    viscous = float(scene.rng.uniform(0.3, 0.8) * size / scene.coulomb * scene.hardware.friction.viscous[scene.joint])
+    hardware = scene.hardware.with_laws("friction", scene.joint, coulomb_skew=size, viscous_skew=viscous)
+    return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
+
+
+def _coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+    """The joint's motor is also turned by its neighbour: friction and rotor of the combined motion."""
+    h, j, other = scene.hardware, scene.joint, scene.neighbour
+    ratio = float(scene.rng.choice([-1.0, 1.0]))
+    viscous = float(0.4 * size * h.friction.viscous[j] / h.friction.coulomb[j])
+    inertia = float(0.1 * size * h.drive.rotor_inertia[j] / h.friction.coulomb[j])
+    hardware = h.with_laws(
+        "friction", j, couple_to=other, couple_ratio=ratio, couple_coulomb=size, couple_viscous=viscous
+    )
+    names = h.arm.joint_names
+    tied = (*h.bodies.tied, (names[j], names[other], ratio, inertia))
+    truth = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "inertia_kgm2": inertia}
+    hardware = hardware.replace(bodies=h.bodies.replace(tied=tied))
+    return hardware, {**truth, "ratio": ratio, "other_joint": names[other]}
+
+
+RUBBING = (
+    Cause("stribeck_friction", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _stribeck),
+    Cause("nonlinear_viscous_friction", "eyring_Nm", lambda s: 0.25 * s.coulomb, _up_to, _nonlinear_viscous),
+    Cause("load_dependent_friction", "mu", lambda s: 0.06, between(0.0, LARGEST_LOSS), _load),
+    Cause("thermal_friction", "viscous_loss", lambda s: 0.45, between(0.0, 0.95), _thermal, needs_all=True),
+    Cause("presliding_hysteresis", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _hysteresis),
+    Cause(
+        "position_dependent_friction",
+        "amplitude_Nm",
+        lambda s: 0.12 * s.coulomb,
+        lambda s: (0.0, 0.9 * s.coulomb),
+        _position,
+    ),
+    Cause("asymmetric_friction", "coulomb_difference_Nm", lambda s: 0.2 * s.coulomb, _either_way, _asymmetric),
+    Cause("joint_coupling", "coulomb_Nm", lambda s: 0.4 * s.coulomb, _up_to, _coupling),
+)

@@ -1,0 +1,298 @@
+"""The closed loop, compiled: controller, friction, drives, heat and MuJoCo's step, tick after tick."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from ident.arrays import Array
+from ident.simulation.contact import Contact, push
+from ident.simulation.friction import bristle, sliding_level, viscous_drag
+from ident.simulation.native import call_step, step_address
+from ident.simulation.outside import outside_torque, remembered_torque
+from ident.simulation.thermal import warm_up
+from ident.simulation.transmission import hose_torque, ripple_torque, spring_torque
+
+
+class Engine(NamedTuple):
+    """MuJoCo's model and data, as addresses and views."""
+
+    function: int
+    model: int
+    data: int
+    dt: float
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    qfrc: Array
+    xfrc: Array
+    xpos: Array
+    xmat: Array
+    xipos: Array
+
+
+class Laws(NamedTuple):
+    """All that acts on the joints: tables with one record a joint (see `records`), and the push from outside."""
+
+    friction: Array
+    drive: Array
+    heat: Array
+    outside: Array
+    contact: Contact
+
+
+class Control(NamedTuple):
+    """Joint controller: feed-forward plus PD on the motor encoders.
+
+    Attributes:
+        stiffness, damping: Gains [N m/rad], [N m s/rad], shape (n,).
+        limit: Torque limit [N m], shape (n,).
+        resolution: Of the encoders at the joint [rad], shape (n,).
+        offset: What the encoders read at zero [rad], shape (n,).
+        smoothing: Share of a new velocity estimate that the filter takes at each tick, shape (n,).
+    """
+
+    stiffness: Array
+    damping: Array
+    limit: Array
+    resolution: Array
+    offset: Array
+    smoothing: Array
+
+
+# What the plant remembers of each joint, beside MuJoCo's state.
+STATE = np.dtype(
+    [
+        (name, float)
+        for name in (
+            "bent",  # deflections of the bristles [rad]: the ordinary contact, the soft one, the coupled motor's
+            "bent_soft",
+            "bent_coupled",
+            "motor_angle",
+            "motor_speed",
+            "transmitted",  # torque through the mesh [N m], as the mesh feels it
+            "acceleration",  # of the motor, as its bearings feel it [rad/s²]
+            "lubricant_rise",  # temperatures above ambient [K]
+            "housing_rise",
+            "reading",  # the encoder's last reading [rad]
+            "speed_estimate",  # the controller's [rad/s]
+            "torque",  # of the motor [N m]
+            "before",  # of the motor, a tick ago [N m]
+            "net",  # of the motor, less what its own friction takes [N m]
+            "link",  # torque that acts on the link directly [N m]
+            "spring",  # torque between motor and link [N m]
+            "stretched",  # torque of a seal that relaxes [N m]
+            "age",  # of the dry contact [s]
+        )
+    ]
+)
+
+
+def records(law: Any) -> Array:
+    """A law of n joints (named arrays) as n records: compiled code passes one table, not dozens of arrays."""
+    columns = [np.asarray(column) for column in law]
+    kinds = [(name, column.dtype) for name, column in zip(law._fields, columns, strict=True)]
+    table = np.zeros(len(columns[0]), dtype=np.dtype(kinds, align=True))
+    for name, column in zip(law._fields, columns, strict=True):
+        table[name] = column
+    return table
+
+
+class Log(NamedTuple):
+    """What is recorded at each of K ticks; arrays of shape (K, n)."""
+
+    angle: Array
+    speed: Array
+    speed_estimate: Array
+    torque: Array
+    link_angle: Array
+    temperature: Array
+
+
+def engine(model: Any, data: Any) -> Engine:
+    """Addresses and views of a MuJoCo model and its data, which must outlive it."""
+    return Engine(
+        step_address(),
+        model._address,
+        data._address,
+        float(model.opt.timestep),
+        data.qpos,
+        data.qvel,
+        data.qacc,
+        data.qfrc_applied,
+        data.xfrc_applied,
+        data.xpos,
+        data.xmat,
+        data.xipos,
+    )
+
+
+def fresh_state(n: int) -> Array:
+    """Bristles straight, everything at rest and at ambient temperature."""
+    return np.zeros(n, dtype=STATE)
+
+
+def fresh_log(ticks: int, n: int) -> Log:
+    return Log(*(np.zeros((ticks, n)) for _ in Log._fields))
+
+
+@njit(cache=True)
+def friction_torque(joint: Any, state: Any, dt: float) -> float:
+    """Torque of all friction in a joint's drive, against its motion [N m]; bends the bristles."""
+    v, warm = state.motor_speed, state.lubricant_rise
+    level = sliding_level(joint, v, state.motor_angle, state.transmitted, state.acceleration, warm)
+    state.bent, torque = bristle(state.bent, v, level, joint.bristle_stiffness, joint.bristle_damping, dt)
+    if joint.soft != 0.0:
+        state.bent_soft, more = bristle(state.bent_soft, v, joint.soft, joint.soft_stiffness, 0.0, dt)
+        torque += more
+    return torque + viscous_drag(joint, v, warm)
+
+
+@njit(cache=True)
+def coupled_torque(joint: Any, state: Any, other_speed: float, dt: float) -> float:
+    """Friction in the motion of a motor that two joints turn [N m]."""
+    both = state.motor_speed + joint.couple_ratio * other_speed
+    level = max(joint.couple_coulomb, 1e-6)
+    stiffness = joint.bristle_stiffness * min(level / max(joint.coulomb, 1e-9), 1.0)
+    damping = 0.5 * joint.bristle_damping
+    state.bent_coupled, torque = bristle(state.bent_coupled, both, level, stiffness, damping, dt)
+    return torque + joint.couple_viscous * both
+
+
+@njit(cache=True)
+def motor_motion(engine: Engine, drive: Array, state: Array) -> None:
+    """Takes over the motors' angle and speed from the links where the two are one body."""
+    for j in range(len(state)):
+        if not drive[j].elastic:
+            state[j].motor_angle = engine.qpos[j]
+            state[j].motor_speed = engine.qvel[j]
+
+
+@njit(cache=True)
+def apply_torques(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
+    """Works out all torques of a step and hands MuJoCo those on the links."""
+    n, dt = len(state), engine.dt
+    for j in range(n):
+        own, drive = state[j], laws.drive[j]
+        rubbing = friction_torque(laws.friction[j], own, dt)
+        own.net = own.torque - rubbing - ripple_torque(drive, own.motor_angle, own.transmitted)
+        own.link = hose_torque(drive, engine.qpos[j])
+        own.link += outside_torque(laws.outside[j], j, engine.qpos, engine.qvel, elapsed)
+        own.link += remembered_torque(laws.outside[j], own, engine.qpos[j], engine.qvel[j], dt)
+        loss = max(rubbing * own.motor_speed, 0.0) + laws.heat[j].copper * own.torque**2
+        warm_up(laws.heat[j], own, loss, dt)
+    for j in range(n):
+        joint = laws.friction[j]
+        if joint.couple_to >= 0:
+            shared = coupled_torque(joint, state[j], state[joint.couple_to].motor_speed, dt)
+            state[j].net -= shared
+            state[joint.couple_to].net -= joint.couple_ratio * shared
+    for j in range(n):
+        own, drive = state[j], laws.drive[j]
+        if drive.elastic:
+            twist = own.motor_angle - engine.qpos[j]
+            own.spring = spring_torque(drive, twist, own.motor_speed - engine.qvel[j])
+            engine.qfrc[j] = own.spring + own.link
+        else:
+            engine.qfrc[j] = own.net + own.link
+
+
+@njit(cache=True)
+def turn_motors(engine: Engine, drives: Array, state: Array) -> None:
+    """After a step: moves the motors that are bodies of their own, and notes what mesh and bearings feel."""
+    dt = engine.dt
+    for j in range(len(state)):
+        own, drive = state[j], drives[j]
+        if drive.elastic:
+            rate, carried = (own.net - own.spring) / drive.rotor_inertia, own.spring
+            own.motor_speed += dt * rate
+            own.motor_angle += dt * own.motor_speed
+        else:
+            rate = engine.qacc[j]
+            carried = own.net - drive.rotor_inertia * rate
+        # The mesh and the balls feel load and acceleration over a few milliseconds, not step by step.
+        own.transmitted += min(dt / 2e-3, 1.0) * (carried - own.transmitted)
+        own.acceleration += min(dt / 5e-3, 1.0) * (rate - own.acceleration)
+
+
+@njit(cache=True)
+def advance(engine: Engine, laws: Laws, state: Array, elapsed: float) -> None:
+    """One step of the plant under the motor torques in the state."""
+    motor_motion(engine, laws.drive, state)
+    apply_torques(engine, laws, state, elapsed)
+    if laws.contact.body > 0:
+        push(laws.contact, elapsed, engine.xpos, engine.xmat, engine.xipos, engine.xfrc)
+    call_step(engine.function, engine.model, engine.data)  # type: ignore[call-arg]
+    turn_motors(engine, laws.drive, state)
+
+
+@njit(cache=True)
+def command(control: Array, state: Array, q: Array, dq: Array, feed: Array, noise: Array, tick: float) -> None:
+    """Reads the encoders and sets the motor torques [N m]."""
+    for j in range(len(state)):
+        joint, own = control[j], state[j]
+        count = joint.resolution
+        reading = np.round((own.motor_angle + joint.offset) / count + noise[j]) * count
+        rate = (reading - own.reading) / tick
+        own.reading = reading
+        own.speed_estimate += joint.smoothing * (rate - own.speed_estimate)
+        torque = feed[j] + joint.stiffness * (q[j] - reading) + joint.damping * (dq[j] - own.speed_estimate)
+        own.before = own.torque
+        own.torque = min(max(torque, -joint.limit), joint.limit)
+
+
+@njit(cache=True)
+def note(log: Log, k: int, engine: Engine, state: Array) -> None:
+    """Writes one tick of the log."""
+    for j in range(len(state)):
+        log.angle[k, j] = state[j].motor_angle
+        log.speed[k, j] = state[j].motor_speed
+        log.speed_estimate[k, j] = state[j].speed_estimate
+        # The drive reports the mean of the current before and after the instant: no delay of its own.
+        log.torque[k, j] = 0.5 * (state[j].before + state[j].torque)
+        log.link_angle[k, j] = engine.qpos[j]
+        log.temperature[k, j] = state[j].housing_rise
+
+
+@njit(cache=True)
+def run_loop(
+    engine: Engine,
+    laws: Laws,
+    control: Array,
+    substeps: int,
+    state: Array,
+    q: Array,
+    dq: Array,
+    feed: Array,
+    noise: Array,
+    start: float,
+    log: Log,
+) -> None:
+    """Follows a reference from tick to tick.
+
+    Args:
+        engine, laws: The plant.
+        control: The controllers, records of `Control`.
+        substeps: Steps of the simulation in a tick.
+        state: Advanced in place.
+        q, dq, feed: Reference position, velocity and feed-forward torque at K ticks, shape (K, n).
+        noise: Encoder noise in counts, shape (K, n).
+        start: Time of the first tick since the run began [s]; negative while the arm settles.
+        log: Filled in place.
+    """
+    tick = engine.dt * substeps
+    for k in range(q.shape[0]):
+        motor_motion(engine, laws.drive, state)
+        command(control, state, q[k], dq[k], feed[k], noise[k], tick)
+        note(log, k, engine, state)
+        for i in range(substeps):
+            advance(engine, laws, state, start + k * tick + i * engine.dt)
+
+
+def check_finite(log: Log, data: Any) -> bool:
+    """Whether the simulation stayed finite."""
+    warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
+    return not warned and bool(np.isfinite(log.angle).all() and np.isfinite(log.torque).all())

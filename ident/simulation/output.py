@@ -1,0 +1,105 @@
+"""A simulation as a folder: runs, session.toml, and the answer, open or sealed."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ident.errors import InputError
+from ident.files import atomic_folder
+from ident.outputs import SESSION_KIND, require_own_folder
+from ident.recordings.recording import Session
+from ident.recordings.save import fill_session
+from ident.simulation.answer import seal, write_answer
+from ident.simulation.record import Progress, no_progress
+from ident.simulation.simulate import Simulation, SimulationOptions, simulate
+from ident.trajectories.reference import ReferenceMotion
+
+
+@dataclass(frozen=True)
+class WrittenSession:
+    """What was written.
+
+    Attributes:
+        folder: The session's folder.
+        runs, samples, duration_s: Its size.
+        robot, joints: Their names.
+        sha256: Of the envelope; empty without one.
+        key: Hexadecimal key that opens the envelope; kept nowhere else.
+    """
+
+    folder: Path
+    runs: int
+    samples: int
+    duration_s: float
+    robot: str
+    joints: tuple[str, ...]
+    sha256: str = ""
+    key: str = ""
+
+    @classmethod
+    def of(cls, session: Session, folder: Path, sha256: str = "", key: str = "") -> WrittenSession:
+        """A session as it was written into a folder."""
+        size = len(session.runs), session.samples, session.duration
+        return cls(folder, *size, session.robot or "", session.joints, sha256, key)
+
+
+def write_simulation(
+    simulation: Simulation,
+    folder: str | Path,
+    answer: bool = False,
+    sealed: bool = False,
+    key: bytes | None = None,
+) -> WrittenSession:
+    """Writes the session's folder, whole or not at all.
+
+    Args:
+        simulation: What to write.
+        folder: Where; an earlier session there is replaced.
+        answer: Whether the answer is written beside the runs in plain text.
+        sealed: Whether it is written as a sealed envelope.
+        key: Of the envelope; drawn from the system's source of secrets if None.
+
+    Raises:
+        InputError: Both an open and a sealed answer were asked for, or the folder holds something else.
+    """
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
+    target = Path(folder)
+    session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
+    with atomic_folder(target, SESSION_KIND) as temporary:
+        fill_session(session, temporary)
+        if answer:
+            write_answer(simulation.answer, temporary)
+        if sealed:
+            digest = seal(simulation.answer, temporary, secret)
+    return WrittenSession.of(session, target, sha256=digest, key=secret.hex() if sealed else "")
+
+
+def simulate_to(
+    folder: str | Path,
+    options: SimulationOptions,
+    answer: bool = False,
+    sealed: bool = False,
+    progress: Progress = no_progress,
+    motions: Sequence[ReferenceMotion] | None = None,
+) -> WrittenSession:
+    """Simulates a session and writes it: what `ident simulate` does.
+
+    Args:
+        folder: Where the session is written.
+        options: What is wanted; `options.runs` is the number of calls of `progress`.
+        answer, sealed: Form of the answer; neither by default.
+        progress: Called after each run.
+        motions: Motions to be run instead of those that the options ask for.
+
+    Raises:
+        InputError: As `simulate` and `write_simulation`.
+    """
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
+    require_own_folder(Path(folder), SESSION_KIND)
+    simulation = simulate(options, name=Path(folder).name, progress=progress, motions=motions)
+    return write_simulation(simulation, folder, answer, sealed)

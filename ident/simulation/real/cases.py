@@ -1,0 +1,249 @@
+"""Cases: which effect, on whose recordings, where and how large; written as sessions and answers apart from them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.files import atomic_folder, atomic_write
+from ident.recordings.recording import Recording, Session
+from ident.recordings.save import fill_session
+from ident.simulation.real.moved_arm import MovedArm
+from ident.simulation.real.planted import EFFECTS, Planted, PlantedChange
+from ident.simulation.real.sources import Source, cut
+from ident.simulation.real.unlisted import OUTSIDE
+
+SIZES, PAIR_SIZES = (3.0, 1.0), (3.0, 3.0)
+# How near a size has to come to what was asked for, in how many tries; draws of joint and numbers a case.
+NEAR, TRIES, DRAWS = 0.1, 12, 7
+# An effect of the whole arm, or one that shows elsewhere, shows where it is this share of its largest.
+SHOWN = 1.0 / 3.0
+KINDS = {"single": 0.66, "outside": 0.1, "pair": 0.08, "untouched": 0.16}
+LAST = ("torque_gain_error", "torque_delay", "torque_saturation", "encoder_offset", "link_inertial_error")
+LEAST_PARTS = 6
+
+
+@dataclass(frozen=True)
+class CaseDraw:
+    """What is asked for: the kind of case and, for each effect, its id and visible size [noise]."""
+
+    name: str
+    kind: str
+    effects: tuple[tuple[str, float], ...] = ()
+
+
+def plan_slots(cases: int, seed: int) -> tuple[CaseDraw, ...]:
+    """Kinds of case by their shares; single effects in turn, every second or third of them small."""
+    rng = np.random.default_rng([seed, 0])
+    counts = {kind: round(share * cases) for kind, share in KINDS.items() if kind != "single"}
+    singles = cases - sum(counts.values())
+    order = [str(e) for _ in range(-(-singles // len(EFFECTS))) for e in rng.permutation(list(EFFECTS))]
+    drawn: list[tuple[str, tuple[tuple[str, float], ...]]] = [
+        ("single", ((effect, SIZES[0] if (i // len(EFFECTS)) % 5 in (0, 2, 4) else SIZES[1]),))
+        for i, effect in enumerate(order[:singles])
+    ]
+    others = [str(e) for e in rng.permutation(list(OUTSIDE) * (1 + counts["outside"] // len(OUTSIDE)))]
+    drawn += [("outside", ((effect, SIZES[0]),)) for effect in others[: counts["outside"]]]
+    for _ in range(counts["pair"]):
+        first, second = (str(e) for e in rng.choice(list(EFFECTS), 2, replace=False))
+        drawn.append(("pair", tuple(sorted(zip((first, second), PAIR_SIZES, strict=True), key=lambda e: e[0] in LAST))))
+    drawn += [("untouched", ())] * counts["untouched"]
+    return tuple(CaseDraw(f"case_{i:03d}", kind, effects) for i, (kind, effects) in enumerate(drawn))
+
+
+def make_cases(
+    sources: Sequence[Source],
+    out: Path,
+    cases: int,
+    seed: int,
+    paired: bool,
+    say: Callable[[str], None] = lambda line: None,
+) -> None:
+    """Writes cases, controls (each source as it is), answers and their seals.
+
+    Args:
+        sources: Recordings of real arms.
+        out: Folder for `cases/`, `answers/`, `seals.json`.
+        cases: Their number.
+        seed: Of everything drawn.
+        paired: Whether each is a `before` without and an `after` with the effect, for a comparison.
+        say: Told what was made, line by line.
+
+    Raises:
+        InputError: The folder holds something already.
+    """
+    if (out / "cases").exists():
+        raise InputError(out, "the folder holds cases", "choose another folder")
+    arms = {source.name: MovedArm.of(source) for source in sources}
+    seals: dict[str, str] = {}
+    turn = _turns(sources, seed)
+    for source in () if paired else sources:
+        _write(out, f"control_{source.name}", {"": source.runs}, source.urdf, _answer("control", source, ()), seals)
+    for number, slot in enumerate(plan_slots(cases, seed)):
+        made = None
+        for attempt in range(len(sources)):
+            source = next(turn)
+            made = _make(arms[source.name], slot, np.random.default_rng([seed, 1, number, attempt]))
+            if made is not None:
+                break
+        if made is None:
+            say(f"{slot.name} {slot.kind} {slot.effects}: no arm can show it, left out")
+            continue
+        runs, urdf, answer = made
+        rng = np.random.default_rng([seed, 2, number])
+        folders = (
+            _before_and_after(source, runs, rng) if paired else {"": _some(runs, rng) if not slot.effects else runs}
+        )
+        _write(out, slot.name, folders, urdf, answer, seals)
+        told = ", ".join(f"{e['effect']}:{'+'.join(e['joints'])}" for e in answer["effects"])
+        say(f"{slot.name} {source.name} {slot.kind} {told}")
+    with atomic_write(out / "seals.json") as part:
+        part.write_text(json.dumps(seals, indent=1) + "\n", encoding="utf-8")
+
+
+def _turns(sources: Sequence[Source], seed: int) -> Iterator[Source]:
+    """Sources without end, every arm as often as any other."""
+    rng, names = np.random.default_rng([seed, 3]), sorted({source.arm for source in sources})
+    while True:
+        for k in rng.permutation(len(names)):
+            own = [source for source in sources if source.arm == names[k]]
+            yield own[int(rng.integers(len(own)))]
+
+
+def _some(runs: Sequence[Recording], rng: np.random.Generator) -> Sequence[Recording]:
+    """All runs but one, or four fifths of the only one: another recording of the same arm."""
+    if len(runs) > 2:
+        left_out = int(rng.integers(len(runs)))
+        return [run for i, run in enumerate(runs) if i != left_out]
+    start = int(rng.integers(len(runs[0]) // 5 + 1))
+    return [run.at(slice(start, start + 4 * len(run) // 5)) for run in runs]
+
+
+def _before_and_after(source: Source, runs: Sequence[Recording], rng: np.random.Generator) -> dict[str, Any]:
+    """Every second run as it was, the others as they are with the effect; a single run is cut."""
+    pieces = [list(source.runs), list(runs)]
+    if len(runs) < 4:
+        pieces = [[part for run in one for part in cut(run, LEAST_PARTS)] for one in pieces]
+    first = int(rng.integers(2))
+    return {"before": pieces[0][first::2], "after": pieces[1][1 - first :: 2]}
+
+
+def _make(
+    arm: MovedArm, slot: CaseDraw, rng: np.random.Generator
+) -> tuple[list[Recording], str, dict[str, Any]] | None:
+    """Recordings, URDF and answer of a case; None if nothing that was drawn can show so much."""
+    told: list[dict[str, Any]] = []
+    urdf, shift, now = arm.source.urdf, np.zeros(arm.n), arm
+    for effect, wanted in slot.effects:
+        found = sized(now, effect, wanted, rng, {joint for one in told for joint in one["joints"]})
+        if found is None:
+            return None
+        change, entry = found
+        told.append(entry)
+        now, shift, urdf = now.plus(change.torque), shift + change.shift, change.urdf or urdf
+    runs = [
+        replace(run, effort=now.tau[rows], position=run.position + shift)
+        for run, rows in zip(arm.source.runs, arm.runs, strict=True)
+    ]
+    return runs, urdf, _answer(slot.kind, arm.source, told, arm.noise)
+
+
+def sized(
+    arm: MovedArm, effect: str, wanted: float, rng: np.random.Generator, taken: set[str]
+) -> tuple[PlantedChange, dict[str, Any]] | None:
+    """The effect at a joint where it can show as much as is wanted, and its entry in the answer."""
+    law = {**EFFECTS, **OUTSIDE}[effect]
+    joints = [int(j) for j in rng.permutation(arm.n) if arm.source.joints[j] not in taken]
+    for j in (joints * DRAWS)[:DRAWS]:
+        found = _scaled(arm, law, j, wanted, int(rng.integers(2**32)))
+        if found is not None:
+            change, seen, size = found
+            return change, _entry(arm, effect, law, j, change, seen, (wanted, size))
+    return None
+
+
+def _scaled(
+    arm: MovedArm, law: Planted, j: int, wanted: float, seed: int
+) -> tuple[PlantedChange, Float[Array, " n"], float] | None:
+    most = size = law.most(arm, j)
+    if not np.isfinite(arm.noise[j]) and not law.whole_arm:
+        return None
+    for _ in range(TRIES):
+        change = law.change(arm, j, size, np.random.default_rng(seed))
+        seen = arm.visible(change.felt, law.view, law.local)
+        largest = float(seen.max() if law.whole_arm else seen[j])
+        if abs(largest / wanted - 1.0) < NEAR and np.all(np.isfinite(change.torque)):
+            return change, seen, size
+        if size >= most and largest < wanted:
+            return None
+        size = min(size * float(np.clip(wanted / max(largest, 1e-9), 0.01, 5.0)), most)
+    return None
+
+
+def _entry(
+    arm: MovedArm,
+    effect: str,
+    law: Planted,
+    j: int,
+    change: PlantedChange,
+    seen: Float[Array, " n"],
+    sizes: tuple[float, float],
+) -> dict[str, Any]:
+    names = arm.source.joints
+    shown = [name for name, one in zip(names, seen, strict=True) if one >= SHOWN * seen.max()]
+    own = [] if law.whole_arm else [names[j]]
+    others = [str(change.parameters["other_joint"])] if effect == "joint_coupling" else []
+    return {
+        "effect": effect,
+        "in_catalogue": effect in EFFECTS,
+        "joints": own or shown,
+        "may_stand_at": sorted({*own, *others, *(shown if law.whole_arm or effect == "external_contact" else [])}),
+        "parameters": change.parameters,
+        "size": sizes[1],
+        "asked": sizes[0],
+        "view": law.view,
+        "visible": {name: round(float(one), 3) for name, one in zip(names, seen, strict=True)},
+        "by": "urdf" if change.urdf else "recording",
+    }
+
+
+def _answer(kind: str, source: Source, effects: Sequence[dict[str, Any]], noise: Array | None = None) -> dict[str, Any]:
+    floor = {} if noise is None else dict(zip(source.joints, map(float, noise), strict=True))
+    return {
+        "schema": "ident.semi_real/1",
+        "kind": kind,
+        "arm": source.arm,
+        "source": source.name,
+        "control": f"control_{source.name}",
+        "effects": list(effects),
+        "noise_Nm": floor,
+    }
+
+
+def _write(
+    out: Path,
+    name: str,
+    folders: dict[str, Sequence[Recording]],
+    urdf: str,
+    answer: dict[str, Any],
+    seals: dict[str, str],
+) -> None:
+    """A case's session folders and its answer; adds the answer's SHA-256 to the seals."""
+    with atomic_folder(out / "cases" / name, "session") as folder:
+        for part, runs in folders.items():
+            place = folder / part
+            place.mkdir(exist_ok=True)
+            fill_session(Session(name, tuple(runs), robot="robot.urdf"), place)
+            (place / "robot.urdf").write_text(urdf, encoding="utf-8")
+    text = json.dumps(answer, indent=1) + "\n"
+    seals[name] = hashlib.sha256(text.encode()).hexdigest()
+    with atomic_write(out / "answers" / f"{name}.json") as part_file:
+        part_file.write_text(text, encoding="utf-8")

@@ -1,0 +1,218 @@
+"""A real arm as it moved: smoothed states, its rigid torque, and what an ordinary model leaves of the recorded torque.
+
+Smoothing, rigid body and refit are this module's own: neither the diagnosis nor the simulated arm is asked.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from scipy.signal import butter, sosfiltfilt
+
+from ident.arrays import Array, Bool, Float
+from ident.simulation.real.sources import Source
+
+# Of the zero-phase filters for states and for what is compared [Hz]; of the rows that are compared [Hz].
+STATE_CUTOFF, BAND, ROW_RATE = 10.0, 8.0, 25.0
+FASTEST_GRID = 250.0  # [Hz]
+STILL = 0.005  # [rad/s]
+# Share of the rows in which a joint has to move for an effect to be planted at it.
+LEAST_MOVING = 0.15
+# Width of the sign of a speed [rad/s].
+TURNING = 0.01
+View = Literal["refit", "loss", "no_offset"]
+
+
+def model_of(urdf: str) -> pin.Model:
+    """Pinocchio's model of a URDF's text."""
+    return pin.buildModelFromXML(urdf)
+
+
+def rigid_torque(
+    model: pin.Model, q: Float[Array, "N n"], v: Float[Array, "N n"], a: Float[Array, "N n"]
+) -> Float[Array, "N n"]:
+    """Torque that the bodies ask for [N m]."""
+    data = model.createData()
+    return np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class MovedArm:
+    """All runs of a session, one after the other in N rows of n joints.
+
+    Attributes:
+        source: Where they come from.
+        t: Session clock [s], shape (N,).
+        runs: Rows of each run.
+        q, v, a: Smoothed motion.
+        tau: Recorded torque [N m].
+    """
+
+    source: Source
+    t: Float[Array, " N"]
+    runs: tuple[slice, ...]
+    q: Float[Array, "N n"]
+    v: Float[Array, "N n"]
+    a: Float[Array, "N n"]
+    tau: Float[Array, "N n"]
+
+    @classmethod
+    def of(cls, source: Source) -> MovedArm:
+        """Smooths the recordings of a source."""
+        ends = np.cumsum([0, *(len(run.time) for run in source.runs)])
+        runs = tuple(slice(int(i), int(k)) for i, k in itertools.pairwise(ends))
+        states = [_smooth(run.time, run.position) for run in source.runs]
+        q, v, a = (np.concatenate([one[k] for one in states]) for k in range(3))
+        t = np.concatenate([run.time for run in source.runs])
+        return cls(source, t, runs, q, v, a, np.concatenate([run.effort for run in source.runs]))
+
+    @property
+    def n(self) -> int:
+        return self.q.shape[1]
+
+    @cached_property
+    def model(self) -> pin.Model:
+        return model_of(self.source.urdf)
+
+    @cached_property
+    def rigid(self) -> Float[Array, "N n"]:
+        """Torque of the URDF's bodies [N m]."""
+        return rigid_torque(self.model, self.q, self.v, self.a)
+
+    @cached_property
+    def steps(self) -> Float[Array, " N"]:
+        """Time since the row before; infinite at the start of a run: what remembers begins anew [s]."""
+        dt = np.diff(self.t, prepend=-np.inf)
+        dt[[run.start for run in self.runs]] = np.inf
+        return dt
+
+    @cached_property
+    def load(self) -> Float[Array, "N n"]:
+        """Torque that went through the gears: what was recorded less the refit's friction, low-passed [N m]."""
+        friction = self.coulomb * np.tanh(self.v / TURNING) + self.viscous * self.v
+        return self.over_runs(self.tau - friction, lambda t, x: _low_passed(t, x, BAND))
+
+    @cached_property
+    def peak(self) -> Float[Array, " n"]:
+        """Torque that a joint hardly exceeds [N m]."""
+        return np.quantile(np.abs(self.tau), 0.99, axis=0)
+
+    def over_runs(self, x: Array, change: Callable[[Array, Array], Array]) -> Array:
+        """A channel, changed run by run."""
+        return np.concatenate([change(self.t[run], x[run]) for run in self.runs])
+
+    def plus(self, torque: Float[Array, "N n"]) -> MovedArm:
+        """The same motion with more torque recorded."""
+        return replace(self, tau=self.tau + torque)
+
+    # What an ordinary model leaves: link inertias, rotor, viscous and Coulomb friction, offset, over the arm.
+
+    @cached_property
+    def _grids(self) -> list[Float[Array, " m"]]:
+        return [np.arange(self.t[r][0], self.t[r][-1], 1.0 / ROW_RATE) for r in self.runs]
+
+    def rows(self, x: Float[Array, "N k"]) -> Float[Array, "M k"]:
+        """A channel in the band and at the rows that are compared."""
+        found = [_low_passed(self.t[r], x[r], BAND, grid) for r, grid in zip(self.runs, self._grids, strict=True)]
+        return np.concatenate(found)
+
+    @cached_property
+    def moving(self) -> Bool[Array, "M n"]:
+        return np.abs(self.rows(self.v)) > STILL
+
+    @cached_property
+    def _columns(self) -> Float[Array, "M n p"]:
+        """Bodies (10 n), then rotor, viscous, Coulomb, offset of each joint."""
+        q, v, a = (self.rows(x) for x in (self.q, self.v, self.a))
+        data = self.model.createData()
+        bodies = [pin.computeJointTorqueRegressor(self.model, data, *row) for row in zip(q, v, a, strict=True)]
+        losses = (a, v, self.rows(np.tanh(self.v / TURNING)), np.ones_like(q))
+        own = [x[:, :, None] * np.eye(self.n) for x in losses]
+        return np.concatenate([np.array(bodies), *own], axis=2) * self.moving[:, :, None]
+
+    @cached_property
+    def _fit(self) -> tuple[Float[Array, " p"], Float[Array, " n"]]:
+        """Coefficients of the recorded torque, each joint weighted by what it leaves, and that [N m]."""
+        y, noise = self.rows(self.tau) * self.moving, np.ones(self.n)
+        for _ in range(3):
+            x = (self._columns / noise[:, None]).reshape(-1, self._columns.shape[2])
+            found = np.linalg.lstsq(x, (y / noise).ravel(), rcond=1e-9)[0]
+            noise = self._rms(y - self._columns @ found)
+        return found, noise
+
+    def _rms(self, x: Float[Array, "M n"]) -> Float[Array, " n"]:
+        return np.sqrt(np.sum(x**2 * self.moving, axis=0) / np.maximum(self.moving.sum(axis=0), 1.0)) + 1e-9
+
+    @cached_property
+    def noise(self) -> Float[Array, " n"]:
+        """What the refit leaves of the recorded torque, in the band; infinite where a joint hardly moves [N m]."""
+        return np.where(self.moving.mean(axis=0) > LEAST_MOVING, self._fit[1], np.inf)
+
+    @cached_property
+    def coulomb(self) -> Float[Array, " n"]:
+        return np.maximum(self._fit[0][12 * self.n : 13 * self.n], 0.005 * self.peak)
+
+    @cached_property
+    def viscous(self) -> Float[Array, " n"]:
+        fastest = np.quantile(np.abs(self.v), 0.95, axis=0) + 1e-6
+        return np.maximum(self._fit[0][11 * self.n : 12 * self.n], 0.1 * self.coulomb / fastest)
+
+    @cached_property
+    def _bases(self) -> dict[View, Array]:
+        """Orthonormal bases of what a refit explains: all; no bodies, as the URDF tells them; no offset."""
+        n = self.n
+        scale = 1.0 / self.noise  # a joint that hardly moves has no say
+        x = (self._columns * scale[:, None]).reshape(-1, self._columns.shape[2])
+        kinds: dict[View, Array] = {"refit": x, "loss": x[:, 10 * n :], "no_offset": x[:, : 13 * n]}
+        return {name: _basis(columns) for name, columns in kinds.items()}
+
+    def visible(self, torque: Float[Array, "N n"], view: View, local: bool = False) -> Float[Array, " n"]:
+        """What a refit leaves of a torque, in units of the noise, at each joint; of a local one, while it acts."""
+        basis, y = self._bases[view], self.rows(torque) * self.moving / self.noise
+        left = y - (basis @ (basis.T @ y.ravel())).reshape(y.shape)
+        if local:
+            acts = np.any(np.abs(y) > 0.1 * np.abs(y).max(), axis=1)
+            return np.sqrt(np.mean(left[acts] ** 2, axis=0))
+        return self._rms(left)
+
+
+def _basis(columns: Float[Array, "M p"]) -> Float[Array, "M r"]:
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    kept = values > 1e-10 * values[-1]
+    return scaled @ (vectors[:, kept] / np.sqrt(values[kept]))
+
+
+def _grid(t: Float[Array, " T"]) -> Float[Array, " K"]:
+    rate = min(1.0 / float(np.median(np.diff(t))), FASTEST_GRID)
+    return np.linspace(t[0], t[-1], max(int(rate * (t[-1] - t[0])), 16))
+
+
+def _filtered(x: Float[Array, "K n"], interval: float, cutoff: float) -> Float[Array, "K n"]:
+    share = min(2.0 * cutoff * interval, 0.8)
+    return sosfiltfilt(butter(2, share, output="sos"), x, axis=0)
+
+
+def _at(t: Array, knots: Array, x: Array) -> Array:
+    return np.column_stack([np.interp(t, knots, column) for column in x.T])
+
+
+def _smooth(t: Float[Array, " T"], position: Float[Array, "T n"]) -> Sequence[Float[Array, "T n"]]:
+    """Position, speed and acceleration at the sample times."""
+    grid = _grid(t)
+    interval = grid[1] - grid[0]
+    q = _filtered(_at(grid, t, np.unwrap(position, axis=0)), interval, STATE_CUTOFF)
+    v = np.gradient(q, interval, axis=0)
+    a = _filtered(np.gradient(v, interval, axis=0), interval, STATE_CUTOFF)
+    return [_at(t, grid, x) for x in (q, v, a)]
+
+
+def _low_passed(t: Array, x: Array, cutoff: float, where: Array | None = None) -> Array:
+    grid = _grid(t)
+    return _at(t if where is None else where, grid, _filtered(_at(grid, t, x), grid[1] - grid[0], cutoff))

@@ -1,0 +1,370 @@
+"""What is planted: each effect by its own physics on a recorded motion, none by the catalogue's columns.
+
+An effect is a function of the arm, the joint, a size that grows with what it does, and a source of its other numbers;
+`EFFECTS` says how large it may be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.arrays import Array, Float
+from ident.simulation.real.bodies import with_body
+from ident.simulation.real.gears import play_of, twist_of
+from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque
+
+Parameters = dict[str, float | str]
+Draw = np.random.Generator
+# Travel over which dry friction turns round [rad].
+BRISTLE = 3e-4
+
+
+@dataclass(frozen=True, eq=False)
+class PlantedChange:
+    """What a planted effect does to a session.
+
+    Attributes:
+        parameters: What is true, by the catalogue's names and units.
+        torque: Added to the recorded torque [N m], shape (N, n).
+        shift: Added to the recorded positions [rad].
+        urdf: What the arm is told to be, if that changes; then the bodies' torque is `unseen`.
+        unseen: Torque that the told model lacks [N m].
+    """
+
+    parameters: Parameters
+    torque: Float[Array, "N n"]
+    shift: Float[Array, " n"]
+    urdf: str | None = None
+    unseen: Array | float = 0.0
+
+    @property
+    def felt(self) -> Float[Array, "N n"]:
+        """Torque that a model without the effect would have to explain [N m]."""
+        return self.torque + self.unseen
+
+
+@dataclass(frozen=True)
+class Planted:
+    """An effect that can be planted.
+
+    Attributes:
+        change: Its physics.
+        most: Largest size that an arm has.
+        view: What a refit may absorb before the rest counts as visible.
+        whole_arm: Whether it is named of the arm, not of a joint.
+        local: Whether it acts for a while only, and is measured then.
+    """
+
+    change: Callable[[MovedArm, int, float, Draw], PlantedChange]
+    most: Callable[[MovedArm, int], float]
+    view: View = "refit"
+    whole_arm: bool = False
+    local: bool = False
+
+
+def at_joint(arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters) -> PlantedChange:
+    added = np.zeros_like(arm.tau)
+    added[:, j] = torque
+    return PlantedChange(parameters, added, np.zeros(arm.n))
+
+
+def bristle(arm: MovedArm, speed: Float[Array, " N"], travel: float = BRISTLE) -> Float[Array, " N"]:
+    """Sign of a speed with a memory: z' = |v| (sign v - z) / travel, from rest at the start of each run."""
+    keep = np.exp(-np.abs(speed) * np.where(np.isfinite(arm.steps), arm.steps, 0.0) / travel)
+    goal, found, z = np.sign(speed), np.empty(len(speed)), 0.0
+    for k, (stay, sign, dt) in enumerate(zip(keep.tolist(), goal.tolist(), arm.steps.tolist(), strict=True)):
+        z = sign + ((0.0 if dt == np.inf else z) - sign) * stay
+        found[k] = z
+    return found
+
+
+def decay(arm: MovedArm, power: Float[Array, " N"], constant: float) -> Float[Array, " N"]:
+    """θ' = power - θ / constant over the session's clock, pauses included."""
+    dt = np.diff(arm.t, prepend=arm.t[0])
+    keep, found, theta = np.exp(-dt / constant), np.empty(len(power)), 0.0
+    moving = np.where(np.isfinite(arm.steps), dt, 0.0)
+    for k, (stay, heat) in enumerate(zip(keep.tolist(), (power * moving).tolist(), strict=True)):
+        theta = theta * stay + heat
+        found[k] = theta
+    return found
+
+
+# Friction
+
+
+def plant_stribeck(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    speed, exponent = float(np.exp(draw.uniform(np.log(0.02), np.log(0.15)))), float(draw.uniform(0.9, 2.0))
+    v = arm.v[:, j]
+    level = size * np.exp(-(np.abs(v / speed) ** exponent))
+    told: Parameters = {"amplitude_Nm": size, "stribeck_velocity_rad_s": speed, "exponent": exponent}
+    return at_joint(arm, j, level * bristle(arm, v), told)
+
+
+def plant_curved(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """A power of the speed, or the lubricant's own law (Eyring), which has no such figures."""
+    v, exponent = arm.v[:, j], float(draw.uniform(0.3, 0.8))
+    if draw.random() < 0.5:
+        return at_joint(arm, j, size * np.arcsinh(v / float(draw.uniform(0.03, 0.2))), {"eyring_Nm": size})
+    torque = size * np.abs(v) ** exponent * bristle(arm, v)
+    return at_joint(arm, j, torque, {"coefficient": size, "exponent": exponent})
+
+
+def plant_load(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    return at_joint(arm, j, size * np.abs(arm.load[:, j]) * bristle(arm, arm.v[:, j]), {"mu": size})
+
+
+def plant_thermal(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Friction warms the gear; viscous friction falls by `size` from the coldest to the warmest moment."""
+    constant, dry = float(np.exp(draw.uniform(np.log(30.0), np.log(200.0)))), float(draw.uniform(0.1, 0.4))
+    v, turn = arm.v[:, j], bristle(arm, arm.v[:, j])
+    friction = arm.coulomb[j] * turn + arm.viscous[j] * v
+    warm = decay(arm, np.maximum(friction * v, 0.0), constant)
+    warm = warm / max(float(warm.max()), 1e-9)
+    torque = -size * warm * (arm.viscous[j] * v + dry * arm.coulomb[j] * turn)
+    told: Parameters = {"viscous_change": -size, "coulomb_change": -dry * size, "time_constant_s": constant}
+    return at_joint(arm, j, torque, told)
+
+
+def plant_hysteresis(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    travel = float(np.exp(draw.uniform(np.log(2e-3), np.log(3e-2))))
+    q = arm.q[:, j]
+    dt = np.where(np.isfinite(arm.steps), arm.steps, 1.0)
+    moved = np.where(np.isfinite(arm.steps), np.diff(q, prepend=q[0]), 0.0) / dt
+    return at_joint(arm, j, size * bristle(arm, moved, travel), {"amplitude_Nm": size, "displacement_rad": travel})
+
+
+def plant_seat(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    order, phase = int(draw.integers(1, 3)), float(draw.uniform(-np.pi, np.pi))
+    level = size * np.cos(order * arm.q[:, j] - phase)
+    told: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+    return at_joint(arm, j, level * bristle(arm, arm.v[:, j]), told)
+
+
+def plant_asymmetric(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """More friction in one direction: `size` of viscous friction, and some dry."""
+    way, dry = float(draw.choice([-1.0, 1.0])), float(draw.uniform(0.2, 0.6))
+    v = arm.v[:, j]
+    ahead = way * v > 0.0
+    extra = dry * size * arm.coulomb[j] / arm.viscous[j]
+    torque = np.where(ahead, size * v + extra * bristle(arm, v), 0.0)
+    told: Parameters = {"coulomb_difference_Nm": way * extra, "viscous_difference_Nms_rad": way * size}
+    return at_joint(arm, j, torque, told)
+
+
+def plant_coupling(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """The joint's motor is also turned by its neighbour: friction and rotor of both motions together."""
+    other = neighbour(arm, j, draw)
+    way = float(draw.choice([-1.0, 1.0]))
+    speed = arm.v[:, j] + way * arm.v[:, other]
+    viscous, inertia = 0.4 * size * arm.viscous[j] / arm.coulomb[j], 0.002 * size
+    turned = inertia * (arm.a[:, j] + way * arm.a[:, other])
+    told: Parameters = {"coulomb_Nm": size, "viscous_Nms_rad": viscous, "other_joint": arm.source.joints[other]}
+    return at_joint(arm, j, size * bristle(arm, speed) + viscous * speed + turned, told)
+
+
+def neighbour(arm: MovedArm, j: int, draw: Draw) -> int:
+    return int(draw.choice([k for k in (j - 1, j + 1) if 0 <= k < arm.n]))
+
+
+# Gears
+
+
+def _turned(arm: MovedArm, j: int, states: tuple[Array, Array, Array], parameters: Parameters) -> PlantedChange:
+    """The link stands `twist` behind the motor, whose encoder is read: the bodies' torque is that of the link."""
+    moved = [x.copy() for x in (arm.q, arm.v, arm.a)]
+    for x, twist in zip(moved, states, strict=True):
+        x[:, j] -= twist
+    return PlantedChange(parameters, rigid_torque(arm.model, *moved) - arm.rigid, np.zeros(arm.n))
+
+
+def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    stiffness = 1.0 / size
+    states, damping = twist_of(arm, j, stiffness, float(draw.uniform(0.03, 0.15)))
+    return _turned(arm, j, states, {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
+
+
+def plant_backlash(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Play of a gear beside one that only twists: that twist is no play."""
+    stiffness = 400.0 * float(arm.peak[j])
+    loose, tight = (play_of(arm, j, stiffness, gap, 0.3) for gap in (size, 0.0))
+    change = _turned(arm, j, loose, {"gap_rad": size})
+    return PlantedChange(change.parameters, change.torque - _turned(arm, j, tight, {}).torque, change.shift)
+
+
+def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Teeth that pass 1.5 to 5 times a second at the joint's usual speed."""
+    usual = float(np.quantile(np.abs(arm.v[:, j]), 0.6)) + 1e-3
+    order = float(np.clip(round(2.0 * np.pi * draw.uniform(1.5, 5.0) / usual), 5, 160))
+    phase = float(draw.uniform(-np.pi, np.pi))
+    told: Parameters = {"amplitude_Nm": size, "order": order, "phase_rad": phase}
+    return at_joint(arm, j, size * np.cos(order * arm.q[:, j] - phase), told)
+
+
+def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    low, high = np.quantile(arm.q[:, j], [0.05, 0.95])
+    rest = float(draw.uniform(low, high))
+    return at_joint(arm, j, size * (arm.q[:, j] - rest), {"stiffness_Nm_rad": size, "rest_rad": rest})
+
+
+# Bodies, gravity, pushes
+
+
+def plant_payload(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    com = reach(arm) * 0.06 * draw.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
+    heavier = with_body(arm.source.urdf, arm.source.joints[-1], size, com, 0.03 * reach(arm))
+    torque = rigid_torque(model_of(heavier), arm.q, arm.v, arm.a) - arm.rigid
+    told: Parameters = {"mass_kg": size, **_vector("com", com, "m")}
+    return PlantedChange(told, torque, np.zeros(arm.n))
+
+
+def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Mass that the URDF's link lacks or has too much; planted in the torque, or the other way round in the URDF."""
+    body = arm.model.inertias[j + 1]
+    mass = size * body.mass * float(draw.choice([-1.0, 1.0]))
+    place = np.array(body.lever) * draw.uniform(0.9, 1.1)
+    if mass > 0.0:
+        place = np.array(body.lever) + 0.06 * reach(arm) * draw.uniform(-1.0, 1.0, 3)
+    told: Parameters = {"mass_change_kg": mass, **_vector("moment_change", mass * place, "kgm")}
+    if draw.random() < 0.5 and mass < 0.0:
+        changed = with_body(arm.source.urdf, arm.source.joints[j], -mass, place, 0.0)
+        unseen = arm.rigid - rigid_torque(model_of(changed), arm.q, arm.v, arm.a)
+        return PlantedChange(told, np.zeros_like(arm.tau), np.zeros(arm.n), changed, unseen)
+    torque = rigid_torque(
+        model_of(with_body(arm.source.urdf, arm.source.joints[j], mass, place, 0.0)), arm.q, arm.v, arm.a
+    )
+    return PlantedChange(told, torque - arm.rigid, np.zeros(arm.n))
+
+
+def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    heading = float(draw.uniform(-np.pi, np.pi))
+    axis = np.array([np.cos(heading), np.sin(heading), 0.0])
+    askew = arm.model.copy()
+    g = arm.model.gravity.linear
+    turned = g * np.cos(size) + np.cross(axis, g) * np.sin(size) + axis * (axis @ g) * (1.0 - np.cos(size))
+    askew.gravity.linear = turned
+    # Gravity turns one way in the base's frame where the base stands askew the other way.
+    told: Parameters = {"tilt_x_rad": float(-size * axis[0]), "tilt_y_rad": float(-size * axis[1])}
+    return PlantedChange(told, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid, np.zeros(arm.n))
+
+
+def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Somebody pushes against a point of a link for a while, in one run; the motors hold against it."""
+    run = arm.runs[int(draw.integers(len(arm.runs)))]
+    clock, span = arm.t[run], float(np.ptp(arm.t[run]))
+    length = min(float(draw.uniform(0.6, 2.0)), 0.3 * span)
+    start = float(clock[0] + draw.uniform(0.15 * span, 0.85 * span - length))
+    way = draw.standard_normal(3)
+    point = pin.SE3(np.eye(3), 1.5 * np.array(arm.model.inertias[j + 1].lever))
+    torque, data = np.zeros_like(arm.tau), arm.model.createData()
+    window = np.clip(np.minimum(clock - start, start + length - clock) / 0.1, 0.0, 1.0)
+    for k in np.flatnonzero(window > 0.0):
+        pin.forwardKinematics(arm.model, data, arm.q[run][k])
+        jacobian = pin.computeJointJacobian(arm.model, data, arm.q[run][k], j + 1)
+        at_point = point.toActionMatrixInverse() @ jacobian
+        world = data.oMi[j + 1].rotation @ at_point[:3]
+        torque[run.start + k] = -window[k] * size * (world.T @ (way / np.linalg.norm(way)))
+    told: Parameters = {"start_s": start, "end_s": start + length, "force_N": size}
+    return PlantedChange(told, torque, np.zeros(arm.n))
+
+
+def reach(arm: MovedArm) -> float:
+    """Rough length of the arm [m]."""
+    return float(sum(np.linalg.norm(p.translation) for p in arm.model.jointPlacements[1:])) + 1e-3
+
+
+def _vector(name: str, values: Array, unit: str) -> Parameters:
+    return {f"{name}_{axis}_{unit}": float(x) for axis, x in zip("xyz", values, strict=True)}
+
+
+# Sensors
+
+
+def plant_gain(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    gain = size * float(draw.choice([-1.0, 1.0]))
+    return at_joint(arm, j, gain * arm.tau[:, j], {"gain": gain})
+
+
+def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    offset = size * float(draw.choice([-1.0, 1.0]))
+    drift = float(offset * draw.uniform(-0.1, 0.1) / 60.0)
+    middle = 0.5 * (arm.t[0] + arm.t[-1])
+    return at_joint(arm, j, offset + drift * (arm.t - middle), {"offset_Nm": offset, "drift_Nm_s": drift})
+
+
+def plant_delay(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    late = arm.over_runs(arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T]))
+    return PlantedChange({"delay_s": size}, late - arm.tau, np.zeros(arm.n))
+
+
+def plant_saturation(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    """Flat at `1 - size` of the peak, at once or after a bend."""
+    limit, tau = (1.0 - size) * float(arm.peak[j]), arm.tau[:, j]
+    if draw.random() < 0.5:
+        flat = np.clip(tau, -limit, limit)
+    else:
+        bend = 0.05 * limit
+        flat = np.sign(tau) * (limit - bend * np.logaddexp(0.0, (limit - np.abs(tau)) / bend))
+        flat = np.where(np.abs(tau) < 0.7 * limit, tau, flat)
+    return at_joint(arm, j, flat - tau, {"limit_Nm": limit})
+
+
+def plant_encoder(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
+    shift = np.zeros(arm.n)
+    shift[j] = size * float(draw.choice([-1.0, 1.0]))
+    unseen = arm.rigid - rigid_torque(arm.model, arm.q + shift, arm.v, arm.a)
+    # Told is what has to be added to a reading.
+    return PlantedChange({"offset_rad": -float(shift[j])}, np.zeros_like(arm.tau), shift, unseen=unseen)
+
+
+def up_to(share: float) -> Callable[[MovedArm, int], float]:
+    """A torque of so many times what the joint's drive hardly exceeds."""
+    return lambda arm, j: share * float(arm.peak[j])
+
+
+def at_speed(share: float) -> Callable[[MovedArm, int], float]:
+    """A coefficient that makes such a torque at the joint's fastest."""
+    return lambda arm, j: share * float(arm.peak[j]) / (float(np.quantile(np.abs(arm.v[:, j]), 0.95)) + 1e-3)
+
+
+def over_range(share: float) -> Callable[[MovedArm, int], float]:
+    """A stiffness that makes such a torque over half of the joint's range."""
+    return lambda arm, j: 2.0 * share * float(arm.peak[j]) / (float(np.ptp(arm.q[:, j])) + 1e-3)
+
+
+def fixed(most: float) -> Callable[[MovedArm, int], float]:
+    return lambda arm, j: most
+
+
+def _heaviest(arm: MovedArm, j: int) -> float:
+    """What half of the strongest joint's peak torque lifts at half of the arm's length [kg]."""
+    return float(arm.peak.max()) / (9.81 * reach(arm))
+
+
+EFFECTS: dict[str, Planted] = {
+    "stribeck_friction": Planted(plant_stribeck, up_to(0.8)),
+    "nonlinear_viscous_friction": Planted(plant_curved, up_to(1.5)),
+    "load_dependent_friction": Planted(plant_load, fixed(0.5)),
+    "thermal_friction": Planted(plant_thermal, fixed(0.95)),
+    "presliding_hysteresis": Planted(plant_hysteresis, up_to(0.8)),
+    "position_dependent_friction": Planted(plant_seat, up_to(0.8)),
+    "asymmetric_friction": Planted(plant_asymmetric, at_speed(0.6)),
+    "joint_coupling": Planted(plant_coupling, up_to(0.8)),
+    "joint_elasticity": Planted(plant_elasticity, lambda arm, j: 0.1 / float(arm.peak[j])),
+    "backlash": Planted(plant_backlash, fixed(0.04)),
+    "torque_ripple": Planted(plant_ripple, up_to(0.8)),
+    "spring_torque": Planted(plant_spring, over_range(1.5)),
+    "payload": Planted(plant_payload, _heaviest, view="loss", whole_arm=True),
+    "link_inertial_error": Planted(plant_link, fixed(0.8), view="loss"),
+    "gravity_misalignment": Planted(plant_tilt, fixed(0.35), whole_arm=True),
+    "torque_gain_error": Planted(plant_gain, fixed(0.6), view="loss"),
+    "torque_offset": Planted(plant_offset, up_to(1.0), view="no_offset"),
+    "torque_delay": Planted(plant_delay, fixed(0.06), whole_arm=True),
+    "torque_saturation": Planted(plant_saturation, fixed(0.7)),
+    "encoder_offset": Planted(plant_encoder, fixed(0.2), view="loss"),
+    "external_contact": Planted(plant_contact, lambda arm, j: 4.0 * float(arm.peak.max()) / reach(arm), local=True),
+}
+"""The catalogue's effects."""

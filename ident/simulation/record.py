@@ -1,0 +1,152 @@
+"""What happened in the plant → what the recording says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ident.arrays import Array, Float
+from ident.recordings.recording import Recording
+from ident.simulation.hardware import Hardware
+from ident.simulation.sensing import read_encoder, read_temperature, read_torque, sample
+from ident.simulation.simulator import Simulator, Trace
+from ident.simulation.thermal import AMBIENT_DEGC
+from ident.trajectories.reference import TICK_S, ReferenceMotion
+
+Progress = Callable[[], None]
+
+
+def no_progress() -> None:
+    """Shows nothing."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """What is logged.
+
+    Attributes:
+        rate: Log rate [Hz].
+        velocity: Whether the drives' velocities are logged.
+        commands: Whether commanded positions and velocities are.
+        temperature: Whether housing temperatures are.
+        velocity_kind: The controller's `estimate`, that estimate `filtered` again, `differenced` readings of the
+            logged position, or the `true` velocity.
+        velocity_delay: How late the filter is [s].
+        jitter: Largest deviation of a sample's instant from the even grid, as a share of the interval.
+        lost: Share of samples that are missing.
+    """
+
+    rate: float = 250.0
+    velocity: bool = True
+    commands: bool = True
+    temperature: bool = False
+    velocity_kind: str = "estimate"
+    velocity_delay: float = 0.0
+    jitter: float = 0.0
+    lost: float = 0.0
+
+
+def draw_pauses(runs: int, bounds: tuple[float, float], rng: np.random.Generator) -> list[float]:
+    """Standstill before each run [s]; none before the first."""
+    return [0.0, *map(float, rng.uniform(*bounds, runs - 1))]
+
+
+def record_runs(
+    hardware: Hardware,
+    motions: Sequence[ReferenceMotion],
+    channels: Channels,
+    rng: np.random.Generator,
+    pauses: Sequence[float],
+    progress: Progress = no_progress,
+    feeds: Sequence[Float[Array, "K n"]] | None = None,
+) -> tuple[list[Recording], list[Trace]]:
+    """Runs motions on an arm and records them.
+
+    Args:
+        hardware: The hidden arm.
+        motions: What it is asked to do.
+        channels: What is logged, how often.
+        rng: Source of chance: plant and sensors have streams of their own, so that one does not shift the other.
+        pauses: Standstill before each run [s].
+        progress: Called after each run.
+        feeds: Feed-forward torque of each motion [N m], if it is known already.
+
+    Returns:
+        The runs as recorded, and as they truly were.
+    """
+    plant_rng, sensor_rng = rng.spawn(2)
+    simulator = Simulator(hardware, plant_rng)
+    traces = simulator.run(motions, pauses, progress, feeds)
+    width = max(len(str(len(motions))), 2)
+    return [
+        record_one(hardware, trace, f"{i:0{width}d}_{trace.motion.name}", channels, sensor_rng)
+        for i, trace in enumerate(traces, start=1)
+    ], traces
+
+
+def record_one(hardware: Hardware, trace: Trace, name: str, channels: Channels, rng: np.random.Generator) -> Recording:
+    """One run as the log shows it."""
+    ticks, sensing, log = trace.times, hardware.sensing, trace.log
+    times = _instants(float(ticks[-1]), channels, rng)
+    angle = log.link_angle if sensing.link_side else log.angle
+    position = read_encoder(sensing, ticks, angle, times, rng)
+    channels_of: dict[str, Array | None] = {
+        "position": position,
+        "effort": read_torque(sensing, ticks, log.torque, log.speed, times, trace.start, rng),
+        "velocity": _velocity(channels, trace, times, position) if channels.velocity else None,
+        "position_command": sample(ticks, trace.motion.q, times) if channels.commands else None,
+        "velocity_command": sample(ticks, trace.motion.dq, times) if channels.commands else None,
+        "temperature": None,
+    }
+    if channels.temperature:
+        channels_of["temperature"] = read_temperature(ticks, log.temperature, times, AMBIENT_DEGC, rng)
+    rounded: dict[str, Any] = {
+        key: np.round(values, _DECIMALS[key]) for key, values in channels_of.items() if values is not None
+    }
+    time = np.round(trace.start + times, 6)
+    return Recording(name=name, joints=hardware.arm.joint_names, time=time, **rounded)
+
+
+def _instants(end: float, channels: Channels, rng: np.random.Generator) -> Float[Array, " T"]:
+    """Times of the samples in the run [s]; the first and the last are never missing."""
+    times = np.arange(int(np.floor(end * channels.rate + 1e-9)) + 1) / channels.rate
+    if channels.jitter > 0.0:
+        away = channels.jitter / channels.rate * rng.uniform(-1.0, 1.0, len(times))
+        times = np.clip(times + away, 0.0, end)
+    if channels.lost > 0.0:
+        kept = rng.random(len(times)) >= channels.lost
+        kept[[0, -1]] = True
+        times = times[kept]
+    return times
+
+
+def _velocity(
+    channels: Channels, trace: Trace, times: Float[Array, " T"], position: Float[Array, "T n"]
+) -> Float[Array, "T n"]:
+    """The velocity channel [rad/s]."""
+    log = trace.log
+    if channels.velocity_kind == "true":
+        return sample(trace.times, log.speed, times)
+    if channels.velocity_kind == "differenced":
+        steps = np.diff(position, axis=0) / np.diff(times)[:, None]
+        return np.concatenate([steps[:1], steps])
+    estimate = log.speed_estimate
+    if channels.velocity_kind == "filtered":
+        keep = np.exp(-TICK_S / channels.velocity_delay)
+        estimate, _ = lfilter([1.0 - keep], [1.0, -keep], estimate, axis=0, zi=keep * estimate[:1])
+    return sample(trace.times, estimate, times)
+
+
+# A log's resolution: far below the sensors' own, so that files stay small.
+_DECIMALS = {
+    "position": 7,
+    "effort": 4,
+    "velocity": 6,
+    "position_command": 7,
+    "velocity_command": 6,
+    "temperature": 1,
+}

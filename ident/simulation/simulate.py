@@ -1,0 +1,275 @@
+"""`simulate`: a session of the simulated arm with chosen effects, and the answer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.recordings.recording import Payload, Session
+from ident.robot.arm import ArmModel
+from ident.simulation.answer import Answer, TrueEffect
+from ident.simulation.causes import CATALOGUE, Circumstances
+from ident.simulation.decoys import add_decoy
+from ident.simulation.hardware import Hardware, draw_hardware
+from ident.simulation.mjcf import AddedBody, as_point
+from ident.simulation.record import Channels, Progress, draw_pauses, no_progress, record_runs
+from ident.simulation.request import EffectRequest, find_joint, parse_effect
+from ident.simulation.visibility import VisibilityMeter
+from ident.simulation.world import World
+from ident.simulation.world_arm import channels_of, draw_world_arm, friction_path, noise_floor, usable_band
+from ident.trajectories.kinds import plan_motions
+from ident.trajectories.profiles import stepped
+from ident.trajectories.reference import ReferenceMotion
+
+RICH = ("spline", "ladder", "sweep", "fourier", "chirp", "hold", "jointwise")
+"""Motions that let every effect be seen."""
+POOR = ("spline",)
+"""Motions of everyday use only."""
+ORIGIN = {"origin": "simulated by ident.simulation; not measured on hardware"}
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """A session to be simulated.
+
+    Attributes:
+        robot: URDF path or name.
+        effects: What is wrong, each ID:JOINT:SIZE.
+        seed: Of everything: arm, motions, noise.
+        arm_seed: Of the individual arm, if it is to be the same in several sessions; as `seed` if None.
+        motions: Kinds of motion, in turn.
+        runs: Number of runs.
+        duration: Rough duration of a run [s].
+        rate: Log rate [Hz].
+        velocity, commands, temperature: Whether these channels are logged.
+        payload: A known body at the flange.
+        decoys: Names of decoys.
+        pause: Bounds of the standstill between runs [s].
+        inertia_error: Standard deviation of the relative error of the URDF's inertias.
+        friction_spread: Relative change of the friction from run to run.
+        noise: Factor on the noise of torque and encoders.
+        measure: Whether the visible amplitude of every effect is measured for the answer.
+        coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
+        world: What the arm, its sensors and its log are like; see `in_world`. As the plant's own if None.
+        friction_factors: Factors on dry and viscous friction of each joint, as after a service; none if empty.
+    """
+
+    robot: str = "tm5-900"
+    effects: tuple[str | EffectRequest, ...] = ()
+    seed: int = 0
+    arm_seed: int | None = None
+    motions: tuple[str, ...] = RICH
+    runs: int = 10
+    duration: float = 8.0
+    rate: float = 250.0
+    velocity: bool = True
+    commands: bool = True
+    temperature: bool = False
+    payload: Payload | None = None
+    decoys: tuple[str, ...] = ()
+    pause: tuple[float, float] = (4.0, 12.0)
+    inertia_error: float = 0.03
+    friction_spread: float = 0.01
+    noise: float = 1.0
+    measure: bool = False
+    coarse: bool = False
+    world: World | None = None
+    friction_factors: tuple[float, ...] = ()
+
+    def in_world(self, world: World) -> SimulationOptions:
+        """These options in a world: what both speak of is the world's."""
+        return replace(
+            self,
+            world=world,
+            robot=world.robot,
+            runs=world.runs,
+            duration=world.run_duration_s,
+            rate=world.rate_hz,
+            velocity=world.velocity != "none",
+            inertia_error=0.0,
+            friction_spread=0.0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What a simulation gives.
+
+    Attributes:
+        session: As it would be recorded.
+        answer: What was wrong.
+        hardware: The hidden arm, for tests.
+        motions: What it was asked to do.
+        options: What was wanted.
+        meter: What measures how much causes show, on the arm without any.
+        seeds: Of the other parameters of each effect.
+    """
+
+    session: Session
+    answer: Answer
+    hardware: Hardware
+    motions: tuple[ReferenceMotion, ...]
+    options: SimulationOptions = SimulationOptions()
+    meter: VisibilityMeter | None = None
+    seeds: tuple[int, ...] = ()
+
+
+def simulate(
+    options: SimulationOptions,
+    name: str = "session",
+    progress: Progress = no_progress,
+    motions: Sequence[ReferenceMotion] | None = None,
+) -> Simulation:
+    """Simulates a session.
+
+    Args:
+        options: What is wanted.
+        name: Of the session.
+        progress: Called after each run.
+        motions: Motions to be run instead of planned ones.
+
+    Raises:
+        InputError: Unknown effect, joint, motion or decoy, or a size outside physics.
+    """
+    _check(options)
+    arm = ArmModel.load(options.robot)
+    requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
+    joints = [find_joint(request, arm) for request in requests]
+    plan_rng, effect_rng, run_rng, decoy_rng = np.random.default_rng(options.seed).spawn(4)
+    plans = tuple(motions) if motions is not None else _plan(arm, options, plan_rng)
+    healthy = _healthy(arm, options, decoy_rng)
+    clock_rng, record_rng = run_rng.spawn(2)
+    pauses = draw_pauses(len(plans), options.pause, clock_rng)
+    healthy, channels, floors, band = _surroundings(healthy, options, plans, pauses)
+    meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors, band)
+    hardware, effects = healthy, []
+    seeds = tuple(int(effect_rng.integers(2**63)) for _ in requests)
+    for request, joint, seed in zip(requests, joints, seeds, strict=True):
+        hardware, effect = _add_effect(request, joint, hardware, meter, seed, options)
+        effects.append(effect)
+    runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
+    payload = options.payload
+    session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
+    floor = dict(zip(arm.joint_names, map(float, floors), strict=True))
+    world = options.world.to_dict() if options.world else {}
+    losses = true_losses(healthy) if options.world else {}
+    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, world, losses)
+    return Simulation(session, answer, hardware, plans, options, meter, seeds)
+
+
+def _check(options: SimulationOptions) -> None:
+    bounds = {
+        "--rate": (options.rate, 10.0, 1000.0, "Hz"),
+        "inertia_error": (options.inertia_error, 0.0, 0.15, ""),
+        "friction_spread": (options.friction_spread, 0.0, 0.2, ""),
+        "noise": (options.noise, 0.0, 100.0, ""),
+        "--seed": (options.seed, 0, 2**63 - 1, ""),
+    }
+    if any(not 0.0 < factor <= 10.0 for factor in options.friction_factors):
+        raise InputError("friction_factors", str(options.friction_factors), "choose factors above 0, up to 10")
+    for key, (value, low, high, unit) in bounds.items():
+        if not low <= value <= high:
+            raise InputError(key, f"{value:g} {unit}".strip(), f"choose between {low:g} and {high:g} {unit}".strip())
+    if options.payload is not None and not 0.0 <= options.payload.mass_kg <= 1000.0:
+        raise InputError("--payload", f"a mass of {options.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
+    if not 0.0 <= options.pause[0] <= options.pause[1]:
+        raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
+
+
+def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[ReferenceMotion, ...]:
+    motions = plan_motions(arm, options.motions, options.runs, options.duration, rng)
+    return tuple(stepped(motion, options.world.reference) for motion in motions) if options.world else motions
+
+
+def _surroundings(
+    healthy: Hardware, options: SimulationOptions, plans: Sequence[ReferenceMotion], pauses: Sequence[float]
+) -> tuple[Hardware, Channels, Float[Array, " n"], Float[Array, " n"] | None]:
+    """The arm with its friction of each run, its log's channels, and each joint's noise floor [N m] and band [Hz]."""
+    world = options.world
+    if world is None:
+        channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
+        return healthy, channels, healthy.sensing.noise_floor, None
+    path = friction_path(world, healthy.n, plans, pauses, np.random.default_rng([options.seed, 2]))
+    healthy = healthy.replace(friction_path=path)
+    channels = channels_of(world, options.commands, options.temperature)
+    return healthy, channels, noise_floor(healthy, world, plans), usable_band(healthy, world)
+
+
+def true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
+    """Rotor inertia, viscous and dry friction of each joint, as a diagnosis tells them."""
+    law = hardware.friction
+    figures = (hardware.drive.rotor_inertia, law.viscous, law.coulomb)
+    keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
+    return {
+        joint: {key: float(values[j]) for key, values in zip(keys, figures, strict=True)}
+        for j, joint in enumerate(hardware.arm.joint_names)
+    }
+
+
+def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Generator) -> Hardware:
+    """The individual arm, with its known payload and decoys, before anything is wrong."""
+    seed = options.seed if options.arm_seed is None else options.arm_seed
+    own = np.random.default_rng([seed, 1])
+    world = options.world
+    hardware = draw_world_arm(arm, world, own) if world else draw_hardware(arm, own, options.inertia_error)
+    for decoy in options.decoys:
+        hardware = add_decoy(hardware, decoy, decoy_rng)
+    if options.payload is not None:
+        body = AddedBody(arm.links[-1], options.payload.mass_kg, as_point(options.payload.com_m))
+        hardware = hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
+    if options.friction_factors:
+        hardware = _serviced(hardware, np.array(options.friction_factors))
+    sensing = hardware.sensing
+    sensing = sensing.replace(
+        white=options.noise * sensing.white,
+        coloured=options.noise * sensing.coloured,
+        count_noise=options.noise * sensing.count_noise,
+    )
+    return hardware.replace(sensing=sensing, friction_spread=0.0 if world else options.friction_spread)
+
+
+def _serviced(hardware: Hardware, factors: Float[Array, " n"]) -> Hardware:
+    """The same arm, its joints rubbing more or less than before."""
+    law = hardware.friction
+    changed = law._replace(
+        coulomb=law.coulomb * factors,
+        bristle_stiffness=law.bristle_stiffness * factors,
+        viscous=law.viscous * factors,
+    )
+    return hardware.replace(friction=changed)
+
+
+def _add_effect(
+    request: EffectRequest,
+    joint: int,
+    hardware: Hardware,
+    meter: VisibilityMeter,
+    seed: int,
+    options: SimulationOptions,
+) -> tuple[Hardware, TrueEffect]:
+    """The hardware with one more effect, and the truth about it."""
+    cause = request.cause
+    alone = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(seed))
+    if request.amplitude is not None:
+        size = meter.find_size(cause, alone, request.amplitude, seed)
+    else:
+        size = cause.typical(alone) if request.size is None else request.size
+    size = cause.checked(alone, float(size))
+    names = hardware.arm.joint_names
+    visible: Float[Array, " n"] | tuple[()] = ()
+    if options.measure or request.amplitude is not None:
+        visible = meter.measure(cause, alone, size, seed)
+    changed, parameters = cause.apply(replace(alone, hardware=hardware), size)
+    return changed, TrueEffect(
+        effect=cause.id,
+        in_catalogue=cause.id in CATALOGUE,
+        joints=() if cause.whole_arm else (names[joint],),
+        size=size,
+        parameter=cause.parameter,
+        parameters=parameters,
+        visible_Nm=dict(zip(names, map(float, visible), strict=False)),
+    )

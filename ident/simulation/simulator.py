@@ -1,0 +1,264 @@
+"""Runs motions on a hidden arm in closed loop, one after the other, on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import InputError
+from ident.simulation.contact import no_contact
+from ident.simulation.friction import FrictionLaw
+from ident.simulation.hardware import Hardware
+from ident.simulation.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
+from ident.simulation.mjcf import build_model
+from ident.simulation.thermal import cool_down
+from ident.trajectories.reference import TICK_S, ReferenceMotion
+
+LARGEST_STEP_S = 5e-4
+# The spring between motor and link must turn by less than this angle of its own oscillation in a step.
+SPRING_PHASE = 0.6
+# How much longer the steps of a coarse simulation are.
+COARSER = 2.0
+# Velocity filter of the controller [rad/s].
+FILTER_RAD_S = 900.0
+# A softer loop filters more: its filter lies at this multiple of its bandwidth.
+FILTER_PER_BANDWIDTH = 11.25
+# Speed loops beyond this have no phase left: 42 degrees are lost in the filter, 37 in ticks and differences [rad/s].
+LARGEST_LOOP_RAD_S = 800.0
+# A controller that knows friction knows this share of it, and turns it round over this speed [rad/s].
+FED_FRICTION, FED_SPEED = 0.85, 0.02
+# Unrecorded: the arm comes from aside to where the run starts, and settles there [s].
+APPROACH_S, SETTLE_S, ASIDE_RAD = 0.5, 0.4, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The truth of one run at the controller's ticks.
+
+    Attributes:
+        motion: What was asked for.
+        start: Session clock at its first tick [s].
+        log: What happened, K ticks.
+    """
+
+    motion: ReferenceMotion
+    start: float
+    log: Log
+
+    @property
+    def times(self) -> Float[Array, " K"]:
+        """Time of the ticks since the start of the run [s]."""
+        return np.arange(len(self.log.angle)) * TICK_S
+
+
+class Simulator:
+    """One hidden arm, ready to run.
+
+    Args:
+        hardware: The arm.
+        rng: Source of encoder noise, of the friction's change from run to run, and of the approach.
+        coarse_step: Step of a coarse simulation [s] (`choose_step`), of first order: four times as quick, and good
+            enough to compare two simulations with the same step, whose errors cancel.
+    """
+
+    def __init__(self, hardware: Hardware, rng: np.random.Generator, coarse_step: float | None = None) -> None:
+        self.hardware, self.rng = hardware, rng
+        arm, drive = hardware.arm, hardware.drive
+        rotors = np.where(drive.elastic, 0.0, drive.rotor_inertia)
+        bodies = hardware.bodies.replace(joint_inertia=rotors)
+        self.step = coarse_step or choose_step(hardware)
+        first_order = coarse_step is not None or bool(drive.elastic.any())
+        self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, first_order)
+        self.data = mujoco.MjData(self.model)
+        self.state = fresh_state(arm.n)
+        self.control = self._control()
+
+    def run(
+        self,
+        motions: Sequence[ReferenceMotion],
+        pauses: Iterable[float],
+        progress: Callable[[], None],
+        feeds: Sequence[Float[Array, "K n"]] | None = None,
+    ) -> list[Trace]:
+        """All motions in order.
+
+        Args:
+            motions: What to do.
+            pauses: Standstill before each run [s].
+            progress: Called after each run.
+            feeds: Feed-forward torque of each motion [N m], if it is known already (`feed_forward`).
+
+        Raises:
+            InputError: The simulation left the finite numbers: an effect's size is beyond what the arm can bear.
+        """
+        traces, clock = [], 0.0
+        for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
+            clock += pause
+            self._cool(pause)
+            feed = feed_forward(self.hardware, motion) if feeds is None else feeds[number]
+            traces.append(self._run_one(number, motion, clock, feed))
+            clock += motion.duration
+            progress()
+        return traces
+
+    def _cool(self, pause: float) -> None:
+        """Lets the joints cool for a while [s]."""
+        rise = np.column_stack([self.state["lubricant_rise"], self.state["housing_rise"]])
+        cooled = cool_down(self.hardware.heat, rise, pause)
+        self.state["lubricant_rise"], self.state["housing_rise"] = cooled.T
+
+    def _run_one(self, number: int, motion: ReferenceMotion, clock: float, feed: Float[Array, "K n"]) -> Trace:
+        laws = self._laws(number)
+        approach = self._approach(motion.q[0])
+        self._place(approach.q[0])
+        way_there = approach, -approach.duration - TICK_S, feed_forward(self.hardware, approach)
+        for piece, start, ahead in (way_there, (motion, 0.0, feed)):
+            log = fresh_log(len(piece.q), self.hardware.n)
+            noise = self._loop_noise * self.rng.standard_normal(piece.q.shape)
+            views = self._engine, laws, self.control, round(TICK_S / self.step), self.state
+            run_loop(*views, piece.q, piece.dq, ahead, noise, start, log)
+            if not check_finite(log, self.data):
+                raise InputError(motion.name, "the simulation diverged", "choose a smaller effect")
+        return Trace(motion, clock, log)
+
+    def _laws(self, number: int) -> Laws:
+        """The laws of one run: friction changes a little from run to run."""
+        h = self.hardware
+        spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
+        if h.friction_path is not None:
+            spread = h.friction_path[number % len(h.friction_path)]
+        friction: FrictionLaw = h.friction._replace(
+            coulomb=h.friction.coulomb * spread[0], viscous=h.friction.viscous * spread[1]
+        )
+        here = h.contact_run in (-1, number)
+        contact = h.contact if here else no_contact()
+        return Laws(records(friction), records(h.drive), records(h.heat), records(h.outside), contact)
+
+    def _control(self) -> Array:
+        h = self.hardware
+        gains = controller_gains(h)
+        filter_rad_s, resolution, self._loop_noise = _feedback(h, gains[1])
+        law = Control(
+            *gains,
+            limit=np.array(h.drive.effort_limit),
+            resolution=resolution,
+            offset=np.array(h.sensing.encoder_offset),
+            smoothing=np.full(h.n, -np.expm1(-filter_rad_s * TICK_S)),
+        )
+        return records(law)
+
+    def _approach(self, goal: Float[Array, " n"]) -> ReferenceMotion:
+        """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""
+        aside = ASIDE_RAD * self.rng.uniform(-1.0, 1.0, self.hardware.n)
+        s = np.clip(np.arange(round((APPROACH_S + SETTLE_S) / TICK_S)) * TICK_S / APPROACH_S, 0.0, 1.0)
+        path = goal + np.outer((1.0 - s) ** 3 * (1.0 + 3.0 * s + 6.0 * s**2), aside)
+        dq = np.gradient(path, TICK_S, axis=0)
+        return ReferenceMotion("approach", path, dq, np.gradient(dq, TICK_S, axis=0))
+
+    def _place(self, q: Float[Array, " n"]) -> None:
+        """Puts the arm at rest into a pose; temperatures stay."""
+        n, state = self.hardware.n, self.state
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:n] = q - self.hardware.sensing.encoder_offset
+        warmth = state[["lubricant_rise", "housing_rise"]].copy()
+        state[:] = np.zeros(1, dtype=state.dtype)
+        state[["lubricant_rise", "housing_rise"]] = warmth
+        state["motor_angle"] = self.data.qpos[:n]
+        state["reading"] = q
+        state["torque"] = self.hardware.arm.gravity(q[None])[0]
+        if self.model.nq > n:  # liquid hangs where its springs bear it
+            mujoco.mj_kinematics(self.model, self.data)
+            turn = self.data.body("slosh").xmat.reshape(3, 3)
+            stiffness = self.model.jnt_stiffness[n:].reshape(3, -1)[:, 0]
+            mass = float(self.model.body("slosh").mass[0])
+            self.data.qpos[n:] = turn.T @ self.model.opt.gravity * mass / stiffness
+        mujoco.mj_forward(self.model, self.data)
+        self._engine = engine(self.model, self.data)
+
+
+def feed_forward(hardware: Hardware, motion: ReferenceMotion) -> Float[Array, "K n"]:
+    """What the controller expects a motion to take [N m], of the nominal arm.
+
+    Without a model it is gravity alone, which the integrator of such a loop holds.
+    """
+    arm = hardware.arm
+    if hardware.feed_forward == "none":
+        return arm.gravity(motion.q)
+    torque = arm.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    if hardware.feed_forward == "friction":
+        law = hardware.friction
+        torque = torque + FED_FRICTION * (law.coulomb * np.tanh(motion.dq / FED_SPEED) + law.viscous * motion.dq)
+    return torque
+
+
+def _feedback(hardware: Hardware, damping: Float[Array, " n"]) -> tuple[float, Array, float | Array]:
+    """Velocity filter [rad/s], resolution [rad] and noise [counts] of the encoders as the loop sees them."""
+    sensing = hardware.sensing
+    count = np.array(sensing.count)
+    if hardware.loop_noise is None:
+        return FILTER_RAD_S, count, sensing.count_noise
+    filter_rad_s = min(FILTER_RAD_S, FILTER_PER_BANDWIDTH * hardware.bandwidth)
+    most = hardware.loop_noise * hardware.drive.effort_limit / (damping * filter_rad_s)
+    resolution = np.minimum(count, np.sqrt(12.0) * most)
+    return filter_rad_s, resolution, np.minimum(sensing.count_noise * count, most) / resolution
+
+
+def choose_step(hardware: Hardware, coarse: bool = False) -> float:
+    """Step of the simulation [s]: half a tick, or the next power of two that resolves every spring.
+
+    Args:
+        hardware: The arm.
+        coarse: Whether twice as long a step is good enough.
+    """
+    longer = COARSER if coarse else 1.0
+    step = LARGEST_STEP_S * longer
+    drive = hardware.drive
+    if not drive.elastic.any():
+        return step
+    step /= 2.0
+    link = least_link_inertia(hardware)
+    reduced = 1.0 / (1.0 / link + 1.0 / drive.rotor_inertia)
+    fastest = np.sqrt(drive.stiffness / reduced)[drive.elastic].max()
+    while fastest * step > SPRING_PHASE * longer and step > 1e-5:
+        step /= 2.0
+    return step
+
+
+def least_link_inertia(hardware: Hardware) -> Float[Array, " n"]:
+    """Least inertia that each joint's spring can see: the link's with all others free, over some poses [kg m²]."""
+    arm = hardware.arm
+    rng = np.random.default_rng(0)
+    rotors = np.where(hardware.drive.elastic, 0.0, hardware.drive.rotor_inertia)
+    least = np.full(arm.n, np.inf)
+    for pose in np.clip(rng.uniform(-1.5, 1.5, (12, arm.n)), arm.lower, arm.upper):
+        mass = mass_matrix(hardware, pose) + np.diag(rotors)
+        least = np.minimum(least, 1.0 / np.diag(np.linalg.inv(mass)))
+    return least
+
+
+def mass_matrix(hardware: Hardware, q: Float[Array, " n"]) -> Float[Array, "n n"]:
+    """Joint-space inertia of the nominal links at a pose, without rotors [kg m²]."""
+    arm, unit = hardware.arm, np.eye(hardware.n)
+    pose = np.repeat(q[None], arm.n, axis=0)
+    columns = arm.inverse_dynamics(pose, np.zeros_like(unit), unit) - arm.gravity(pose)
+    return 0.5 * (columns + columns.T)
+
+
+def controller_gains(hardware: Hardware) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Stiffness [N m/rad] and damping [N m s/rad] for the controller's bandwidth at a middling pose.
+
+    Softer where the lightest that the motor ever feels (its rotor alone behind a spring, the link with all others free
+    else) would be driven faster than the loop's filter and ticks can follow.
+    """
+    arm = hardware.arm
+    pose = np.clip(np.full(arm.n, 0.6), arm.lower, arm.upper)
+    inertia = np.diag(mass_matrix(hardware, pose)) + hardware.drive.rotor_inertia
+    w, drive = hardware.bandwidth, hardware.drive
+    damping = 2.0 * hardware.damping_ratio * w * inertia
+    lightest = np.where(drive.elastic, drive.rotor_inertia, least_link_inertia(hardware))
+    softer = np.minimum(1.0, LARGEST_LOOP_RAD_S * lightest / damping)
+    return softer**2 * w**2 * inertia, softer * damping

@@ -1,0 +1,347 @@
+"""How much of an effect shows: what is left of it after a fit of the ordinary model, against the noise floor.
+
+The arm runs with and without the effect, both without sensor noise and with the same chance. From each torque the
+best rigid body and linear friction is taken away; the root mean square of the difference is the visible amplitude.
+
+Source: Frisch and Waugh 1933, Lovell 1963 (partial regression).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from ident.arrays import Array, Float, freeze
+from ident.errors import InputError
+from ident.simulation.causes.base import Cause, Circumstances, View
+from ident.simulation.contact import Contact
+from ident.simulation.hardware import Hardware
+from ident.simulation.sensing import read_torque, sample
+from ident.simulation.simulator import Simulator, Trace, choose_step, feed_forward
+from ident.simulation.sizing import SAME, SizeSearch, find_size
+from ident.trajectories.reference import TICK_S, ReferenceMotion
+
+STRIDE_S = 0.02
+# Slower than this a joint counts as standing still: it may hold any torque [rad/s].
+STILL_RAD_S = 0.02
+TOLERANCE = 0.04
+# A size that shows so much less or more than is wanted is still taken where none comes nearer.
+ACCEPTED = 0.8, 1.25
+# What is quicker than this is nothing that a diagnosis sees, and at the stride would pass for something slower: it is
+# taken out of every signal [Hz]. Where a joint's band is narrower, pieces shorter than three times this many samples
+# stay as they are.
+WHOLE_BAND_HZ, LEAST_FILTERED = 20.0, 15
+# Length of motion on which most causes are measured, where the simulation is fine [s].
+ENOUGH_S = 40.0
+_SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
+
+
+@dataclass(frozen=True, eq=False)
+class VisibleRows:
+    """Samples of all runs of an arm without noise, stacked.
+
+    Attributes:
+        columns: What the ordinary model can explain, shape (T, n, m).
+        torque: Torque as the drives read it [N m], shape (T, n).
+        known: Share of it that the model is not free to change [N m], shape (T, n).
+        moving: Whether each joint moves, shape (T, n).
+        speed: Of the joints [rad/s], shape (T, n).
+        run, time: Number of the run, and time since its start [s], shape (T,).
+    """
+
+    columns: Float[Array, "T n m"]
+    torque: Float[Array, "T n"]
+    known: Float[Array, "T n"]
+    moving: Array
+    speed: Float[Array, "T n"]
+    run: Array
+    time: Float[Array, " T"]
+
+
+def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
+    """Samples of all runs with the columns of a view."""
+    parts = [_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces)]
+    stacked = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in VisibleRows.__dataclass_fields__
+    }
+    return VisibleRows(**stacked)
+
+
+def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> VisibleRows:
+    ticks, times = trace.times, _sample_times(trace)
+    log, arm = trace.log, hardware.arm
+    speed = _slow(log.speed)
+    q = sample(ticks, log.angle + hardware.sensing.encoder_offset, times)
+    dq = sample(ticks, speed, times)
+    ddq = sample(ticks, np.gradient(speed, TICK_S, axis=0), times)
+    direction = sample(ticks, _slow(np.sign(log.speed)), times)  # filtered like the torque that turns round with it
+    own = [ddq, dq, direction] + ([] if view == "raw" else [np.ones_like(q)])
+    columns = [value[:, :, None] * np.eye(arm.n) for value in own]
+    if view == "refit":
+        columns.insert(0, arm.regressor(q, dq, ddq))
+    known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
+    count = np.full(len(times), number)
+    torque = _reading(hardware, trace)
+    return VisibleRows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, dq, count, times)
+
+
+def _sample_times(trace: Trace) -> Float[Array, " T"]:
+    return np.arange(0.1, trace.times[-1] - 0.1, STRIDE_S)
+
+
+def _reading(hardware: Hardware, trace: Trace) -> Float[Array, "T n"]:
+    """Torque of one run as drives without noise read it [N m]."""
+    log, sensing, ticks = trace.log, hardware.sensing.silent(), trace.times
+    read = read_torque(sensing, ticks, log.torque, log.speed, ticks, trace.start, np.random.default_rng(0))
+    return sample(ticks, _slow(read), _sample_times(trace))
+
+
+def _slow(values: Float[Array, "K n"]) -> Float[Array, "K n"]:
+    """Values at the controller's ticks without what their samples at the stride could only misread."""
+    return np.asarray(sosfiltfilt(_SLOW, values, axis=0, padlen=min(150, len(values) - 1)))
+
+
+def moves_alike(one: Hardware, other: Hardware) -> bool:
+    """Whether two arms differ in nothing but how their drives read the torque: then they move alike."""
+    parts = [part.name for part in fields(Hardware) if part.name != "sensing"]
+    same = all(getattr(one, name) is getattr(other, name) for name in parts)
+    return same and np.array_equal(one.sensing.encoder_offset, other.sensing.encoder_offset)
+
+
+def remainder(rows: VisibleRows) -> Float[Array, "T n"]:
+    """Torque that no ordinary model explains [N m]; zero where a joint stands still."""
+    mask = rows.moving.ravel()
+    flat = rows.columns.reshape(-1, rows.columns.shape[2])
+    used, torque = flat[mask], (rows.torque - rows.known).ravel()
+    normal = used.T @ used
+    scale = np.sqrt(np.diag(normal)) + 1e-9
+    # A touch of ridge: rigid-body columns are dependent.
+    solved = np.linalg.solve(normal / np.outer(scale, scale) + 1e-8 * np.eye(len(scale)), used.T @ torque[mask] / scale)
+    rest = np.where(mask, torque - flat @ (solved / scale), 0.0)
+    return rest.reshape(rows.torque.shape)
+
+
+def amplitude(
+    after: VisibleRows, before: VisibleRows, window: Array | None = None, band: Float[Array, " n"] | None = None
+) -> Float[Array, " n"]:
+    """RMS of the difference of two remainders where both move [N m].
+
+    Args:
+        after, before: With a cause and without.
+        window: Samples that count; all if None.
+        band: Frequency up to which each joint can be seen [Hz]; without bound if None.
+    """
+    both = after.moving & before.moving
+    if window is not None:
+        both = both & window[:, None]
+    difference = np.where(both, remainder(after) - remainder(before), 0.0)
+    if band is not None:
+        difference = in_band(difference, after.run, band)
+    return np.sqrt((difference**2).sum(axis=0) / np.maximum(both.sum(axis=0), 1))
+
+
+def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -> Float[Array, "T n"]:
+    """Each run's values without what is quicker than the band of each joint [Hz]."""
+    kept = np.array(values)
+    for j in np.flatnonzero(band < WHOLE_BAND_HZ):
+        filter_sos = butter(2, band[j], fs=1.0 / STRIDE_S, output="sos")
+        for number in np.unique(run):
+            own = run == number
+            if own.sum() > 3 * LEAST_FILTERED:
+                kept[own, j] = sosfiltfilt(filter_sos, kept[own, j], padlen=LEAST_FILTERED)
+    return kept
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a cause leaves over time after the best ordinary model.
+
+    Attributes:
+        torque: [N m], shape (T, n); zero where a joint stands still.
+        moving: Whether each joint moves, shape (T, n).
+        run: Number of each sample's run, shape (T,).
+        speed: Of the joints without the cause [rad/s], shape (T, n).
+        share: Share of the session's runs that were simulated.
+    """
+
+    torque: Float[Array, "T n"]
+    moving: Array
+    run: Array
+    speed: Float[Array, "T n"]
+    share: float
+
+    def level(self, floor: Float[Array, " n"]) -> float:
+        """Visible amplitude over the noise floor at the joint where that is largest."""
+        counts = np.maximum(self.moving.sum(axis=0), 1)
+        return float((np.sqrt((self.torque**2).sum(axis=0) / counts) / floor).max())
+
+
+class Way(NamedTuple):
+    """How runs are simulated to be compared.
+
+    Attributes:
+        all_runs: Whether all of them, or evenly chosen ones of about `ENOUGH_S` together.
+        coarse_step: Step of a coarse simulation [s]; None for a fine one.
+    """
+
+    all_runs: bool
+    coarse_step: float | None
+
+
+class VisibilityMeter:
+    """Measures and sets the visible amplitude of causes on one arm and session.
+
+    A fine meter takes some of the runs at the full rate of the simulation; a coarse one takes all of them in longer
+    steps, which is quicker, and truer to the session where its runs differ.
+
+    Args:
+        hardware: The arm without them.
+        motions, pauses: The session.
+        seed: Of the chance that runs with and without a cause share.
+        coarse: Whether to measure the whole session coarsely.
+        floor: Noise floor of each joint [N m]; that of the torque readings if None.
+        band: Frequency up to which encoder noise lets each joint be seen [Hz]; without bound if None.
+    """
+
+    def __init__(
+        self,
+        hardware: Hardware,
+        motions: Sequence[ReferenceMotion],
+        pauses: Sequence[float],
+        seed: int,
+        coarse: bool = False,
+        floor: Float[Array, " n"] | None = None,
+        band: Float[Array, " n"] | None = None,
+    ) -> None:
+        self.band = band
+        self.floor = hardware.sensing.noise_floor if floor is None else floor
+        self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
+        self.coarse = coarse
+        self._feeds: list[Float[Array, "K n"]] = []
+        self._plain_traces: dict[Way, list[Trace]] = {}
+        self._plain_rows: dict[tuple[Way, View], VisibleRows] = {}
+        self._beside: dict[tuple[str, int, Way, View], VisibleRows] = {}
+        self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
+
+    @property
+    def feeds(self) -> list[Float[Array, "K n"]]:
+        """Feed-forward torque of each motion [N m], worked out once for all simulations of the session."""
+        if not self._feeds:
+            self._feeds = [feed_forward(self.hardware, motion) for motion in self.motions]
+        return self._feeds
+
+    def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
+        """Visible amplitude of a cause of a given size at each joint [N m]; measured once.
+
+        Args:
+            cause: What is wrong.
+            scene: Where, on the meter's arm; its generator is not used.
+            size: How much.
+            seed: Of the cause's other parameters.
+        """
+        key = cause.id, scene.joint, size, seed
+        if key not in self._seen:
+            hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
+            way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
+            before = self._without(cause, scene, way, cause.view)
+            after = self._changed(hardware, way, cause.view)
+            window = _window(hardware.contact, hardware.contact_run, after)
+            self._seen[key] = freeze(amplitude(after, before, window, self.band))
+        return self._seen[key]
+
+    def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
+        """What a cause leaves over time, in a coarse simulation of all runs or of evenly chosen ones.
+
+        Args:
+            cause, scene, size, seed: As of `measure`.
+            view: What a fit may absorb.
+            all_runs: Whether all of them.
+        """
+        hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
+        elastic = bool(hardware.drive.elastic.any())
+        step = choose_step(hardware if elastic else self.hardware, coarse=True)
+        way = Way(all_runs, step)
+        before, after = self._without(cause, scene, way, view), self._changed(hardware, way, view)
+        both = after.moving & before.moving
+        left = np.where(both, remainder(after) - remainder(before), 0.0)
+        used = len(self.motions[:: self._skip(way)]) / len(self.motions)
+        return Shown(left, both, before.run, before.speed, used)
+
+    def _without(self, cause: Cause, scene: Circumstances, way: Way, view: View) -> VisibleRows:
+        """What a cause is compared with: mostly the arm as it is."""
+        if cause.beside is None:
+            return self._plain(way, view)
+        key = cause.id, scene.joint, way, view
+        if key not in self._beside:
+            self._beside[key] = self._changed(cause.beside(scene), way, view)
+        return self._beside[key]
+
+    def _plain(self, way: Way, view: View) -> VisibleRows:
+        """The arm without a cause."""
+        if (way, view) not in self._plain_rows:
+            if way not in self._plain_traces:
+                self._plain_traces[way] = self._traces(self.hardware, way)
+            self._plain_rows[way, view] = gather(self.hardware, self._plain_traces[way], view)
+        return self._plain_rows[way, view]
+
+    def _changed(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
+        """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
+        if moves_alike(hardware, self.hardware):
+            readings = [_reading(hardware, trace) for trace in self._plain_traces[way]]
+            return replace(self._plain_rows[way, view], torque=np.concatenate(readings))
+        return gather(hardware, self._traces(hardware, way), view)
+
+    def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
+        """Runs without sensor noise."""
+        skip = self._skip(way)
+        silent = hardware.replace(sensing=hardware.sensing.silent())
+        simulator = Simulator(silent, np.random.default_rng(self.seed), way.coarse_step)
+        return simulator.run(self.motions[::skip], self.pauses[::skip], lambda: None, self.feeds[::skip])
+
+    def _skip(self, way: Way) -> int:
+        """Which runs are simulated: every so many."""
+        total = sum(motion.duration for motion in self.motions)
+        return 1 if way.all_runs else max(int(total / ENOUGH_S), 1)
+
+    def share(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
+        """Visible amplitude over the noise floor: at the cause's joint, or where it shows most."""
+        seen = self.measure(cause, scene, size, seed) / self.floor
+        return float(seen.max() if cause.whole_arm else seen[scene.joint])
+
+    def find_size(self, cause: Cause, scene: Circumstances, wanted: float, seed: int) -> float:
+        """The size whose visible amplitude is a multiple of the noise floor.
+
+        Raises:
+            InputError: No physical size shows that much.
+        """
+        low, high = cause.bounds(scene)
+        low, high = max(low, 1e-6 * high) * (1.0 + SAME), high * (1.0 - SAME)
+        small, large = (high, low) if cause.inverse else (low, high)
+        search = SizeSearch(float(np.clip(cause.typical(scene), low, high)), small, large)
+        size, seen = find_size(lambda one: self._share_or_inf(cause, scene, one, seed), wanted, search, TOLERANCE)
+        least, most = ACCEPTED
+        if not least * wanted <= seen <= most * wanted:
+            raise InputError(
+                f"--effect {cause.id}",
+                f"{wanted:g} times the noise floor can't be reached: {cause.parameter} = {size:.4g} shows {seen:.3g}",
+                "choose another amplitude, joint or motion",
+            )
+        return size
+
+    def _share_or_inf(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
+        """As `share`; a size at which the arm can't move any more shows without limit."""
+        try:
+            return self.share(cause, scene, size, seed)
+        except InputError:
+            return np.inf
+
+
+def _window(contact: Contact, run: int, rows: VisibleRows) -> Array | None:
+    """Samples during a push, if there is one: a burst would drown in the mean over the session."""
+    if contact.body == 0:
+        return None
+    return (rows.run == run) & (rows.time > contact.start) & (rows.time < contact.end)

@@ -1,0 +1,275 @@
+"""A world: what a diagnosis has no right to know of the arm and sensors that made its recordings.
+
+A world holds one value of every property below; a `WorldRange` holds bounds or choices, from which worlds are drawn:
+uniformly, or uniformly in the logarithm where the bounds lie far apart. Ranges are rows of `worlds.toml`.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.safe_read import read_toml
+
+EncoderSide = Literal["motor", "link"]
+VelocityChannel = Literal["none", "differenced", "filtered", "true"]
+FeedForward = Literal["none", "rigid", "friction"]
+ReferenceShape = Literal["smooth", "jerk", "acceleration"]
+
+
+@dataclass(frozen=True)
+class World:
+    """One world.
+
+    Attributes:
+        name: Of the range that it was drawn from.
+        robot: URDF path or name.
+        encoder_noise_rad: Standard deviation of a position reading before it is rounded [rad at the joint].
+        encoder_bits: A turn of the encoder has two to this many counts.
+        encoder_at: Whether the encoder that is logged sits on the motor or on the link.
+        rate_hz: Log rate [Hz].
+        jitter: Largest deviation of a sample's instant from the even grid, as a share of the interval.
+        lost: Share of samples that are missing.
+        torque_noise: Standard deviation of an unloaded joint's torque reading, as a share of rated torque.
+        coloured_share: Share of that variance which is coloured; the rest is white.
+        corner_hz: Corner frequency of the coloured part [Hz].
+        load_growth: Relative growth of the noise from no torque to rated torque.
+        friction_spread: Standard deviation of the relative change of friction from run to run.
+        friction_drift: Standard deviation of the relative change of friction that has gathered by the session's end.
+        velocity: Velocity channel: none, differences of the logged positions, the firmware's filter, or the truth.
+        velocity_delay_s: How late the firmware's filter is [s].
+        bandwidth_hz: Of the position loop [Hz].
+        feed_forward: What the controller adds: gravity alone (`none`), the rigid model, or that and friction.
+        reference: Whether the reference is smooth, or has steps of jerk or of acceleration.
+        friction_scale, rotor_scale, gear_scale: Factors on what an arm of this size usually has.
+        runs: Number of runs.
+        duration_s: Of all of them together, roughly [s].
+        link_error: Standard deviation of the relative error of the URDF's masses and inertias.
+        com_error_m: Root mean square distance of the centres of mass from the URDF's [m].
+        copied_link: Whether one link of the URDF has the mass of its neighbour.
+    """
+
+    name: str
+    robot: str
+    encoder_noise_rad: float
+    encoder_bits: int
+    encoder_at: EncoderSide
+    rate_hz: float
+    jitter: float
+    lost: float
+    torque_noise: float
+    coloured_share: float
+    corner_hz: float
+    load_growth: float
+    friction_spread: float
+    friction_drift: float
+    velocity: VelocityChannel
+    velocity_delay_s: float
+    bandwidth_hz: float
+    feed_forward: FeedForward
+    reference: ReferenceShape
+    friction_scale: float
+    rotor_scale: float
+    gear_scale: float
+    runs: int
+    duration_s: float
+    link_error: float
+    com_error_m: float
+    copied_link: bool
+
+    @property
+    def run_duration_s(self) -> float:
+        """Rough duration of a run [s]."""
+        return max(self.duration_s / max(self.runs, 1), SHORTEST_RUN_S)
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> World:
+        """Inverse of `to_dict` after a passage through JSON."""
+        return cls(**values)
+
+
+SHORTEST_RUN_S = 3.0
+# Log rates that controllers and drivers really have [Hz]; a drawn rate is the nearest of them.
+RATES_HZ = (30.0, 50.0, 62.5, 100.0, 125.0, 200.0, 240.0, 250.0, 333.0, 500.0, 1000.0)
+
+_TABLES = tomllib.loads(Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8"))
+FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLES["full"].items()}
+"""Bounds of all that is a number, and choices of the rest: a world outside them is none that an arm lives in."""
+
+
+@dataclass(frozen=True)
+class WorldRange:
+    """Where worlds are drawn from.
+
+    Attributes:
+        name: Of the range.
+        about: One line for a person.
+        values: By field of `World`, two bounds of a number (equal ones fix it) or what is chosen from.
+    """
+
+    name: str
+    about: str
+    values: Mapping[str, tuple[Any, ...]]
+
+    def draw(self, rng: np.random.Generator) -> World:
+        """Draws a world. The same generator draws the same place of every range, whatever the others."""
+        drawn: dict[str, Any] = {"name": self.name}
+        for field in fields(World):
+            place = float(rng.random())
+            options = self.values.get(field.name, ())
+            if options and _is_choice(field.name):
+                drawn[field.name] = options[min(int(place * len(options)), len(options) - 1)]
+            elif options:
+                drawn[field.name] = _between(field.name, options, place)
+        return World(**drawn)
+
+    def with_values(self, name: str, values: Mapping[str, Any], where: str | Path) -> WorldRange:
+        """This range with some fields fixed or bounded anew, as a world's file tells them.
+
+        Raises:
+            InputError: An unknown field, or a value outside the bounds of all worlds.
+        """
+        for key in values:
+            if key not in FULL and key != "robot":
+                known = ", ".join(["preset", "robot", *FULL])
+                raise InputError(where, f"a world has no {key!r}", f"choose from: {known}")
+        checked = {key: _checked(key, value, where) for key, value in values.items()}
+        return replace(self, name=name, about=f"from {Path(str(where)).name}", values={**self.values, **checked})
+
+
+def _is_choice(name: str) -> bool:
+    return name == "robot" or isinstance(FULL[name][0], str | bool)
+
+
+def _between(name: str, bounds: tuple[Any, ...], place: float) -> float | int:
+    low, high = bounds
+    decades = low > 0.0 and high / low > 5.0 and name != "encoder_bits"
+    value = low * (high / low) ** place if decades else low + place * (high - low)
+    if name in ("encoder_bits", "runs"):
+        return round(value)
+    if name == "rate_hz" and low != high:
+        inside = [rate for rate in RATES_HZ if low <= rate <= high] or [value]
+        return min(inside, key=lambda rate: abs(float(np.log(rate / value))))
+    return float(f"{value:.4g}")
+
+
+def _checked(key: str, value: Any, where: str | Path) -> tuple[Any, ...]:
+    """Bounds or choices of a field from what a file says of it."""
+    options = tuple(value) if isinstance(value, list) else (value,)
+    if _is_choice(key):
+        allowed = FULL.get(key)
+        if not options or any(one not in allowed if allowed else not isinstance(one, str) for one in options):
+            listed = ", ".join(map(str, allowed)) if allowed else "names of robots"
+            raise InputError(where, f"{key} = {value!r}", f"choose from: {listed}")
+        return options
+    low, high = FULL[key]
+    pair = options if isinstance(value, list) else options * 2
+    numeric = len(pair) == 2 and all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in pair)
+    if not numeric or not pair[0] <= pair[1]:
+        raise InputError(where, f"{key} = {value!r}", "give a number, or two in order: [low, high]")
+    if pair[0] < low or pair[1] > high:
+        raise InputError(where, f"{key} = {value!r}", f"choose between {low:g} and {high:g}")
+    return pair
+
+
+def _preset(name: str) -> WorldRange:
+    own = dict(_TABLES["presets"][name])
+    about, sound = own.pop("about"), own.pop("sound", False)
+    values = {**_TABLES["full"], **_TABLES["start"], **(_TABLES["sound"] if sound else {}), **own}
+    return WorldRange(name, about, {key: tuple(one) for key, one in values.items()})
+
+
+PRESETS: dict[str, WorldRange] = {name: _preset(name) for name in _TABLES["presets"]}
+"""Ranges by name: what goes together in real cells, and `any`, where nothing does."""
+GROUPS: dict[str, tuple[str, ...]] = {name: tuple(some) for name, some in _TABLES["groups"].items()}
+"""Lists by name; a check takes the worlds of a list in turn."""
+
+
+def read_world_file(path: Path) -> WorldRange:
+    """A range of worlds from a TOML file: fields of `World`, and `preset`, the range that it starts from.
+
+    A list of two numbers is a pair of bounds; a list of words is a choice.
+
+    Raises:
+        InputError: Not a readable TOML file, an unknown preset or field, or a value out of bounds.
+    """
+    values = read_toml(path, "give a TOML file of a world")
+    preset = values.pop("preset", "any")
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise InputError(path, f"unknown preset {preset!r}", f"choose from: {', '.join(PRESETS)}")
+    return PRESETS[preset].with_values(path.stem, values, path)
+
+
+def find_world(name: str | Path) -> WorldRange:
+    """A range by its preset's name or from a TOML file.
+
+    Raises:
+        InputError: Neither.
+    """
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
+    path = Path(name)
+    if path.suffix == ".toml" or path.is_file():
+        return read_world_file(path)
+    listed = ", ".join(PRESETS)
+    raise InputError("--world", f"unknown world {str(name)!r}", f"give a TOML file or one of: {listed}")
+
+
+def find_worlds(text: str) -> tuple[WorldRange, ...]:
+    """Ranges of a comma-separated list of presets, files and groups; `-NAME` takes one out of what stands before.
+
+    Raises:
+        InputError: An unknown name, or nothing left.
+    """
+    chosen: list[WorldRange] = []
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        if part.startswith("-"):
+            gone = find_world(part[1:]).name
+            chosen = [one for one in chosen if one.name != gone]
+        else:
+            chosen += [find_world(name) for name in GROUPS.get(part, (part,))]
+    if not chosen:
+        raise InputError("--worlds", f"{text!r} names no world", f"choose from: {', '.join([*GROUPS, *PRESETS])}")
+    return tuple(chosen)
+
+
+def settle(
+    worlds: WorldRange,
+    seed: int,
+    robot: str | None = None,
+    runs: int | None = None,
+    run_duration: float | None = None,
+    rate: float | None = None,
+    velocity: bool | None = None,
+) -> World:
+    """Draws the world of one session; what the user asks for beside it holds.
+
+    Args:
+        worlds: Where from.
+        seed: Of the session.
+        robot, runs, rate: Instead of the world's own, where given; the rate in Hz.
+        run_duration: Rough duration of a run [s].
+        velocity: Whether there is a velocity channel.
+    """
+    world = worlds.draw(np.random.default_rng([seed, 6]))
+    world = replace(
+        world,
+        robot=world.robot if robot is None else robot,
+        runs=world.runs if runs is None else runs,
+        rate_hz=world.rate_hz if rate is None else rate,
+    )
+    if run_duration is not None:
+        world = replace(world, duration_s=run_duration * world.runs)
+    if velocity is not None:
+        own = world.velocity if world.velocity != "none" else "true"
+        world = replace(world, velocity=own if velocity else "none")
+    return world

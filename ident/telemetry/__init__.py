@@ -1,7 +1,0 @@
-"""Is a recording fit for use? Finds faults, mends what can be mended safely, and refuses what can't."""
-
-from ident.telemetry.inspection import inspect, inspect_sessions
-from ident.telemetry.report import TelemetryReport
-from ident.telemetry.streaming import inspect_parts
-
-__all__ = ["TelemetryReport", "inspect", "inspect_parts", "inspect_sessions"]

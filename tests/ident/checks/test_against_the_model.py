@@ -1,0 +1,191 @@
+"""Laws of a recording held against its robot: mount, order of columns, size of torques, joints that nobody recorded."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ident.checks.inspection import inspect_alone, inspect_sessions
+from ident.checks.mount import mend_mount
+from ident.checks.report import TelemetryReport
+from ident.errors import RecordingError
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.recordings.load import load_session
+from ident.recordings.recording import Recording, Session
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+from ident.robot.names import data_path
+from ident.sessions import open_sessions
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+REAL = {
+    "rokae": ("rokae_ar5", "rokae_ar5/robot.urdf"),
+    "airbot": ("airbot_play", "airbot_play/robot.urdf"),
+    "dual arm": ("dual_arm_v2", "dual_arm_v2/robot.urdf"),
+    "panda": ("panda/unisa_fer/panda_exciting_trajectory.db3", "panda"),
+    "ur10": ("ur10_cb/ur10_exciting_trajectory.db3", "ur10"),
+}
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return ArmModel.load("tm5-900")
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return load_session(data_path("logs/tm5_900/E1"))
+
+
+def found(session: Session, arm: ArmModel) -> TelemetryReport:
+    return inspect_alone(session, arm)
+
+
+def changed(session: Session, channel: str, change: object) -> Session:
+    """A session whose one channel is worked on, columns by joint."""
+    assert callable(change)
+    return session.replace(runs=[run.replace(**{channel: change(getattr(run, channel))}) for run in session.runs])
+
+
+def angle_between(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(one @ other / np.linalg.norm(one) / np.linalg.norm(other))))
+
+
+def require_mounts(session: Session, arm: ArmModel) -> None:
+    """Thirty orientations of the base, by chance: gravity is found within 3°, and nothing is refused for it."""
+    as_it_is = found(session, arm)
+    assert not as_it_is.find("mounting")
+    for k, turn in enumerate(Rotation.random(30, random_state=np.random.RandomState(7))):
+        wrong = arm.with_gravity(turn.apply(GRAVITY))
+        turned, issues = mend_mount(as_it_is.session, wrong)
+        off = angle_between(np.array(turned.model.gravity.linear), GRAVITY)
+        assert off < (3.0 if issues else 15.0)  # less is a tilt, for a diagnosis to find
+        if k < 2:
+            report = found(session, wrong)
+            assert {issue.issue for issue in report.fatal} <= {issue.issue for issue in as_it_is.fatal}
+            assert report.session.gravity is not None
+            assert "gravity_mps2 = [" in report.find("mounting")[0].remedy
+
+
+def test_gravity_is_found_however_the_base_is_mounted(session: Session, arm: ArmModel) -> None:
+    require_mounts(session, arm)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", REAL)
+def test_gravity_is_found_however_a_real_base_is_mounted(name: str, real_data: Path) -> None:
+    recording, robot = REAL[name]
+    urdf = real_data / robot
+    require_mounts(load_session(real_data / recording), ArmModel.load(urdf if urdf.is_file() else robot))
+
+
+def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: ArmModel, tmp_path: Path) -> None:
+    """session.toml's gravity, or the one that was found, goes with the session, the model, and what it is tested on."""
+    told = session.replace(gravity=(0.0, 0.0, -9.81))
+    write_session(told, tmp_path / "session")
+    again = load_session(tmp_path / "session")
+    assert again.gravity == (0.0, 0.0, -9.81)
+    opened = open_sessions(again, arm.with_gravity([9.81, 0.0, 0.0]))
+    np.testing.assert_allclose(opened.arm.model.gravity.linear, GRAVITY)
+    wall = open_sessions(session, arm.with_gravity([9.81, 0.0, 0.0]))
+    model = fit_hybrid(wall.motions, wall.arm, FitOptions(links=6, inertia="nominal", net="none"), []).model
+    model.save(tmp_path / "model")
+    loaded = HybridModel.load(tmp_path / "model")
+    np.testing.assert_allclose(loaded.arm.model.gravity.linear, wall.arm.model.gravity.linear)
+    assert angle_between(np.array(wall.arm.model.gravity.linear), GRAVITY) < 3.0
+
+
+PAIRS = [(1, 2), (4, 5), (0, 3)]
+
+
+@pytest.mark.parametrize("channels", [("effort",), ("position", "velocity")])
+@pytest.mark.parametrize("pair", PAIRS)
+def test_columns_under_another_joints_name_are_found(
+    pair: tuple[int, int], channels: tuple[str, ...], session: Session, arm: ArmModel
+) -> None:
+    order = list(range(6))
+    order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
+    swapped = session
+    for channel in channels:
+        swapped = changed(swapped, channel, lambda values: values[:, order])
+    (issue,) = found(swapped, arm).find("columns_swapped")
+    assert issue.severity == "fatal"
+    assert set(issue.joints) == {session.joints[j] for j in pair}
+
+
+def test_three_columns_in_a_ring_are_found(session: Session, arm: ArmModel) -> None:
+    turned = changed(session, "effort", lambda values: values[:, [1, 2, 0, 3, 4, 5]])
+    (issue,) = found(turned, arm).find("columns_swapped")
+    assert set(issue.joints) == set(session.joints[:3])
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("factor", [0.5, 0.9, 1.12])
+def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
+    joint: int, factor: float, session: Session, arm: ArmModel
+) -> None:
+    """Law: the scale that is told follows the planted factor to 1e-9; the interval is of its size."""
+    from ident.checks.effort import collect_states
+    from ident.checks.scale import fit_scale
+
+    def scaled(values: np.ndarray) -> np.ndarray:
+        return values * np.where(np.arange(6) == joint, factor, 1.0)
+
+    report = found(changed(session, "effort", scaled), arm)
+    first = report.issues[0]
+    assert first.issue == "torque_scale"
+    assert session.joints[joint] in first.joints
+    assert report.verdict == "to be used with care: torque_scale"
+    pair = [collect_states(one.session, arm) for one in (found(session, arm), report)]
+    assert pair[0] is not None
+    assert pair[1] is not None
+    (before, _), (after, error) = (fit_scale(states, joint) for states in pair if states is not None)
+    assert after == pytest.approx(factor * before, rel=1e-6)
+    assert abs(after - factor) < max(0.08 * factor, 3.0 * error)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e9])
+def test_effort_beyond_any_rating_is_refused_with_the_factor(factor: float, session: Session, arm: ArmModel) -> None:
+    loud = changed(session, "effort", lambda values: values * np.array([1, 1, 1, 1, 1, factor]))
+    (issue,) = found(loud, arm).find("effort_not_torque")
+    assert issue.joints == ("joint_6",)
+    assert "times the 43 N m that it is rated for" in issue.evidence
+
+
+def test_one_joints_columns_alone_while_others_moved_are_refused(session: Session, arm: ArmModel) -> None:
+    alone = session.replace(runs=[run.select(["joint_3"]) for run in session.runs])
+    told = found(alone, arm).find("joints_locked")
+    assert told[0].severity == "fatal"
+    assert "seem to have moved" in told[0].evidence
+
+
+def test_guessed_gains_are_told_and_make_no_recording_fit_without_a_word(
+    session: Session, arm: ArmModel, tmp_path: Path
+) -> None:
+    """session.toml marks them; two sessions of one arm with different guesses are told so."""
+    gains = dict.fromkeys(session.joints, 10.0)
+    lines = "".join(f"{joint} = 10.0\n" for joint in session.joints)
+    write_session(session, tmp_path / "session")
+    (tmp_path / "session/session.toml").write_text(f"[drive_gain_Nm_per_A]\n{lines}guessed = true\n")
+    marked = load_session(tmp_path / "session")
+    assert marked.guessed_gains == gains
+    report = found(marked, arm)
+    assert report.find("guessed_gains")[0].joints == session.joints
+    assert report.verdict == "to be used with care: guessed_gains"
+    other = marked.replace(guessed_gains={**gains, "joint_2": 12.0}, name="other")
+    first, _ = inspect_sessions([marked, other], arm)
+    assert any("other" in issue.evidence and "joint_2" in issue.joints for issue in first.find("guessed_gains"))
+
+
+def test_an_effort_of_zeros_is_refused(session: Session, arm: ArmModel) -> None:
+    (report,) = inspect_sessions([changed(session, "effort", np.zeros_like)], arm)
+    assert not report.is_fit
+
+
+def test_nothing_is_written_where_nothing_is_left(session: Session, arm: ArmModel, tmp_path: Path) -> None:
+    run: Recording = session.runs[0]
+    empty = run.at(slice(0, 0))
+    with pytest.raises(RecordingError, match="nothing that can be used is left"):
+        TelemetryReport(session.replace(runs=[run, empty]), (), arm).mend(tmp_path / "mended")
+    assert not (tmp_path / "mended").exists()

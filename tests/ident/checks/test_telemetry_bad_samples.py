@@ -1,0 +1,175 @@
+"""Law: one bad value anywhere is found, told and cut out; what is left is the clean session without that row."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from faults import Column, spoil, spoil_column
+
+from ident.checks import TelemetryReport, inspect
+from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
+from ident.checks.filtered_run import filter_run
+from ident.checks.motion import mend_time_unit
+from ident.checks.repeated import find_repeated
+from ident.checks.spikes import mend_absurd, mend_channel_spikes
+from ident.recordings.recording import Recording, Session
+from ident.robot.arm import ArmModel
+
+
+def found(report: TelemetryReport) -> dict[str, str]:
+    return {issue.issue: issue.severity for issue in report.issues}
+
+
+def set_value(row: int | slice, value: float) -> Column:
+    def change(values: np.ndarray) -> np.ndarray:
+        changed = np.array(values)
+        changed[row] = value
+        return changed
+
+    return change
+
+
+SIZES = {
+    "effort": (400.0, 1e3, 1e4, -1e4, 1e8, 1e282),
+    "position": (7.5, 1e3, -1e6, 1e282),
+    "velocity": (1e2, -1e5, 1e282),
+}
+
+
+@pytest.mark.parametrize("channel", SIZES)
+@pytest.mark.parametrize("row", [0, 1, 733, -2, -1])
+def test_one_bad_sample_is_cut_out(channel: str, row: int, clean: Session) -> None:
+    bad = range(len(clean.runs[3]))[row]
+    for joint, size in enumerate(SIZES[channel]):
+        spoilt = spoil_column(clean, channel, joint, set_value(row, size), 3)
+        session, absurd = mend_absurd(spoilt)
+        session, spikes = mend_channel_spikes(session)
+        (issue,) = (*absurd, *spikes)
+        assert issue.issue == ("effort_spike" if channel == "effort" and size < 1e12 else "garbage_cells")
+        assert clean.joints[joint] in issue.joints
+        # The bad row is gone; where torque turns round beside it, its neighbour may go with it.
+        lost = np.flatnonzero(~np.isin(clean.runs[3].time, session.runs[3].time))
+        assert bad in lost
+        assert len(lost) <= 2
+        assert np.abs(lost - bad).max() <= 1
+        whole = np.isin(clean.runs[3].time, session.runs[3].time)
+        assert np.array_equal(session.runs[3].effort, clean.runs[3].effort[whole])
+        assert all(session.runs[k] is spoilt.runs[k] for k in (0, 1, 2, 4))
+
+
+@pytest.mark.parametrize("size", [300.0, 1e282])
+def test_a_bad_sample_changes_nothing_else(size: float, clean: Session, arm: ArmModel) -> None:
+    """The whole inspection finds the one fault, and no library warns of it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report = inspect(spoil_column(clean, "effort", 1, set_value(0, size), 0), arm)
+    assert found(report) == {"effort_spike" if size < 1e12 else "garbage_cells": "note"}
+
+
+def test_short_bursts_and_many_spikes(clean: Session) -> None:
+    session, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(300, 304), 900.0), 1))
+    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "note")]
+    assert session.samples == clean.samples - 4
+    _, issues = mend_channel_spikes(spoil_column(clean, "effort", 2, set_value(slice(None, None, 40), 900.0)))
+    assert [(one.issue, one.severity) for one in issues] == [("effort_spike", "fatal")]
+
+
+@pytest.mark.parametrize("size", [400.0, 1e4])
+@pytest.mark.parametrize("rows", [6, 40, 600])
+@pytest.mark.parametrize("together", [True, False])
+def test_many_bad_torques_are_cut_out_or_refused(
+    size: float, rows: int, together: bool, clean: Session, arm: ArmModel
+) -> None:
+    """Law: however many, in a row or scattered: told as what they are, and not one is left in the session."""
+    at = np.arange(300, 300 + rows) if together else np.random.default_rng(0).choice(1500, rows, replace=False)
+    report = inspect(spoil_column(clean, "effort", 1, set_value(at, size), 2), arm)
+    severity = "fatal" if rows > 100 else "warning" if rows > 10 else "note"
+    assert found(report) == {"effort_spike": severity} | {
+        key: "note" for key in ("jitter", "time_gap") if key in found(report)
+    }
+    assert max(np.abs(run.effort).max() for run in report.session.runs) < 300.0
+
+
+@pytest.mark.parametrize("size", [15.0, 400.0, 1e4])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_many_bad_positions_are_no_degrees(size: float, velocity: bool, clean: Session, arm: ArmModel) -> None:
+    """Law: damage is refused as damage, whatever unit it would have been."""
+    at = np.random.default_rng(0).choice(1500, 300, replace=False)
+    spoilt = spoil_column(clean, "position", 1, set_value(at, size), 2)
+    if not velocity:
+        spoilt = spoil(spoilt, lambda run: run.replace(velocity=None))
+    report = inspect(spoilt, arm)
+    assert (report.fatal[0].issue, report.fatal[0].joints) == ("garbage_cells", ("joint_2",))
+    assert not report.find("units_degrees")
+
+
+def test_a_broken_velocity_is_left_out(clean: Session, arm: ArmModel) -> None:
+    """Nobody needs it: the session is used without it."""
+    at = np.random.default_rng(0).choice(1500, 300, replace=False)
+    report = inspect(spoil_column(clean, "velocity", 1, set_value(at, 50.0), 2), arm)
+    assert found(report) == {"garbage_cells": "warning"}
+    assert all(run.velocity is None for run in report.session.runs)
+    assert report.session.samples == clean.samples
+
+
+def test_friction_alone_is_not_far(clean: Session) -> None:
+    """A joint that rests, and then has its friction at once, beside joints that carry the arm."""
+
+    def leaps(run: Recording) -> Recording:
+        effort = np.array(run.effort)
+        effort[:, 0] = np.where(np.arange(len(run)) % 500 < 300, 0.0, 25.0)
+        return run.replace(effort=effort)
+
+    assert mend_channel_spikes(spoil(clean, leaps))[1] == []
+
+
+def test_a_clean_session_has_no_spikes(clean: Session) -> None:
+    assert mend_channel_spikes(clean) == (clean, [])
+    assert mend_absurd(clean)[1] == []
+
+
+def with_time(change: Column) -> Callable[[Recording], Recording]:
+    def changed(run: Recording) -> Recording:
+        return run.replace(time=change(np.array(run.time)))
+
+    return changed
+
+
+def test_a_clock_that_is_set_while_recording(clean: Session) -> None:
+    """First stamp zero, then seconds since 1970: no grid lies between them."""
+    spoilt = spoil(clean, with_time(lambda time: np.concatenate([[0.0], time[1:] + 1.7e9])))
+    session, issues = mend_clock_jumps(spoilt)
+    assert [(one.issue, one.severity) for one in issues] == [("clock_jump", "note")]
+    assert session.samples == clean.samples - 5
+    amid = spoil(clean, with_time(lambda time: np.where(np.arange(len(time)) < 700, time, time + 1e15)), 2)
+    assert filter_run(amid.runs[2]) is None
+    assert len(mend_clock_jumps(amid)[0].runs) == 6
+
+
+@pytest.mark.parametrize("row", [0, 1, 500, -1])
+@pytest.mark.parametrize("stamp", [0.0, -1e9, 1e9, 1e18, 1e282, -1e282])
+def test_one_bad_stamp_is_cut_out(row: int, stamp: float, clean: Session) -> None:
+    session = spoil(clean, with_time(set_value(row, stamp)), 3)
+    for step in (mend_absurd, mend_order, mend_clock_jumps, split_at_gaps):
+        session, issues = step(session)
+        assert all(one.severity == "note" for one in issues)
+    assert clean.samples - 2 <= session.samples <= clean.samples
+    assert all(run.duration < 13.0 for run in session.runs)
+
+
+def test_whole_nanoseconds_are_read(clean: Session) -> None:
+    session = spoil(clean, with_time(lambda time: np.floor(time * 1e9) + 1_700_000_000_000_000_000))
+    session, issues = mend_time_unit(session)
+    assert [(one.issue, one.severity) for one in issues] == [("wrong_time_base", "note")]
+    assert session.runs[0].sample_interval == pytest.approx(clean.runs[0].sample_interval, rel=1e-4)
+    assert mend_time_unit(clean) == (clean, [])
+
+
+def test_the_same_recording_twice_is_told(clean: Session) -> None:
+    (issue,) = find_repeated([clean, clean.replace(name="copy")])
+    assert (issue.issue, issue.severity) == ("repeated_session", "fatal")
+    assert "copy/run0 is clean/run0" in issue.evidence
+    assert not find_repeated([clean])

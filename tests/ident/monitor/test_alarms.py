@@ -1,0 +1,120 @@
+"""Alarms of an arm: the figure that changed is named, dated and sized; the others are left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.monitor.alarms import HINT, Alarm, Point, find_changes
+from ident.monitor.gain_change import common_scale
+from ident.monitor.outliers import find_odd_sessions
+
+KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
+NAMES = [f"s{i:03}" for i in range(60)]
+
+
+def history(
+    rng: np.random.Generator, changes: dict[tuple[tuple[str, str], int], float], count: int = 60
+) -> dict[tuple[str, str], list[Point]]:
+    """Figures of mean 10 and spread 1, with steps from some session on."""
+    found = {}
+    for key in KEYS:
+        values = 10.0 + rng.standard_normal(count)
+        for (changed, start), size in changes.items():
+            if changed == key:
+                values[start:] += size
+        found[key] = [
+            Point(NAMES[i], f"2026-01-{i % 28 + 1:02}", float(v), v - 0.2, v + 0.2, 0.1) for i, v in enumerate(values)
+        ]
+    return found
+
+
+def alarms_of(changes: dict[tuple[tuple[str, str], int], float], seed: int) -> tuple[Alarm, ...]:
+    return find_changes("arm", history(np.random.default_rng(seed), changes), NAMES)[0]
+
+
+def test_an_arm_that_does_not_change_is_left_alone() -> None:
+    """Ten arms over 60 sessions of six figures."""
+    assert [alarms_of({}, seed) for seed in range(10)].count(()) >= 9
+
+
+def test_a_change_is_named_dated_and_sized() -> None:
+    """Joint 2's dry friction rises by four spreads at session 25."""
+    (alarm,) = alarms_of({(("joint_2", "coulomb"), 25): 4.0}, 1)
+    assert (alarm.joint, alarm.figure) == ("joint_2", "coulomb")
+    assert abs(NAMES.index(alarm.since) - 25) <= 1
+    assert alarm.low < 4.0 < alarm.high
+    assert 25 < NAMES.index(alarm.session) < 40
+    assert 0.95 < alarm.probability < 1.0
+    assert 0.6 < alarm.spread < 1.5
+
+
+def test_what_speaks_for_a_change_but_not_enough_is_a_hint() -> None:
+    """Nine sessions, the last five of them far off: no alarm, and what may be one soon."""
+    key = ("joint_2", "coulomb")
+    alarms, hint = find_changes("arm", history(np.random.default_rng(7), {(key, 4): 10.0}, 9), NAMES[:9])
+    assert alarms == ()
+    assert hint is not None
+    assert (hint.joint, hint.figure, hint.since) == (*key, NAMES[4])
+    assert hint.evidence >= HINT
+    quiet = [find_changes("arm", history(np.random.default_rng(seed), {}, 12), NAMES[:12])[1] for seed in range(20)]
+    assert quiet.count(None) >= 17
+
+
+def test_after_an_alarm_the_figure_starts_anew() -> None:
+    """A service takes the change back: told as a second one, from the changed state on."""
+    key = ("joint_1", "viscous")
+    first, second = alarms_of({(key, 15): 6.0, (key, 40): -6.0}, 4)
+    assert first.after - first.before > 4.0
+    assert second.after - second.before < -4.0
+    assert NAMES.index(second.session) >= 40
+
+
+def test_a_session_that_tells_a_figure_badly_is_passed_over() -> None:
+    """Fifteen short sessions, ten times as uncertain and far off, are no change."""
+    points = history(np.random.default_rng(6), {})
+    key = KEYS[0]
+    points[key][30:45] = [Point(p.session, p.date, 20.0, 10.0, 30.0, 5.0) for p in points[key][30:45]]
+    assert find_changes("arm", points, NAMES)[0] == ()
+
+
+def test_what_is_told_does_not_depend_on_what_comes_later() -> None:
+    """Looking after every session gives the alarms of one look at the end."""
+    points = history(np.random.default_rng(7), {(KEYS[1], 20): 5.0})
+    whole = find_changes("arm", points, NAMES)[0]
+    for end in (25, 30, 45):
+        cut = {key: own[:end] for key, own in points.items()}
+        assert find_changes("arm", cut, NAMES[:end])[0] == tuple(a for a in whole if NAMES.index(a.session) < end)
+    late = {**points, ("joint_2", "gain"): points[KEYS[0]][50:]}
+    assert find_changes("arm", late, NAMES)[0] == whole
+
+
+def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
+    """A tool left on for a day: named by its session and its oddest figure; a lasting change is not."""
+    points = history(np.random.default_rng(8), {(("joint_2", "viscous"), 30): 5.0})
+    key, place = ("joint_1", "coulomb"), 20
+    odd = points[key][place]
+    points[key][place] = Point(odd.session, odd.date, 25.0, 24.8, 25.2, 0.1)
+    alarms = find_changes("arm", points, NAMES)[0]
+    (found,) = find_odd_sessions("arm", points, alarms)
+    assert (found.joint, found.figure, found.session) == (*key, NAMES[place])
+    assert 9.0 < found.usual < 11.0
+    assert {(alarm.joint, alarm.figure) for alarm in alarms} == {("joint_2", "viscous")}
+
+
+def test_figures_that_change_alike_are_the_torques_scale() -> None:
+    """Eight per cent on all of them is the scale; on one of them, or on none, it is not."""
+    rng = np.random.default_rng(9)
+    means = {"gain": 1.0, "rotor": 0.8, "viscous": 11.0, "coulomb": 6.0, "offset": 0.3}
+
+    def days(factors: dict[str, float], count: int) -> dict[str, list[float]]:
+        return {
+            name: list(mean * factors.get(name, 1.0) * (1.0 + 0.01 * rng.standard_normal(count)))
+            for name, mean in means.items()
+        }
+
+    scale = common_scale(days({}, 8), days(dict.fromkeys(means, 1.08), 6))
+    assert scale is not None
+    assert scale[1] < 1.08 < scale[2]
+    assert scale[2] - scale[1] < 0.03
+    assert common_scale(days({}, 8), days({"coulomb": 1.08}, 6)) is None
+    assert common_scale(days({}, 8), days({}, 6)) is None

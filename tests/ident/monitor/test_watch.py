@@ -1,0 +1,152 @@
+"""`ident watch` as a lab runs it: every session once, whatever happens, and a store that others read."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from ident.api.watching import watch
+from ident.cli.app import app
+from ident.errors import InputError
+from ident.monitor.folder import FoundSession, date_of, find_sessions
+from ident.monitor.store import Store
+from ident.monitor.watch import Watch
+from ident.recordings.save import write_session
+from ident.robot.arm import ArmModel
+from tests.ident.made_up import made_session
+from tests.schemas import check_file
+
+ROBOT = "tm5-900"
+
+
+def record(folder: Path, arm: ArmModel, seed: int, viscous: float = 9.0, coulomb: float = 6.0) -> None:
+    """Three short runs of an arm with friction."""
+    rng = np.random.default_rng(seed)
+
+    def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        friction = viscous * dq + coulomb * np.tanh(dq / 0.005)
+        return arm.inverse_dynamics(q, dq, ddq) + friction + 0.3 * rng.standard_normal(q.shape)
+
+    write_session(made_session(arm, law, [seed, seed + 1, seed + 2], duration=6.0, rate=50.0), folder)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two arms with two sessions each, and one session in which nothing moves."""
+    folder, arm = tmp_path_factory.mktemp("arms"), ArmModel.load(ROBOT)
+    for i, name in enumerate(("2026-05-03", "26_05_10")):
+        record(folder / "left" / name, arm, 10 * i)
+        record(folder / "right" / name, arm, 10 * i + 5, viscous=12.0)
+    still = made_session(arm, lambda q, dq, ddq: q, [1], duration=6.0, rate=50.0)
+    still = still.replace(runs=[run.replace(position=0.0 * run.position) for run in still.runs])
+    write_session(still, folder / "right" / "still")
+    return folder
+
+
+def look(folder: Path, store: Path) -> Watch:
+    return watch(folder, store, ROBOT, diagnosed=False, settle=0.0)
+
+
+@pytest.fixture(scope="module")
+def watched(arms: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Watch]:
+    store = tmp_path_factory.mktemp("watched") / "store"
+    return store, look(arms, store)
+
+
+def test_every_session_is_looked_at_and_told(watched: tuple[Path, Watch]) -> None:
+    """Figures of what can be used, the reason for what can't; dates by the folders' names, in their order."""
+    store, found = watched
+    assert len(found.fresh) == 5
+    left, right = found.arms
+    assert [row["date"] for row in left.sessions] == ["2026-05-03", "2026-05-10"]
+    assert [row["status"] for row in right.sessions if row["session"] == "still"] == ["refused"]
+    for arm, viscous in ((left, 9.0), (right, 12.0)):
+        points = arm.figures["joint_2", "viscous"]
+        assert [abs(point.value - viscous) < 0.5 for point in points] == [True, True]
+    record = check_file(store / "watch.json")
+    assert record["arms"][0]["figures"]["joint_2/viscous"][0]["session"] == "2026-05-03"
+
+
+def test_others_read_the_store(watched: tuple[Path, Watch]) -> None:
+    """One table of all figures, by Arrow and by DuckDB where that is installed."""
+    store, _ = watched
+    rows = Store(store).read("figures")
+    assert {row["arm"] for row in rows} == {"left", "right"}
+    assert pq.read_schema(store / "alarms.parquet").names[0] == "arm"
+    duckdb = pytest.importorskip("duckdb")
+    query = f"select count(*) from '{store}/figures/*/*.parquet' where figure = 'viscous' and unit = 'N m s/rad'"
+    assert duckdb.sql(query).fetchall() == [(24,)]
+
+
+def test_pages_link_to_each_other(watched: tuple[Path, Watch]) -> None:
+    """The fleet's page names every arm and leads to its page, which shows each figure."""
+    store, _ = watched
+    index = (store / "index.html").read_text()
+    for arm in ("left", "right"):
+        assert f'href="arm-{arm}.html"' in index
+        page = (store / f"arm-{arm}.html").read_text()
+        assert page.count("<svg") >= 20
+    assert "None of 2 arms has changed" in index
+
+
+def test_a_session_is_looked_at_once_unless_it_changes(watched: tuple[Path, Watch], arms: Path, tmp_path: Path) -> None:
+    """A second look does nothing; a session whose last file of the store is missing, as after a kill, is done again."""
+    store = tmp_path / "store"
+    shutil.copytree(watched[0], store)
+    assert look(arms, store).fresh == ()
+    before = Store(store).place("figures", "left", "2026-05-03").read_bytes()
+    Store(store).place("sessions", "left", "2026-05-03").unlink()
+    assert look(arms, store).fresh == ("left/2026-05-03",)
+    assert Store(store).place("figures", "left", "2026-05-03").stat().st_size == len(before)
+
+
+def test_what_is_still_written_waits(arms: Path, tmp_path: Path) -> None:
+    """A session that was touched a moment ago is left alone until it rests."""
+    shutil.copytree(arms / "left" / "2026-05-03", tmp_path / "cell" / "today")
+    os.utime(next((tmp_path / "cell" / "today").glob("*.parquet")))
+    found = watch(tmp_path / "cell", tmp_path / "store", ROBOT, diagnosed=False, settle=3600.0)
+    assert (found.fresh, found.waiting) == ((), ("cell/today",))
+    assert "cell/today: waits" in found.summary()
+
+
+def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
+    """As cron runs it; a folder without sessions and a store of somebody else's are told in one line."""
+    shutil.copytree(arms / "right" / "still", tmp_path / "cell" / "still")
+    told = ["--store", str(tmp_path / "store"), "--robot", ROBOT, "--once", "--settle", "0", "--no-diagnose"]
+    done = CliRunner().invoke(app, ["watch", str(tmp_path / "cell"), *told, "--json", str(tmp_path / "watch.json")])
+    assert done.exit_code == 0, done.output
+    assert "1 arm, 1 session, 1 of them new" in done.output
+    check_file(tmp_path / "watch.json")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    with pytest.raises(InputError, match="something else"):
+        look(tmp_path / "cell", tmp_path / "mine")
+    with pytest.raises(InputError, match="holds no session"):
+        look(tmp_path / "mine", tmp_path / "store")
+
+
+def test_dates_come_from_the_settings_the_name_or_the_stamps(tmp_path: Path) -> None:
+    """What a person wrote goes first; a name that holds no date is none."""
+    session = FoundSession("arm", "ur-20_01_13-load", tmp_path, None, "", 0.0)
+    assert date_of(session, None) == "2020-01-13"
+    plain = FoundSession("arm", "run_99_99_99", tmp_path, None, "", 86400.0)
+    assert date_of(plain, None) == "1970-01-02T00:00:00"
+    assert date_of(plain, 1.7e9).startswith("2023-11-14")
+    (tmp_path / "session.toml").write_text("date = 2024-02-01\n")
+    assert date_of(session, None) == "2024-02-01"
+    (tmp_path / "session.toml").write_text('date = "soon"\n')
+    with pytest.raises(InputError, match="soon"):
+        date_of(session, None)
+
+
+def test_the_store_may_lie_in_the_folder(arms: Path, tmp_path: Path) -> None:
+    """It is no arm."""
+    shutil.copytree(arms / "right" / "still", tmp_path / "arm" / "still")
+    look(tmp_path, tmp_path / "store")
+    assert [one.key for one in find_sessions(tmp_path)] == ["arm/still"]

@@ -1,0 +1,184 @@
+"""What goal and position tell of a servo, and what they don't: on servos stepped by other code than the estimator's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ident import diagnose, servo
+from ident.cli.app import app
+from ident.errors import InputError
+from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
+from ident.servo.servo_fit import ServoJoint
+from ident.servo.servo_result import ServoArm
+from tests.ident.servo.servo_plant import Servo, one_link, record
+from tests.schemas import check_file, check_record
+
+
+def told(one: Servo, arm: ArmModel | None, seed: int = 0, quick: bool = True) -> tuple[ServoArm, ServoJoint]:
+    """What is told of four runs of a servo."""
+    runs = [record(one, 10 * seed + k, quick=quick) for k in range(4)]
+    # Each run has its own clock.
+    found = servo(Session("lever", tuple(runs), common_clock=False), arm)
+    return found, found.joints[0]
+
+
+def truth(one: Servo) -> dict[str, float]:
+    return {
+        "lag_s": one.damping / one.gain,
+        "dead_band_rad": one.friction / one.gain,
+        "zero_rad": one.zero,
+        "droop_rad_Nm": 1.0 / one.gain,
+        "gain_Nm_rad": one.gain,
+        "delay_s": one.delay,
+        "total_lag_s": one.delay + one.damping / one.gain,
+    }
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return one_link()
+
+
+def test_all_that_is_there_is_told_and_lies_in_its_interval(arm: ArmModel) -> None:
+    """Over servos that differ in everything nine of ten intervals hold the truth, and each figure is near it."""
+    rng, inside, count = np.random.default_rng(5), 0, 0
+    for k in range(5):
+        scale = np.exp(0.25 * rng.standard_normal(5))
+        one = Servo(8.0 * scale[0], 0.03, 0.6 * scale[1], 0.12 * scale[2], 0.024 * scale[3], 0.01 * scale[4])
+        found, joint = told(one, arm, k)
+        figures = {figure.name: figure for figure in joint.figures}
+        assert {"total_lag_s", "dead_band_rad", "droop_rad_Nm", "gain_Nm_rad"} <= set(figures), found.summary()
+        for name, value in truth(one).items():
+            if name in figures:
+                figure, count = figures[name], count + 1
+                inside += figure.low <= value <= figure.high
+                assert figure.value == pytest.approx(value, rel=0.3, abs=0.006), name
+        assert joint.rms_after < 0.2 * joint.rms_before
+    assert inside >= 0.85 * count
+    assert count >= 5 * 5
+
+
+def test_what_is_not_there_is_not_told(arm: ArmModel) -> None:
+    """No dead band and no offset: neither gets a figure, on any of several servos."""
+    wrong = []
+    for k in range(5):
+        _, joint = told(Servo(friction=0.0, zero=0.0), arm, 20 + k)
+        wrong += [figure.name for figure in joint.figures if figure.name in ("dead_band_rad", "zero_rad")]
+    assert wrong == []
+
+
+def test_slow_motion_tells_the_sum_of_delay_and_lag_but_not_the_delay(arm: ArmModel) -> None:
+    one = Servo(noise=0.01)
+    found, joint = told(one, arm, 40, quick=False)
+    figures = {figure.name: figure for figure in joint.figures}
+    assert "delay_s" not in figures
+    assert "move it faster" in joint.untold["delay_s"]
+    assert figures["total_lag_s"].low <= truth(one)["total_lag_s"] <= figures["total_lag_s"].high
+    assert "not told: delay_s" in found.summary()
+
+
+def test_without_a_load_that_changes_nothing_is_said_of_droop_and_gain() -> None:
+    """No robot, or a joint that gravity does not bend."""
+    _, joint = told(Servo(load=0.0), None, 50)
+    assert "give --robot" in joint.untold["droop_rad_Nm"]
+    found, joint = told(Servo(load=0.0), one_link("0 0 1"), 50)
+    assert "gravity hardly changes" in joint.untold["droop_rad_Nm"]
+    assert "gain_Nm_rad" not in {figure.name for figure in joint.figures}
+    check_record(found.to_dict())
+
+
+def test_a_dead_band_is_told_with_what_would_look_the_same(arm: ArmModel) -> None:
+    found, _ = told(Servo(friction=0.2), arm, 60)
+    record_ = check_record(found.to_dict())
+    assert record_["joints"]["shoulder"]["class"]["dead_band_rad"] == ["dead_band", "dry_friction", "backlash"]
+    assert "hold the joint by hand" in found.summary()
+
+
+def test_goals_that_are_none_are_refused(arm: ArmModel) -> None:
+    run = record(Servo(), 1)
+    for wrong, what in (
+        (replace(run, position_command=None), "has no goal"),
+        (replace(run, position_command=run.position), "is its position, sample for sample"),
+        (run.at(slice(0, 25)), "no run lasts"),
+    ):
+        with pytest.raises(InputError, match=what):
+            servo(Session("lever", (wrong,)), arm)
+    resting = replace(run, position=0.0 * run.position)
+    joint = servo(Session("lever", (resting,)), arm).joints[0]
+    assert not joint.figures
+    assert "move it farther" in joint.untold["lag_s"]
+
+
+def test_a_table_without_effort_goes_through_the_command(tmp_path: Path) -> None:
+    """Other commands say where such a table belongs."""
+    run = record(Servo(), 3)
+    rows = np.column_stack([run.time, run.position[:, 0], run.position_command[:, 0]])  # type: ignore[index]
+    header = "time,shoulder/position,shoulder/position_command"
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=header, comments="")
+    done = CliRunner().invoke(app, ["servo", str(tmp_path / "run.csv"), "--json", str(tmp_path / "told.json")])
+    assert done.exit_code == 0, done.output
+    assert "ms late" in done.output
+    assert check_file(tmp_path / "told.json")["joints"]["shoulder"]["figures"]["total_lag_s"]["unit"] == "s"
+    with pytest.raises(InputError, match="is for `ident servo`"):
+        diagnose(tmp_path / "run.csv", "tm5-900")
+
+
+def test_a_data_set_of_an_so101_is_told_in_one_command(tmp_path: Path) -> None:
+    """LeRobot's names and degrees: nothing has to be written before."""
+    import json
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
+    runs = [record(Servo(load=0.0, zero=0.0), k) for k in range(4)]
+    for folder in ("data/chunk-000", "meta"):
+        (tmp_path / folder).mkdir(parents=True)
+    labels = {"dtype": "float32", "shape": [6], "names": [f"{name}.pos" for name in names]}
+    features = dict.fromkeys(["observation.state", "action"], labels)
+    (tmp_path / "meta/info.json").write_text(json.dumps({"features": features}))
+    table: dict[str, list[object]] = {"observation.state": [], "action": [], "timestamp": [], "episode_index": []}
+    for k, run in enumerate(runs):
+        assert run.position_command is not None
+        for column, values in (("observation.state", run.position), ("action", run.position_command)):
+            table[column] += [[float(row[0])] * 6 for row in np.degrees(values)]
+        table["timestamp"] += run.time.tolist()
+        table["episode_index"] += [k] * len(run)
+    pq.write_table(pa.table(table), tmp_path / "data/chunk-000/file-000.parquet")
+    found = CliRunner().invoke(app, ["servo", str(tmp_path), "--robot", "so101", "--json", str(tmp_path / "out.json")])
+    assert found.exit_code == 0, found.output
+    joints = json.loads((tmp_path / "out.json").read_text())["joints"]
+    assert set(joints) >= set(names[:5])
+    lag = joints["shoulder_pan"]["figures"]["lag_s"]
+    assert lag["value"] == pytest.approx(0.6 / 8.0, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["counts", "iso", "zoned"])
+def test_counts_and_iso_times_read_as_radians_and_seconds(kind: str, tmp_path: Path) -> None:
+    """Law: a log in counts about the middle of a turn, or with ISO times, is the log in radians and seconds."""
+    from datetime import UTC, datetime, timedelta
+
+    from ident.recordings.load import load_session
+
+    run = record(Servo(), 0)
+    assert run.position_command is not None
+    pair = np.column_stack([run.position[:, 0], run.position_command[:, 0]])
+    start = datetime(2026, 5, 3, 14, 0, 0, tzinfo=UTC if kind == "zoned" else None)
+    times = [f"{t:.6f}" for t in run.time]
+    if kind != "counts":
+        times = [(start + timedelta(seconds=float(t))).isoformat(timespec="microseconds") for t in run.time]
+    else:
+        pair = np.round(pair * 4096 / (2 * np.pi)) + 2048
+        (tmp_path / "log.toml").write_text("counts_per_turn = 4096\n")
+    lines = [",".join([time, *(repr(float(v)) for v in row)]) for time, row in zip(times, pair, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,a/position,a/position_command", *lines]) + "\n")
+    (read,) = load_session(tmp_path / "log.csv", with_effort=False).runs
+    np.testing.assert_allclose(read.time - read.time[0], run.time - run.time[0], atol=1e-5)
+    np.testing.assert_allclose(read.position, run.position, atol=np.pi / 4096)
+    assert read.issues == ()

@@ -1,0 +1,130 @@
+"""Laws of the bodies: MuJoCo moves the links as Pinocchio says, and nothing gains or loses energy by itself."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.recordings.recording import Payload
+from ident.robot.arm import ArmModel
+from ident.simulation.hardware import draw_hardware, nominal_hardware
+from ident.simulation.loop import Laws, advance, engine, fresh_state, records
+from ident.simulation.mjcf import AddedBody, build_model
+
+
+def compiled(arm, bodies, step=5e-4):
+    model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, step)
+    return model, mujoco.MjData(model)
+
+
+def tables(hardware):
+    laws = (hardware.friction, hardware.drive, hardware.heat, hardware.outside)
+    return Laws(*(records(law) for law in laws), hardware.contact)
+
+
+def random_states(arm, count, seed=0):
+    rng = np.random.default_rng(seed)
+    low, high = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
+    for _ in range(count):
+        yield rng.uniform(low, high), rng.standard_normal(arm.n), 10.0 * rng.standard_normal(arm.n)
+
+
+def accelerations(model, data, q, dq, tau):
+    n = len(q)
+    data.qpos[:n], data.qvel[:n], data.qfrc_applied[:n] = q, dq, tau
+    mujoco.mj_forward(model, data)
+    return np.array(data.qacc[:n])
+
+
+@pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10"])
+def test_forward_dynamics_is_pinocchios(robot):
+    """With nominal links both engines give the same accelerations to 1e-8."""
+    arm = ArmModel.load(robot)
+    model, data = compiled(arm, nominal_hardware(arm).bodies)
+    reference = arm.model.createData()
+    for q, dq, tau in random_states(arm, 30):
+        expected = pin.aba(arm.model, reference, q, dq, tau)
+        np.testing.assert_allclose(accelerations(model, data, q, dq, tau), expected, rtol=1e-8, atol=1e-8)
+
+
+def test_payload_is_a_body(arm):
+    """A point mass at the flange is the payload of the arm model."""
+    bodies = nominal_hardware(arm).bodies.replace(added=(AddedBody(arm.links[-1], 1.2, (0.02, -0.03, 0.08)),))
+    model, data = compiled(arm, bodies)
+    loaded = arm.with_payload(Payload(1.2, (0.02, -0.03, 0.08)))
+    for q, dq, tau in random_states(arm, 10):
+        acceleration = accelerations(model, data, q, dq, tau)
+        again = loaded.inverse_dynamics(q[None], dq[None], acceleration[None])[0]
+        np.testing.assert_allclose(again, tau, atol=1e-8)
+
+
+def test_taking_a_body_away_undoes_adding_it(arm):
+    """Masses, first and second moments add: plus and minus the same body is nothing."""
+    nominal = nominal_hardware(arm).bodies
+    there = AddedBody("link_3", 0.7, (0.1, 0.02, 0.03), radius=0.02)
+    gone = AddedBody("link_3", -0.7, (0.1, 0.02, 0.03), radius=0.02)
+    plain, changed = compiled(arm, nominal), compiled(arm, nominal.replace(added=(there, gone)))
+    for state in random_states(arm, 5):
+        np.testing.assert_allclose(accelerations(*changed, *state), accelerations(*plain, *state), atol=1e-8)
+
+
+def test_individual_arm_differs_by_a_few_per_cent(arm):
+    """A drawn arm's gravity torque is near the URDF's, but not the same."""
+    model, data = compiled(arm, draw_hardware(arm, np.random.default_rng(1)).bodies)
+    relative = []
+    for q, _, _ in random_states(arm, 40):
+        data.qpos[:], data.qvel[:] = q, 0.0
+        mujoco.mj_forward(model, data)
+        relative.append((np.array(data.qfrc_bias) - arm.gravity(q[None])[0])[1:3] / 50.0)
+    assert 0.002 < np.sqrt(np.mean(np.square(relative))) < 0.1
+
+
+@pytest.mark.parametrize("robot", ["tm5-900", "panda"])
+def test_energy_is_kept_without_friction_and_control(robot):
+    """A free swing of the plant's own loop: kinetic and potential energy of links and rotors sum to a constant."""
+    arm = ArmModel.load(robot)
+    hardware = nominal_hardware(arm)
+    rotor = 0.2 * np.ones(arm.n)
+    model, data = compiled(arm, hardware.bodies.replace(joint_inertia=rotor))
+    data.qpos[:] = np.clip(np.full(arm.n, 0.5), arm.lower, arm.upper)
+    laws = tables(hardware)
+    views, state, reference = engine(model, data), fresh_state(arm.n), arm.model.createData()
+    mujoco.mj_forward(model, data)
+    kinetic, potential = [], []
+    for k in range(4000):
+        advance(views, laws, state, k * 5e-4)
+        q, dq = np.array(data.qpos), np.array(data.qvel)
+        kinetic.append(pin.computeKineticEnergy(arm.model, reference, q, dq) + 0.5 * rotor @ dq**2)
+        potential.append(pin.computePotentialEnergy(arm.model, reference, q))
+    total = np.array(kinetic) + np.array(potential)
+    assert np.ptp(kinetic) > 1.0
+    assert np.abs(total - total[0]).max() < 1e-3 * np.ptp(kinetic)
+
+
+def test_work_of_motors_is_stored_or_lost(arm):
+    """With viscous friction only: the motors' work less the friction's loss is the change of energy, to 0.1 %."""
+    hardware = nominal_hardware(arm)
+    rotor = 0.3 * np.ones(arm.n)
+    model, data = compiled(arm, hardware.bodies.replace(joint_inertia=rotor))
+    data.qpos[:] = 0.4
+    mujoco.mj_forward(model, data)
+    laws = tables(hardware)
+    laws.friction["viscous"] = 6.0
+    views, state, reference = engine(model, data), fresh_state(arm.n), arm.model.createData()
+
+    def energy():
+        q, dq = np.array(data.qpos), np.array(data.qvel)
+        kinetic = pin.computeKineticEnergy(arm.model, reference, q, dq) + 0.5 * rotor @ dq**2
+        return kinetic + pin.computePotentialEnergy(arm.model, reference, q)
+
+    start, work, loss, before = energy(), 0.0, 0.0, np.zeros(arm.n)
+    for k in range(3000):
+        state["torque"] = np.array([8.0, -30.0, -15.0, 1.0, 0.5, 0.2]) * np.sin(k * 5e-4 * 4.0)
+        advance(views, laws, state, k * 5e-4)
+        speed = np.array(data.qvel)
+        middle = 0.5 * (before + speed)
+        work += state["torque"] @ middle * 5e-4
+        loss += 6.0 * before @ middle * 5e-4
+        before = speed
+    assert loss > 5.0
+    assert abs(energy() - start - work + loss) < 1e-3 * (abs(work) + loss)

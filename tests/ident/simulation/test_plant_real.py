@@ -1,0 +1,95 @@
+"""Effects planted onto recordings: as large as asked, by physics that closes, told apart from what was there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.recordings.recording import Recording
+from ident.robot.arm import ArmModel
+from ident.simulation.real.bodies import with_body
+from ident.simulation.real.cases import NEAR, plan_slots, sized
+from ident.simulation.real.gears import twist_of
+from ident.simulation.real.moved_arm import MovedArm, model_of, rigid_torque
+from ident.simulation.real.planted import EFFECTS, bristle
+from ident.simulation.real.sources import Source
+from ident.simulation.real.unlisted import OUTSIDE
+
+LAWS = {**EFFECTS, **OUTSIDE}
+# What this arm can't show: it moves for a minute, and its drives are not torn by their torque.
+HARDLY = ("thermal_friction",)
+
+
+@pytest.fixture(scope="module")
+def arm() -> MovedArm:
+    """A Panda that follows sums of sines, with friction, an offset and noise, in three runs of 12 s."""
+    model = ArmModel.load("panda")
+    urdf, rng, n = model.urdf, np.random.default_rng(0), model.n
+    t = np.arange(0.0, 12.0, 0.01)
+    runs = []
+    for k in range(3):
+        phase, pace = rng.uniform(0.0, 6.0, (2, n)), rng.uniform(0.6, 2.0, (2, n))
+        waves = [0.35 * np.sin(p * t[:, None] + f) for p, f in zip(pace, phase, strict=True)]
+        q = sum(waves) + np.array([0.0, 0.3, 0.0, -1.6, 0.0, 1.8, 0.0])
+        dq = np.gradient(q, 0.01, axis=0)
+        torque = model.inverse_dynamics(q, dq, np.gradient(dq, 0.01, axis=0))
+        tau = torque + 0.6 * np.tanh(dq / 0.01) + 0.4 * dq + 0.2 + 0.1 * rng.standard_normal(q.shape)
+        runs.append(Recording(f"run_{k}", model.joint_names, t + 15.0 * k, q, tau))
+    return MovedArm.of(Source("made", "made", urdf, tuple(runs)))
+
+
+def test_the_refit_leaves_the_noise(arm: MovedArm) -> None:
+    """White noise of 0.1 N m at 100 Hz, cut at 8 Hz on both sides: what is left is about 0.1 √(16 / 100)."""
+    assert np.all(arm.noise < 0.07)
+    assert np.all(np.abs(arm.coulomb - 0.6) < 0.1)
+    assert np.all(np.abs(arm.viscous - 0.4) < 0.1)
+
+
+@pytest.mark.parametrize("effect", [name for name in LAWS if name not in HARDLY])
+def test_it_shows_as_much_as_asked(arm: MovedArm, effect: str) -> None:
+    """What the refit leaves of a planted torque is 3 × the noise at the joint, and so again from the same seed."""
+    found = [sized(arm, effect, 3.0, np.random.default_rng(3), set()) for _ in range(2)]
+    assert found[0] is not None
+    assert found[1] is not None
+    (change, entry), (again, _) = found
+    seen = arm.visible(change.felt, LAWS[effect].view, LAWS[effect].local)
+    at = [arm.source.joints.index(joint) for joint in entry["joints"]]
+    assert abs(seen[at].max() - 3.0) < 3.0 * NEAR + 1e-6
+    assert np.array_equal(change.felt, again.felt)
+    assert set(entry["joints"]) <= set(entry["may_stand_at"])
+
+
+def test_a_body_put_on_and_taken_off_is_none(arm: MovedArm) -> None:
+    place, joint = np.array([0.05, -0.02, 0.1]), arm.source.joints[-1]
+    heavier = with_body(arm.source.urdf, joint, 1.3, place, 0.03)
+    back = with_body(heavier, joint, -1.3, place, 0.03)
+    rows = arm.q[:20], arm.v[:20], arm.a[:20]
+    added = rigid_torque(model_of(heavier), *rows) - rigid_torque(model_of(arm.source.urdf), *rows)
+    weight = pin.computeTotalMass(model_of(heavier)) - pin.computeTotalMass(model_of(arm.source.urdf))
+    assert weight == pytest.approx(1.3)
+    assert np.abs(added).max() > 1.0
+    assert np.allclose(rigid_torque(model_of(back), *rows), rigid_torque(model_of(arm.source.urdf), *rows), atol=1e-6)
+
+
+def test_a_stiff_gear_twists_by_its_torque_over_its_stiffness(arm: MovedArm) -> None:
+    stiffness, j = 2e4, 1
+    (twist, _, _), _ = twist_of(arm, j, stiffness, 0.1)
+    settled = slice(300, 1100)
+    assert np.abs(twist - arm.rigid[:, j] / stiffness)[settled].max() < 0.05 * np.abs(twist[settled]).max()
+
+
+def test_a_bristle_turns_round_over_its_travel(arm: MovedArm) -> None:
+    """Where the joint has moved far beyond the travel since it turned, the bristle is the sign of its speed."""
+    v = arm.v[:, 0]
+    fast = (np.abs(v) > 0.2) & np.isfinite(arm.steps)
+    assert np.allclose(bristle(arm, v, 1e-5)[fast], np.sign(v[fast]), atol=0.02)
+    assert np.abs(bristle(arm, v, 10.0)).max() < 0.2
+
+
+def test_every_effect_takes_its_turn() -> None:
+    slots = plan_slots(120, 7)
+    single = [slot.effects[0][0] for slot in slots if slot.kind == "single"]
+    assert len(slots) == 120
+    assert min(single.count(effect) for effect in EFFECTS) >= len(single) // len(EFFECTS)
+    assert slots == plan_slots(120, 7)

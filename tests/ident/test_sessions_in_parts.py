@@ -1,0 +1,320 @@
+"""A long session is read in parts: together they are the session, and each waits for its turn."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.arrays import Array
+from ident.checks import TelemetryReport, inspect_parts, streaming
+from ident.checks.settings import USUAL_TELEMETRY
+from ident.diagnosis import from_reports as command
+from ident.diagnosis.from_reports import diagnose_reports
+from ident.effects.catalogue import find_effect
+from ident.errors import RecordingError
+from ident.model.hybrid import FitOptions, fit_hybrid
+from ident.motion import out_of_core
+from ident.motion.settings import USUAL_MOTION
+from ident.recordings.load import load_parts, load_session
+from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.save import write_session
+from ident.sessions import inspect_in_parts, inspect_paths, open_sessions
+from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
+from tests.ident.made_up import made_session
+
+RUN = 1000  # samples
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    """Six runs of 8 s at 125 Hz, with a spring across joint 3."""
+    arm = load_arm()
+
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        return healthy_torque(arm, q, dq, ddq) + spring_on_3(arm, q, dq, ddq)
+
+    return made_session(arm, law, range(6), 8.0, 125.0)
+
+
+@pytest.fixture
+def folder(session: Session, tmp_path: Path) -> Path:
+    write_session(session, tmp_path / "long")
+    return tmp_path / "long"
+
+
+@pytest.fixture
+def long_from_2_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sessions, "PART_SAMPLES", 2 * RUN)
+
+
+def test_parts_are_the_session(folder: Path) -> None:
+    """Law: parts of consecutive runs, end to end, are the session; a part ends with the run that fills it."""
+    whole = load_session(folder)
+    parts = list(load_parts(folder, most=RUN + 1))
+    assert [len(part.runs) for part in parts] == [2, 2, 2]
+    for one, other in zip((run for part in parts for run in part.runs), whole.runs, strict=True):
+        assert one.name == other.name
+        assert np.array_equal(one.position, other.position)
+    assert all((part.name, part.robot, part.common_clock) == (whole.name, whole.robot, True) for part in parts)
+
+
+def test_files_wait_for_their_turn(folder: Path) -> None:
+    """Law: what is wrong with a later part's file does not matter before that part's turn."""
+    (folder / "run_5.parquet").write_bytes(b"no table")
+    parts = load_parts(folder, most=2 * RUN)
+    assert [run.name for run in next(parts).runs] == ["run_0", "run_1"]
+    assert [run.name for run in next(parts).runs] == ["run_2", "run_3"]
+    with pytest.raises(RecordingError, match="run_5"):
+        next(parts)
+
+
+def test_parts_share_joints_and_clock(session: Session, tmp_path: Path) -> None:
+    """Law: a clock that restarts between two parts is told; joints that change between them are refused."""
+    runs = list(session.runs)
+    runs[4] = replace(runs[4], time=runs[0].time)
+    write_session(session.replace(runs=runs), tmp_path / "restarted")
+    parts = list(load_parts(tmp_path / "restarted", most=2 * RUN))
+    assert [part.common_clock for part in parts] == [True, True, False]
+    assert [note.issue for note in parts[2].notes] == ["clock_restarts"]
+    write_session(session.replace(runs=runs[:2]), tmp_path / "changed")
+    write_session(session.replace(runs=[runs[3].select(runs[3].joints[:2])]), tmp_path / "other")
+    (tmp_path / "other" / "run_3.parquet").rename(tmp_path / "changed" / "run_3.parquet")
+    parts_of_both = load_parts(tmp_path / "changed", most=2 * RUN)
+    next(parts_of_both)
+    with pytest.raises(RecordingError, match="has other joints than run_1"):
+        next(parts_of_both)
+
+
+def test_parts_are_let_go(session: Session) -> None:
+    """Law: when a part is read, the check holds none of the parts before it, nor what it made of them."""
+    alive: weakref.WeakSet[Session] = weakref.WeakSet()
+    left: list[int] = []
+
+    def coming() -> Iterator[Session]:
+        for k in range(3):
+            left.append(len(alive))
+            part = session.replace(runs=[run.replace() for run in session.runs[2 * k : 2 * k + 2]])
+            alive.add(part)
+            yield part
+            del part
+
+    for report in inspect_parts(coming(), load_arm()):
+        alive.add(report.session)
+        del report
+    assert left == [0, 0, 0]
+
+
+def test_short_sessions_come_whole(folder: Path) -> None:
+    """Law: below the limit the reports are those of `inspect_paths`."""
+    _, reports = inspect_in_parts([folder], None)
+    _, expected = inspect_paths([folder], None)
+    assert isinstance(reports, tuple)
+    assert [report.to_dict() for report in reports] == [report.to_dict() for report in expected]
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_what_all_parts_show_is_told_once(session: Session, tmp_path: Path) -> None:
+    """Law: a fault of the whole session is one issue, mended in every part."""
+    turned = [
+        run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None]) for run in session.runs
+    ]
+    write_session(session.replace(runs=turned), tmp_path / "wrapped")
+    _, reports = inspect_in_parts([tmp_path / "wrapped"], None)
+    found = list(reports)
+    assert [len(report.session.runs) for report in found] == [2, 2, 2]
+    told = [issue.issue for report in found for issue in report.issues]
+    assert told.count("position_wraps") == 1
+    assert all(np.abs(np.diff(run.position, axis=0)).max() < 1.0 for report in found for run in report.session.runs)
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_diagnosis_in_parts_names_the_same(folder: Path) -> None:
+    """Law: read in parts or whole, a session has the same runs, samples, clock and names."""
+    few = tuple(find_effect(name) for name in ("spring_torque", "load_dependent_friction"))
+    arm, parts = inspect_in_parts([folder], None)
+    in_parts, analysis, _ = diagnose_reports(parts, arm, few)
+    whole, expected, _ = diagnose_reports(inspect_paths([folder], None)[1], arm, few)
+    assert in_parts.session == whole.session
+    assert analysis is not None
+    assert expected is not None
+    assert analysis.session.common_clock
+    assert expected.session.common_clock
+    names = [[(one.estimate.group.effect.id, one.joints) for one in each.findings] for each in (in_parts, whole)]
+    assert names[0] == names[1] == [("spring_torque", ("joint_3",))]
+
+
+def written(session: Session, change: Callable[[int, Recording], Recording], folder: Path) -> Path:
+    """A folder of the session with some runs changed, by their number."""
+    write_session(session.replace(runs=[change(k, run) for k, run in enumerate(session.runs)]), folder)
+    return folder
+
+
+def flipped(run: Recording, joints: tuple[int, ...]) -> Recording:
+    """A run whose torque of some joints has the wrong sign."""
+    return run.replace(effort=np.where(np.isin(np.arange(3), joints), -1.0, 1.0) * run.effort)
+
+
+def resting(run: Recording, joints: tuple[int, ...] = (0, 1, 2)) -> Recording:
+    """A run in which some joints stand still but for noise; its torque stays that of the motion."""
+    still = np.isin(np.arange(3), joints)
+    return run.replace(position=np.where(still, 0.3 + 1e-5 * (run.position - run.position.mean(axis=0)), run.position))
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: Path) -> None:
+    """Law: a fault that forbids a fit is told in whatever part it shows, and each session's faults are its own."""
+    late = written(session, lambda k, run: flipped(run, (1,)) if k >= 2 else run, tmp_path / "late")
+    arm, reports = inspect_in_parts([late], None)
+    found = list(reports)
+    assert [[issue.issue for issue in report.fatal] for report in found[:3]] == [
+        [],
+        ["effort_sign_flipped"],
+        ["effort_sign_flipped"],
+    ]
+    assert diagnose_reports(found, arm, ())[0].verdict == "refused"
+
+
+def wrapping(_: int, run: Recording) -> Recording:
+    return run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None])
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path: Path) -> None:
+    """Law: a diagnosis of parts that are all unfit for the same reason says that reason once."""
+    unfit = written(session, lambda _, run: flipped(run, (0, 1, 2)), tmp_path / "flipped")
+    arm, parts = inspect_in_parts([unfit], None)
+    diagnosis, _, _ = diagnose_reports(parts, arm, ())
+    assert diagnosis.verdict == "refused"
+    fatal = [(issue.issue, issue.joints) for issue in diagnosis.telemetry if issue.severity == "fatal"]
+    assert fatal
+    assert len(fatal) == len(set(fatal))
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path) -> None:
+    """Law: a fault of two sessions is told once for each of them, though both come in parts."""
+    folders = [written(session, wrapping, tmp_path / name) for name in ("one", "other")]
+    _, reports = inspect_in_parts(folders, None)
+    told = [[issue.issue for issue in report.issues].count("position_wraps") for report in reports if report.issues]
+    assert sum(told) == 2
+
+
+def test_a_graver_form_of_a_told_fault_is_told() -> None:
+    """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
+    check = streaming._Check(load_arm(), USUAL_TELEMETRY)
+    mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
+    grave = replace(mild, severity="fatal")
+    assert [check._is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+@pytest.mark.parametrize("joints", [(0, 1, 2), (1,)])
+def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joints: tuple[int, ...]) -> None:
+    """Law: joints that stand still in every part are told as those of the whole session; all of them: not testable."""
+    folder = written(session, lambda _, run: resting(run, joints), tmp_path / "resting")
+    arm, reports = inspect_in_parts([folder], None)
+    found = list(reports)
+    _, (whole,) = inspect_paths([folder], None)
+    said = [issue for report in found for issue in report.find("insufficient_excitation")]
+    expected = whole.find("insufficient_excitation")
+    assert expected
+    assert [(one.joints, one.severity) for one in said] == [(one.joints, one.severity) for one in expected]
+    if len(joints) == 3:
+        verdict, _, _ = diagnose_reports(found, arm, ())
+        assert verdict.verdict == "not_testable"
+        assert verdict.session["runs"] == 6
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_parts_together_move_what_none_moves_alone(session: Session, tmp_path: Path) -> None:
+    """Law: a joint that stands elsewhere in each part has travelled; one part at rest forbids nothing."""
+    folder = written(session, lambda k, run: resting(run) if k in (2, 3) else run, tmp_path / "pausing")
+    _, reports = inspect_in_parts([folder], None)
+    assert not [issue for report in reports for issue in report.find("insufficient_excitation") if issue.joints]
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: Path) -> None:
+    """Law: a part without a run of 1 s gives no motion, as the run would have given none in the whole session."""
+    last = session.runs[5].replace(name="run_6", time=session.runs[5].time + 9.0).at(slice(0, 60))
+    write_session(session.replace(runs=[*session.runs, last]), tmp_path / "aborted")
+    _, reports = inspect_in_parts([tmp_path / "aborted"], None)
+    found = list(reports)
+    assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
+    motions = list(command._prepare_in_turn(found, command._Heard(), 25.0, USUAL_MOTION))
+    assert [motion.name for motion in motions] == [f"run_{k}" for k in range(6)]
+
+
+def test_short_runs_alone_are_refused(session: Session) -> None:
+    """Law: where no run of any session lasts 1 s the diagnosis says so, in one line."""
+    shorts = [run.at(slice(k, k + 60)) for run in session.runs for k in (0, 100)]
+    reports = [TelemetryReport(session.replace(runs=shorts), ())]
+    with pytest.raises(RecordingError, match="no run lasts 1 s"):
+        diagnose_reports(reports, load_arm(), ())
+
+
+@pytest.mark.usefixtures("long_from_2_runs")
+def test_a_later_session_may_name_the_robot(session: Session, tmp_path: Path) -> None:
+    """Law: in parts as in whole, the first session.toml that names a robot names it, however late its turn comes."""
+    write_session(session.replace(robot=None), tmp_path / "first")
+    write_session(session, tmp_path / "second")
+    arm, reports = inspect_in_parts([tmp_path / "first", tmp_path / "second"], None)
+    assert not isinstance(reports, tuple)
+    assert arm.name == inspect_paths([tmp_path / "first", tmp_path / "second"], None)[0].name
+    with pytest.raises(RecordingError, match="no robot is named"):
+        inspect_in_parts([tmp_path / "first"], None)
+
+
+def test_a_run_that_comes_again_parts_later_is_told(session: Session, tmp_path: Path, long_from_2_runs: None) -> None:
+    """Law: a held-out run is no copy of a fitted one, however far between they were read."""
+    write_session(session.replace(runs=[*session.runs, session.runs[1].replace(name="again")]), tmp_path / "twice")
+    _, reports = inspect_in_parts([tmp_path / "twice"], load_arm())
+    fatal = [issue for report in reports for issue in report.fatal]
+    assert [issue.issue for issue in fatal if issue.issue == "repeated_session"] == ["repeated_session"]
+    _, reports = inspect_in_parts([write_again(session, tmp_path), tmp_path / "linked"], load_arm())
+    assert any(issue.issue == "repeated_session" for report in reports for issue in report.fatal)
+
+
+def write_again(session: Session, folder: Path) -> Path:
+    """A session, and a link to it under another name."""
+    write_session(session, folder / "once")
+    (folder / "linked").symlink_to(folder / "once")
+    return folder / "once"
+
+
+def test_a_long_session_is_opened_and_fitted_in_parts(
+    folder: Path, long_from_2_runs: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motions wait on disk, nothing of the runs is held; what is fitted is what is fitted of the whole."""
+    arm, options = load_arm(), FitOptions(net="none", inertia="nominal")
+    monkeypatch.setattr(out_of_core, "HELD_SAMPLES", RUN)
+    monkeypatch.setattr(out_of_core, "PIECE_SAMPLES", RUN // 2)
+    parts = open_sessions([folder], arm)
+    assert isinstance(parts.motions, out_of_core.SpooledMotions)
+    assert not any(report.session.runs for report in parts.reports)
+    ((name, group),) = parts.groups
+    assert (name, len(group)) == (folder.name, 12)
+    monkeypatch.setattr(sessions, "PART_SAMPLES", 100 * RUN)
+    whole = open_sessions([folder], arm)
+    assert parts.stamps == whole.stamps
+    assert parts.data_records() == whole.data_records()
+    assert (parts.arm.joint_names, len(whole.motions)) == (whole.arm.joint_names, 6)
+    found, expected = (fit_hybrid(one.motions, one.arm, options).model for one in (parts, whole))
+    assert found.provenance["runs"] == expected.provenance["runs"] == 6
+    assert found.provenance["samples"] == expected.provenance["samples"]
+    for figure, other in zip(found.figures, expected.figures, strict=True):
+        assert figure.value == pytest.approx(other.value, abs=0.5 * (other.high - other.low))
+        assert figure.high - figure.low == pytest.approx(other.high - other.low, rel=0.5)
+
+
+def test_parts_that_cannot_be_fitted_are_refused(session: Session, long_from_2_runs: None, tmp_path: Path) -> None:
+    """A later part whose effort has the wrong sign refuses all of it."""
+    runs = [run if k < 4 else run.replace(effort=-run.effort) for k, run in enumerate(session.runs)]
+    write_session(session.replace(runs=runs), tmp_path / "turned")
+    with pytest.raises(RecordingError, match="effort_sign_flipped"):
+        open_sessions([tmp_path / "turned"], load_arm())

@@ -1,0 +1,74 @@
+"""Where searches begin: trees look near first, and a way for which there is no time is taken only where no other is."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plan.api.tasks import open_task
+from plan.initial import initial_guesses
+from plan.problem.problem import PlanningProblem
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def blocked() -> PlanningProblem:
+    return open_task(DATA / "obstacle.toml", None, "energy", "absolute", None, None, 1).problem
+
+
+def far_way(task: PlanningProblem, seconds: float) -> np.ndarray:
+    """A via point from which the first joint needs so many seconds there and back, at its top speed."""
+    via = 0.5 * (task.start + task.goal)
+    via[0] = task.start[0] + 0.5 * (seconds * task.limits.speed[0] + task.goal[0] - task.start[0])
+    return via[None]
+
+
+@pytest.mark.parametrize(("objective", "taken"), [("energy", 1), ("time", 0)])
+def test_a_way_must_fit_into_the_duration(monkeypatch: pytest.MonkeyPatch, objective: str, taken: int) -> None:
+    """At a fixed duration a longer way is passed over; where time is what is sought, the first way is as good."""
+    task = replace(blocked(), objective=objective, free="vias" if objective == "energy" else "both")
+    total = float(task.durations.sum())
+    found = [far_way(task, 1.5 * total), far_way(task, 0.9 * total), far_way(task, 0.5 * total)]
+    drawn: Iterator[np.ndarray] = iter(found)
+    monkeypatch.setattr(initial_guesses, "_drawn_way", lambda *_: next(drawn))
+    assert initial_guesses._any_way(task, np.random.default_rng(0)) is found[taken]
+
+
+def test_the_quickest_of_late_ways_and_patience_only_without_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All ways take too long: the quickest one, and no more trees; no way at all: the patient trees are asked."""
+    task = blocked()
+    total, asked = float(task.durations.sum()), list[tuple[int, float]]()
+    late = [far_way(task, factor * total) for factor in (3.0, 1.5, 2.0, 4.0)]
+
+    def draw(_: object, __: object, nodes: int, reach: float) -> np.ndarray | None:
+        asked.append((nodes, reach))
+        return late[len(asked) - 1] if late else None
+
+    monkeypatch.setattr(initial_guesses, "_drawn_way", draw)
+    assert initial_guesses._any_way(task, np.random.default_rng(0)) is late[1]
+    assert asked == list(initial_guesses.QUICK)
+    late.clear()
+    asked.clear()
+    assert initial_guesses._any_way(task, np.random.default_rng(0)) is None
+    assert asked == [*initial_guesses.QUICK, initial_guesses.PATIENT]
+
+
+def test_near_trees_are_asked_before_far_ones() -> None:
+    """Trees that may go anywhere bring ways of twice the length: each look after a near one goes as far or farther."""
+    assert initial_guesses.QUICK[0][1] == min(reach for _, reach in initial_guesses.QUICK)
+    assert list(initial_guesses.REACHES) == sorted(initial_guesses.REACHES)
+
+
+def test_a_plan_without_a_net_loads_no_heavy_library() -> None:
+    """The rigid arm's plan by the default method: neither torch nor cma, which take seconds."""
+    code = (
+        "import sys; from plan import solve; "
+        f"result = solve({str(DATA / 'table3.toml')!r}, evaluations=30, gap=False); assert result.splines is not None; "
+        "print([name for name in ('torch', 'cma', 'pymoo', 'matplotlib') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
