@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident import sessions
 from ident.arrays import Array
 from ident.checks import TelemetryReport, inspect_parts, streaming
 from ident.checks.settings import USUAL_TELEMETRY

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search

@@ -8,7 +8,7 @@ import pytest
 from plan.dynamics.power import METRICS
 from plan.initial.at_limits import quickest_of_each_joint
 from plan.initial.starts import straight
-from plan.planners import local_model
+from plan.planners import local_model, velocity_reversals
 from plan.planners.brute_force import BruteForce
 from plan.planners.descent import begin, descend, refine
 from plan.planners.evolution import Evolution
