@@ -9,9 +9,9 @@ from ident.errors import RecordingError
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
-from ident.servo.runs import load_goals, runs_of
-from ident.servo.servo_fit import fit_servos
-from ident.servo.servo_result import ServoArm
+from ident.servos.runs import load_goals, runs_of
+from ident.servos.servo_fit import fit_servos
+from ident.servos.servo_result import ServoArm
 from ident.sessions import Robot, load_robot
 
 Goals = str | Path | Session

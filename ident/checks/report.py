@@ -15,7 +15,7 @@ from ident.recordings.save import write_session
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
-SCHEMA = "ident.checks/1"
+SCHEMA = "ident.telemetry/1"
 ORDER: tuple[Severity, ...] = ("fatal", "warning", "note")
 # What a recording may be used under, but not without a word.
 DOUBTFUL = ("torque_scale", "guessed_gains", "mounting")

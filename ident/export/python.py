@@ -27,7 +27,7 @@ from ident.model.friction_laws import JointStates, asymmetric, bent, by_load, by
 from ident.robot.arm import ArmModel
 
 # Files of `standalone` in their order, and what of the models' own laws goes between them.
-PARTS = ("chain", "motion", "log", "rubbing", "masses", "elastic", "laws")
+PARTS = ("chain", "motion", "log", "friction", "bodies", "elastic", "laws")
 NAMED = (JointStates, stribeck, bent, curved_viscous, by_load, by_position, asymmetric)
 HEADER = '''"""Torque that the named effects add to a model of the robot called ROBOT. NumPy only.
 

@@ -39,7 +39,7 @@ class InspectedRecord(TypedDict):
 class TelemetryRecord(TypedDict):
     """The telemetry checks of all sessions."""
 
-    schema: Literal["ident.checks/1"]
+    schema: Literal["ident.telemetry/1"]
     sessions: list[InspectedRecord]
     provenance: ProvenanceRecord
 

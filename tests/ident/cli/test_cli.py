@@ -27,7 +27,7 @@ from tests.schemas import check_file
 E1 = Path(data_path("logs/tm5_900")) / "E1"
 ROBOT = ("--robot", "tm5-900")
 # A diagnosis that skips the search: too little is recorded.
-OLD_RESULT = '{"schema": "ident.checks/1"}'
+OLD_RESULT = '{"schema": "ident.telemetry/1"}'
 ONE_RUN = E1 / "01_trajectory_1.parquet"
 
 
@@ -292,7 +292,7 @@ def test_inspect(run: Run, tmp_path: Path) -> None:
     record = json.loads((tmp_path / "i.json").read_text())
     assert ended.status == 0
     assert "fit for use" in ended.out
-    assert record["schema"] == "ident.checks/1"
+    assert record["schema"] == "ident.telemetry/1"
     assert record["sessions"][0]["fit"] is True
     assert record["sessions"][0]["runs"] == 5
     assert_untouched(tmp_path, "i.json")
@@ -460,7 +460,7 @@ def test_a_record_on_standard_output_stands_there_alone(
     with pytest.raises(SystemExit):
         cli.main()
     told = capsys.readouterr()
-    assert json.loads(told.out)["schema"] == "ident.checks/1"
+    assert json.loads(told.out)["schema"] == "ident.telemetry/1"
     assert "1 run," in told.err
     assert not Path("-").exists()
 

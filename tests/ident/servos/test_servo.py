@@ -14,9 +14,9 @@ from ident.cli.app import app
 from ident.errors import InputError
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
-from ident.servo.servo_fit import ServoJoint
-from ident.servo.servo_result import ServoArm
-from tests.ident.servo.servo_plant import Servo, one_link, record
+from ident.servos.servo_fit import ServoJoint
+from ident.servos.servo_result import ServoArm
+from tests.ident.servos.servo_plant import Servo, one_link, record
 from tests.schemas import check_file, check_record
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.results import Result
-from ident.servo.servo_fit import ServoFigure, ServoJoint
+from ident.servos.servo_fit import ServoFigure, ServoJoint
 
 SCHEMA = "ident.servo/1"
 # Causes of a dead band that goal and position can't part, whatever the motion.

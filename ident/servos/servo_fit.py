@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.robot.arm import ArmModel
-from ident.servo.runs import GoalRun
+from ident.servos.runs import GoalRun
 
 # Figure -> unit of what is reported.
 UNITS = {
