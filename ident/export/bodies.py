@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.model.convex import pseudo_inertia
+from ident.model.convex import is_consistent, pseudo_inertia, solve_bounded
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.robot.arm import ArmModel
 
 # How much more the torques count than the numbers behind them, when bodies are sought.
 TORQUE_WEIGHT = 1e6
-# Least eigenvalue of a sought body's pseudo-inertia, as a share of its mass [m²].
-BODY_MARGIN = 1e-6
-# A link that the URDF itself leaves without extent is not held to having one.
-LEAST_EIGENVALUE = -1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +65,6 @@ def about_centre(link: Float[Array, " 10"]) -> tuple[float, Float[Array, " 3"], 
     return mass, centre, inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
 
 
-_UNIT_BODIES = [pseudo_inertia(unit) for unit in np.eye(10)]
-
-
-def is_body(link: Float[Array, " 10"]) -> bool:
-    """Whether ten inertial numbers are those of a body."""
-    return bool(link[0] > 0.0 and np.linalg.eigvalsh(pseudo_inertia(link))[0] >= LEAST_EIGENVALUE)
-
-
 def lay_out(arm: ArmModel, tuning: Float[Array, "n 10"], errors: Callable[[Array], Float[Array, "n 10"]]) -> Links:
     """What becomes of the links.
 
@@ -109,23 +97,16 @@ def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[A
         The change, and the part of BΔ₀ that it misses, as a share.
     """
     nominal = arm.inertial_parameters.reshape(arm.n, 10)
-    held = [j for j in range(arm.n) if is_body(nominal[j])]
-    if all(is_body(nominal[j] + tuning[j]) for j in held):
+    # A link that the URDF itself leaves without extent need have none.
+    free = [j for j in range(arm.n) if not is_consistent(nominal[j])]
+    if all(is_consistent(link) for link in np.delete(nominal + tuning, free, axis=0)):
         return np.array(tuning), 0.0
-    import cvxpy as cp  # slow to load: only where something is solved
-
     scale, mapping = parameter_scale(arm), base_parameters(arm).mapping
-    size = np.sqrt(np.diag(mapping * scale**2 @ mapping.T))
-    moved = cp.Variable(10 * arm.n)  # Δ − Δ₀ in units of scale
-    torque = (mapping * scale) / size[:, None]
-    links = (nominal + tuning).ravel() + cp.multiply(scale, moved)
-    constraints = [
-        sum(links[10 * j + k] * _UNIT_BODIES[k] for k in range(10)) >> BODY_MARGIN * scale[10 * j] * np.eye(4)
-        for j in held
-    ]
-    objective = TORQUE_WEIGHT * cp.sum_squares(torque @ moved) + cp.sum_squares(moved)
-    cp.Problem(cp.Minimize(objective), constraints).solve(solver=cp.CLARABEL)
-    if moved.value is None:
+    torque = mapping * scale / np.sqrt(np.diag(mapping * scale**2 @ mapping.T))[:, None]
+    wanted, information = (nominal + tuning).ravel(), TORQUE_WEIGHT * torque.T @ torque + np.eye(len(scale))
+    try:
+        moved = solve_bounded(information, np.zeros(len(scale)), (), wanted, scale, free)
+    except ArithmeticError:
         return np.zeros_like(tuning), 1.0
-    missed = np.linalg.norm(torque @ moved.value) / np.linalg.norm(torque @ (tuning.ravel() / scale))
-    return tuning + (scale * moved.value).reshape(tuning.shape), float(missed)
+    missed = np.linalg.norm(torque @ moved) / np.linalg.norm(torque @ (tuning.ravel() / scale))
+    return tuning + (scale * moved).reshape(tuning.shape), float(missed)

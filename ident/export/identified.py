@@ -18,12 +18,13 @@ from ident.diagnosis.result import SCHEMA
 from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
-from ident.export.bodies import Links, is_body, lay_out, nearest_bodies
+from ident.export.bodies import Links, lay_out, nearest_bodies
 from ident.export.standalone.bodies import MASSES
 from ident.export.standalone.chain import link_change
 from ident.export.standalone.laws import KNOWN
 from ident.export.standalone.log import Effect as ModuleEffect
 from ident.export.standalone.motion import Losses
+from ident.model.convex import is_consistent
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.provenance import files_of
@@ -200,7 +201,7 @@ def in_module(changes: Sequence[Change]) -> list[ModuleEffect]:
 
 def _is_wrong(link: Array, given: Array) -> bool:
     """Whether an identified link is no body; one that the URDF itself leaves without extent is written as it is."""
-    return not is_body(link) and not np.array_equal(link, given)
+    return not is_consistent(link) and not np.array_equal(link, given)
 
 
 def _of_law(law: Any, joints: tuple[str, ...]) -> Change:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.export.bodies import is_body, moved
+from ident.export.bodies import moved
 from ident.export.identified import Change
 from ident.export.mjcf import gravity_of, inertial_attributes
 from ident.export.mjcf_joint import joint_elements
@@ -26,6 +26,7 @@ from ident.export.mjcf_match import Match, match_file
 from ident.export.standalone.chain import payload_parameters
 from ident.export.standalone.motion import Losses
 from ident.files import atomic_write
+from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.
@@ -141,7 +142,7 @@ def _write_links(
     mujoco.mj_kinematics(model, data)
     for j, name in enumerate(match.bodies):
         left = moved(links[j], match.turns[j], match.shifts[j]) - _hanging(model, data, model.body(name).id, own)
-        if not is_body(left):
+        if not is_consistent(left):
             what = f"{arm.links[j]}: what hangs on body {name!r} leaves no body of what was identified"
             raise InputError(source, what, "give a file without the tool, or a URDF with it")
         body = elements[name]

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.bodies import about_centre, is_body, moved
+from ident.export.bodies import about_centre, moved
 from ident.export.identified import Change
 from ident.export.standalone.motion import Losses
+from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
@@ -87,7 +88,7 @@ def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"]
     inertial = _child(link, "inertial")
     numbers = _ten_numbers(inertial) + change
     for held in ({}, locked):
-        if is_body(numbers):
+        if is_consistent(numbers):
             break
         for other, pose in list(_hanging_on(root, link, np.eye(4), held)):
             own = other.find("inertial")

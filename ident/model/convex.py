@@ -11,7 +11,7 @@ Source: Wensing, Kim and Slotine 2018, eq. 12 (pseudo-inertia); Goulart and Chen
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
@@ -47,7 +47,8 @@ def is_consistent(parameters: Float[Array, " 10n"]) -> bool:
     """Whether every link could be a real body."""
     matrices = pseudo_inertia(parameters.reshape(-1, 10))
     values = np.linalg.eigvalsh(matrices)[:, 0]
-    return bool(np.all(values >= -TOLERANCE * np.trace(matrices, axis1=1, axis2=2)))
+    sound = values >= -TOLERANCE * np.trace(matrices, axis1=1, axis2=2)
+    return bool(np.all(sound & (matrices[:, 3, 3] > 0.0)))
 
 
 def solve_bounded(
@@ -56,6 +57,7 @@ def solve_bounded(
     nonnegative: Sequence[int] | Int[Array, " b"],
     links: Float[Array, " 10n"] | None = None,
     scale: Float[Array, " 10n"] | None = None,
+    free_links: Collection[int] = (),
 ) -> Float[Array, " m"]:
     """Minimises ½ xᵀ A x − bᵀ x within bounds.
 
@@ -64,6 +66,7 @@ def solve_bounded(
         nonnegative: Positions of unknowns that may not be negative.
         links: Inertial numbers π, if the first 10 n unknowns are changes of them.
         scale: What a unit of each of these unknowns is; one if None.
+        free_links: Links that need be no body.
 
     Raises:
         ArithmeticError: The solver found no solution.
@@ -81,7 +84,9 @@ def solve_bounded(
     if links is not None:
         steps = np.ones(len(links)) if scale is None else np.asarray(scale)
         numbers = slice(0, len(links))
-        bounds += _bodies(cp, links + steps * free[numbers], steps, cp.multiply(1.0 / size[numbers], moved[numbers]))
+        change = cp.multiply(1.0 / size[numbers], moved[numbers])
+        bodies = _bodies(cp, links + steps * free[numbers], steps, change)
+        bounds += [one for link, one in enumerate(bodies) if link not in free_links]
     problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ moved)), bounds)
     with catch_warnings():  # of a loose tolerance, which the status says too
         simplefilter("ignore")
@@ -104,14 +109,6 @@ def _bodies(cp: Any, links: Array, steps: Array, change: cp.Expression) -> list[
         matrix = cp.reshape(entries @ links[part] + (entries * steps[part]) @ change[part], (4, 4), order="C")
         bodies.append(matrix >> MARGIN * np.eye(4))
     return bodies
-
-
-def nearest_consistent(parameters: Float[Array, " 10n"], scale: Float[Array, " 10n"]) -> Float[Array, " 10n"]:
-    """The nearest inertial numbers that a real arm could have, distances in units of `scale`."""
-    if is_consistent(parameters):
-        return parameters
-    count = len(parameters)
-    return np.asarray(parameters + scale * solve_bounded(np.eye(count), np.zeros(count), (), parameters, scale))
 
 
 def solve_partly_non_negative(

@@ -1,27 +1,67 @@
-"""Training of the paper's kind of net, in steps, by torch.
+"""The paper's net in torch: its layers, and its training in steps, which can be stopped and resumed.
 
 Source: paper, eq. 6 and section 4.1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import copy
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from errno import EIO
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save_file
 
 from ident.arrays import Array, Float
-from ident.model.checkpoint import Training
+from ident.files import atomic_write
+from ident.model.checkpoint_folder import KIND, NAME
 from ident.model.net_options import NetOptions, TrainingHistory
-from ident.model.networks import DenseNet
 from ident.model.torch_threads import torch_threads
+from ident.outputs import begin_folder
 
 Progress = Callable[[int, int, float], None]
 
 # A short recording still gets this many steps an epoch, as long as a step sees enough samples.
 LEAST_STEPS, LEAST_BATCH = 32, 16
+# Epochs between two checkpoints.
+KEPT_EVERY = 10
+
+
+class DenseNet(torch.nn.Module):
+    """One multilayer perceptron from the whole state to all joints: (T, f) to (T, n)."""
+
+    def __init__(self, inputs: int, outputs: int, hidden: Sequence[int], dropout: float) -> None:
+        super().__init__()
+        modules: list[torch.nn.Module] = []
+        for before, after in pairwise([inputs, *hidden]):
+            modules += [torch.nn.Linear(before, after), torch.nn.Tanh(), torch.nn.Dropout(dropout)]
+        self.stack = torch.nn.Sequential(*modules, torch.nn.Linear([inputs, *hidden][-1], outputs))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.stack(x)
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, Array], inputs: int, outputs: int, options: NetOptions) -> DenseNet:
+        """A net in evaluation mode from its named weights; torch's own errors where they don't fit."""
+        network = cls(inputs, outputs, options.hidden, options.dropout)
+        network.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
+        return network.eval()
+
+    def arrays(self) -> dict[str, Array]:
+        """Its weights by name."""
+        return {name: value.detach().numpy() for name, value in self.state_dict().items()}
+
+    def run(self, x: Float[Array, "T f"]) -> Float[Array, "T n"]:
+        """Its outputs."""
+        with torch.inference_mode():
+            return np.asarray(self(torch.from_numpy(x.astype(np.float32))).numpy(), dtype=float)
 
 
 def train_dense(
@@ -41,111 +81,125 @@ def train_dense(
         progress: Called after each epoch with (epoch, epochs, held-back error).
         checkpoint: Folder for checkpoints; a training of the same data and options goes on where it stopped.
     """
-    held = np.zeros((1, len(x)), dtype=bool)
-    held[:, np.random.default_rng(options.seed).permutation(len(x))[: int(options.validation_share * len(x))]] = True
-    data = _Data(*(torch.from_numpy(part.astype(np.float32)) for part in (x, y, mask, held)))
+    held = np.zeros(len(x), dtype=bool)
+    held[np.random.default_rng(options.seed).permutation(len(x))[: int(options.validation_share * len(x))]] = True
+    inputs, targets, weights = (torch.from_numpy(part.astype(np.float32)) for part in (x, y, mask))
+    data = _Data(inputs, targets, weights, held)
+    fingerprint = f"{[float(part.double().sum()) for part in data.tensors]} {asdict(options)}"
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
-        network = DenseNet(x.shape[1], y.shape[1], options.hidden, options.dropout)
+        training = Training(DenseNet(x.shape[1], y.shape[1], options.hidden, options.dropout), options.learning_rate)
+        if checkpoint is not None:
+            training.resume(checkpoint, fingerprint)
         # One thread: a net's sums, and so its weights, depend on how many there are, and Pinocchio changes their
         # number. On a busy machine more only wait for each other.
         with torch_threads(1):
-            training = _train(network, data, options, progress, checkpoint)
-    if options.patience and training.best:
-        network.load_state_dict(training.best)
-    network.eval()
-    return network, TrainingHistory(tuple(training.train), tuple(training.validation), training.best_epoch)
-
-
-def run_dense(network: DenseNet, x: Float[Array, "T f"]) -> Float[Array, "T n"]:
-    """Outputs of a dense net."""
-    with torch.inference_mode():
-        return np.asarray(network(torch.from_numpy(x.astype(np.float32)))[0].numpy(), dtype=float)
-
-
-def dense_from_arrays(arrays: dict[str, Array], inputs: int, outputs: int, options: NetOptions) -> DenseNet:
-    """A dense net from its named weights; torch's own errors where they don't fit."""
-    network = DenseNet(inputs, outputs, options.hidden, options.dropout)
-    network.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
-    network.eval()
-    return network
-
-
-def dense_arrays(network: DenseNet) -> dict[str, Array]:
-    """Its weights by name."""
-    return {name: value.detach().numpy() for name, value in network.state_dict().items()}
+            while training.epoch < options.epochs:
+                training.run_epoch(data, options)
+                if checkpoint is not None and training.epoch % KEPT_EVERY == 0:
+                    training.save(checkpoint, fingerprint)
+                if progress is not None:
+                    progress(training.epoch, options.epochs, training.validation[-1])
+    return training.network.eval(), TrainingHistory(tuple(training.train), tuple(training.validation))
 
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """What a training sees: standardised inputs and targets, where they count, and what each member holds back."""
+    """What a training sees: standardised inputs and targets, where they count, and which samples are held back."""
 
-    inputs: torch.Tensor  # (T, ...)
+    inputs: torch.Tensor  # (T, f)
     targets: torch.Tensor  # (T, n)
     mask: torch.Tensor  # (T, n)
-    held: torch.Tensor  # (members, T)
+    held: Array  # (T,)
 
-    def errors(self, network: DenseNet, rows: torch.Tensor, held: bool) -> torch.Tensor:
-        """Mean square error by member and joint over the rows that count, shape (members, n)."""
-        side = self.held[:, rows] if held else 1.0 - self.held[:, rows]
-        weight = side[:, :, None] * self.mask[rows]
-        squares = weight * (network(self.inputs[rows]) - self.targets[rows]) ** 2
-        return squares.sum(dim=1) / weight.sum(dim=1).clamp(min=1.0)
+    @property
+    def tensors(self) -> tuple[torch.Tensor, ...]:
+        return self.inputs, self.targets, self.mask
 
-
-def _train(
-    network: DenseNet, data: _Data, options: NetOptions, progress: Progress | None, checkpoint: Path | None
-) -> Training:
-    adam = torch.optim.AdamW if options.weight_decay > 0 else torch.optim.Adam
-    optimiser = adam(network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay)
-    silent = data.held[:, :, None] * data.mask
-    least = (silent * data.targets**2).sum(dim=1) / silent.sum(dim=1).clamp(min=1.0)
-    training = Training(network, optimiser, least)
-    network.keep(training.best, torch.zeros_like(least, dtype=torch.bool))
-    sums = [float(tensor.double().sum()) for tensor in (data.inputs, data.targets, data.mask)]
-    fingerprint = f"{sums} {asdict(options)}"
-    if checkpoint is not None:
-        training.resume(checkpoint, fingerprint)
-    while training.epoch < options.epochs and not _stalled(training, options):
-        _one_epoch(training, data, options)
-        if checkpoint is not None and training.epoch % 10 == 0:
-            training.save(checkpoint, fingerprint)
-        if progress is not None:
-            progress(training.epoch, options.epochs, training.validation[-1])
-    return training
+    def error(self, network: DenseNet, rows: Array) -> torch.Tensor:
+        """Mean square error over the rows that count, of all joints alike."""
+        inputs, targets, mask = (part[torch.from_numpy(rows)] for part in self.tensors)
+        squares = mask * (network(inputs) - targets) ** 2
+        return (squares.sum(dim=0) / mask.sum(dim=0).clamp(min=1.0)).mean()
 
 
-def _stalled(training: Training, options: NetOptions) -> bool:
-    return bool(options.patience) and training.epoch - training.best_epoch >= options.patience
+@dataclass
+class Training:
+    """A training that can be stopped at any moment and resumed; a checkpoint holds all of it."""
 
+    network: DenseNet
+    learning_rate: float
+    epoch: int = 0
+    train: list[float] = field(default_factory=list)
+    validation: list[float] = field(default_factory=list)
 
-def _one_epoch(training: Training, data: _Data, options: NetOptions) -> None:
-    """One pass in an order that depends on seed and epoch alone, so that a resumed training is the same training."""
-    torch.manual_seed(options.seed * 100_003 + training.epoch)  # dropout's masks
-    some = torch.nonzero((data.held == 0).any(dim=0))[:, 0]
-    order = np.random.default_rng((options.seed, training.epoch)).permutation(some.numpy())
-    if options.cosine:
-        rate = 0.5 * options.learning_rate * (1 + np.cos(np.pi * training.epoch / options.epochs))
-        for group in training.optimiser.param_groups:
-            group["lr"] = float(rate)
-    network, total = training.network, 0.0
-    network.train()
-    batch = min(options.batch, max(LEAST_BATCH, len(order) // LEAST_STEPS))
-    for start in range(0, len(order), batch):
-        rows = torch.from_numpy(order[start : start + batch])
-        training.optimiser.zero_grad(set_to_none=True)
-        loss = data.errors(network, rows, held=False).mean()
-        loss.backward()
-        training.optimiser.step()
-        total += float(loss.detach()) * len(rows)
-    network.eval()
-    with torch.inference_mode():
-        errors = data.errors(network, torch.arange(len(data.targets)), held=True)
-    better = errors.mean() < training.least.mean()
-    training.epoch += 1
-    training.train.append(total / len(order))
-    training.validation.append(float(errors.mean()))
-    if bool(better.any()):
-        network.keep(training.best, better)
-        training.least = torch.where(better, errors, training.least)
-        training.best_epoch = training.epoch
+    def __post_init__(self) -> None:
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
+
+    def run_epoch(self, data: _Data, options: NetOptions) -> None:
+        """One pass in an order that depends on seed and epoch alone: a resumed training is the same training."""
+        torch.manual_seed(options.seed * 100_003 + self.epoch)  # dropout's masks
+        order = np.random.default_rng((options.seed, self.epoch)).permutation(np.flatnonzero(~data.held))
+        total, batch = 0.0, min(options.batch, max(LEAST_BATCH, len(order) // LEAST_STEPS))
+        self.network.train()
+        for start in range(0, len(order), batch):
+            rows = order[start : start + batch]
+            self.optimiser.zero_grad(set_to_none=True)
+            loss = data.error(self.network, rows)
+            loss.backward()
+            self.optimiser.step()
+            total += float(loss.detach()) * len(rows)
+        self.network.eval()
+        with torch.inference_mode():
+            self.validation.append(float(data.error(self.network, np.flatnonzero(data.held))))
+        self.train.append(total / len(order))
+        self.epoch += 1
+
+    def save(self, folder: Path, fingerprint: str) -> None:
+        """Writes the checkpoint as one file: tensors, and the rest as its metadata.
+
+        Raises:
+            OSError: The system can't: the disk is full, say.
+        """
+        tensors = {f"now.{name}": value.contiguous() for name, value in self.network.state_dict().items()}
+        for index, entry in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in entry.items()}
+        record = {name: getattr(self, name) for name in ("epoch", "train", "validation")}
+        begin_folder(folder, KIND)
+        with atomic_write(folder / NAME) as part:
+            try:
+                save_file(tensors, part, {"fingerprint": fingerprint, "record": json.dumps(record)})
+            except SafetensorError as error:
+                raise OSError(EIO, str(error), str(part)) from None
+
+    def resume(self, folder: Path, fingerprint: str) -> None:
+        """Takes up a checkpoint of the same data and options, if there is one that can be read whole."""
+        path = folder / NAME
+        if path.is_symlink() or not path.is_file():
+            return
+        before = copy.deepcopy((self.network.state_dict(), self.optimiser.state_dict()))
+        try:
+            with safe_open(path, framework="pt") as stream:
+                metadata = stream.metadata() or {}
+            if metadata.get("fingerprint") == fingerprint:
+                self._take(load_file(path), json.loads(metadata["record"]))
+        except (OSError, SafetensorError, ValueError, KeyError, IndexError, AttributeError, TypeError, RuntimeError):
+            # Damaged: the training starts afresh and writes it anew.
+            self.network.load_state_dict(before[0])
+            self.optimiser.load_state_dict(before[1])
+
+    def _take(self, tensors: dict[str, torch.Tensor], record: dict[str, Any]) -> None:
+        if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
+            raise ValueError("a checkpoint of another net")
+        epoch, train, validation = record["epoch"], list(record["train"]), list(record["validation"])
+        parts = {head: {} for head in ("now", "adam")}  # type: dict[str, dict[str, torch.Tensor]]
+        for name, value in tensors.items():
+            head, rest = name.split(".", 1)
+            parts[head][rest] = value
+        self.network.load_state_dict(parts["now"])
+        state = self.optimiser.state_dict()
+        for key, value in parts["adam"].items():
+            index, name = key.split(".")
+            state["state"].setdefault(int(index), {})[name] = value
+        self.optimiser.load_state_dict(state)
+        self.epoch, self.train, self.validation = epoch, train, validation

@@ -37,27 +37,27 @@ class JointNets:
             object.__setattr__(self, name, tuple(map(_single, getattr(self, name))))
 
     @classmethod
-    def from_tensors(
-        cls, tensors: Mapping[str, Array], members: int, joints: int, inputs: int, hidden: Sequence[int]
+    def from_arrays(
+        cls, arrays: Mapping[str, Array], members: int, joints: int, inputs: int, hidden: Sequence[int]
     ) -> JointNets:
-        """Nets from named arrays, as `tensors` gives them.
+        """Nets from named arrays, as `arrays` gives them.
 
         Raises:
             KeyError, ValueError: One is missing, too many, or of another shape.
         """
         layers = list(pairwise([inputs, *hidden, 1]))
         names = {f"{kind}.{i}" for i in range(len(layers)) for kind in ("weights", "biases")}
-        if set(tensors) != names:
-            raise ValueError(f"its weights are {', '.join(sorted(tensors))}")
+        if set(arrays) != names:
+            raise ValueError(f"its weights are {', '.join(sorted(arrays))}")
         count = members * joints
         for i, (before, after) in enumerate(layers):
             for name, shape in ((f"weights.{i}", (count, before, after)), (f"biases.{i}", (count, 1, after))):
-                if tensors[name].shape != shape:
-                    raise ValueError(f"{name} has shape {tensors[name].shape}, not {shape}")
-        weights, biases = ([tensors[f"{kind}.{i}"] for i in range(len(layers))] for kind in ("weights", "biases"))
+                if arrays[name].shape != shape:
+                    raise ValueError(f"{name} has shape {arrays[name].shape}, not {shape}")
+        weights, biases = ([arrays[f"{kind}.{i}"] for i in range(len(layers))] for kind in ("weights", "biases"))
         return cls(members, joints, tuple(weights), tuple(biases))
 
-    def tensors(self) -> dict[str, Array]:
+    def arrays(self) -> dict[str, Array]:
         """All weights by name."""
         named: dict[str, Array] = {f"weights.{i}": weight for i, weight in enumerate(self.weights)}
         return named | {f"biases.{i}": bias for i, bias in enumerate(self.biases)}

@@ -37,8 +37,7 @@ from ident.model.random_features import solve_net, width_of
 from ident.safe_read import read_json, require_regular
 
 if TYPE_CHECKING:
-    from ident.model.dense_training import Progress
-    from ident.model.networks import DenseNet
+    from ident.model.dense_training import DenseNet, Progress
 
 __all__ = ["PRESETS", "NetOptions", "ResidualNet", "TrainingHistory", "compute_features", "fit_residual_net"]
 
@@ -108,14 +107,12 @@ class ResidualNet:
         x = (compute_features(q, dq, ddq, rigid, self.options.preset) - self.input_mean) / self.input_std
         if isinstance(self.network, JointNets):
             return np.asarray(self.network(x).mean(axis=0).astype(float) * self.output_std)
-        from ident.model.dense_training import run_dense  # torch is slow to load
-
-        return run_dense(self.network, x) * self.output_std
+        return self.network.run(x) * self.output_std
 
     def save(self, folder: Path) -> None:
         """Writes residual.safetensors and residual.json into a folder."""
         with atomic_write(folder / "residual.safetensors") as part:
-            _save_arrays(self._arrays(), part)
+            _save_arrays(self.network.arrays(), part)
         record: dict[str, Any] = {"options": asdict(self.options), "parameters": self.parameters}
         for name in ("input_mean", "input_std", "output_std"):
             record[name] = getattr(self, name).tolist()
@@ -123,13 +120,6 @@ class ResidualNet:
             record["bounds"] = self.bounds.to_dict()
         with atomic_write(folder / "residual.json") as part:
             part.write_text(json.dumps(record, indent=1), encoding="utf-8")
-
-    def _arrays(self) -> dict[str, Array]:
-        if isinstance(self.network, JointNets):
-            return self.network.tensors()
-        from ident.model.dense_training import dense_arrays
-
-        return dense_arrays(self.network)
 
     @classmethod
     def load(cls, folder: Path) -> ResidualNet:
@@ -141,8 +131,7 @@ class ResidualNet:
         path = folder / "residual.json"
         try:
             record = read_json(path, "fit the model again", ModelError)
-            fields = dict(record["options"])
-            options = NetOptions(**{**fields, "hidden": tuple(fields["hidden"])})
+            options = NetOptions.from_dict(record["options"])
             mean, std, scale = (freeze(record[name]) for name in ("input_mean", "input_std", "output_std"))
             weights = folder / "residual.safetensors"
             size = require_regular(weights, "fit the model again", ModelError)
@@ -195,10 +184,10 @@ def _count_weights(inputs: int, joints: int, options: NetOptions) -> int:
 
 def _build(arrays: dict[str, Array], inputs: int, joints: int, options: NetOptions) -> JointNets | DenseNet:
     if options.preset != "paper":
-        return JointNets.from_tensors(arrays, options.members, joints, inputs, options.hidden)
-    from ident.model.dense_training import dense_from_arrays
+        return JointNets.from_arrays(arrays, options.members, joints, inputs, options.hidden)
+    from ident.model.dense_training import DenseNet  # torch is slow to load
 
-    return dense_from_arrays(arrays, inputs, joints, options)
+    return DenseNet.from_arrays(arrays, inputs, joints, options)
 
 
 def _save_arrays(arrays: dict[str, Array], path: Path) -> None:
@@ -248,7 +237,7 @@ def fit_residual_net(
     q, dq, ddq, rigid = (np.concatenate(parts) for parts in zip(*states, strict=True))
     whole = (q, dq, ddq, rigid)
     if options.preset == "paper":
-        from ident.model.dense_training import train_dense  # torch is slow to load
+        from ident.model.dense_training import train_dense
 
         x = compute_features(*whole, options.preset)
         mean, std = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)

@@ -6,7 +6,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow.csv as pacsv
@@ -18,7 +18,7 @@ from ident.diagnosis.gap.ceiling import Ceiling
 from ident.effects import catalogue
 from ident.files import HOST
 from ident.model.hybrid import HybridModel
-from ident.model.residual_net import PRESETS, NetOptions
+from ident.model.residual_net import PRESETS
 from ident.outputs import begin_folder
 from ident.robot.names import data_path
 from tests.ident.diagnosis.contract import check_diagnosis
@@ -308,9 +308,8 @@ def test_inspect_ends_well_whatever_it_finds(run: Run, spoilt: Path) -> None:
     assert "not fit for use" in ended.out
 
 
-def test_fit_with_a_net(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fit_with_a_net(run: Run, tmp_path: Path) -> None:
     """Law: a fit leaves a model that loads, its JSON, and no checkpoint; nothing of it is pickled."""
-    monkeypatch.setitem(PRESETS, "default", NetOptions(hidden=(4,), members=1, epochs=3))
     ended = run("fit", E1, *ROBOT, "--out", tmp_path / "m", "--json", tmp_path / "f.json")
     assert ended.status == 0, ended.err
     assert json.loads((tmp_path / "f.json").read_text())["schema"] == "ident.fit/1"
@@ -434,16 +433,15 @@ def test_a_fit_goes_on_after_a_kill_amid_a_checkpoint(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Law: whatever a kill left of a checkpoint, the next fit succeeds and leaves nothing of it."""
-    few = NetOptions(hidden=(4,), members=2, epochs=10, patience=0)
-    monkeypatch.setitem(PRESETS, "default", few)
-    training = tmp_path / "m.training"
-    assert run("fit", E1, *ROBOT, "--out", tmp_path / "m").status == 0
+    monkeypatch.setitem(PRESETS, "paper", replace(PRESETS["paper"], hidden=(4,), epochs=10))
+    training, fit = tmp_path / "m.training", ("fit", E1, *ROBOT, "--net", "paper", "--out", tmp_path / "m")
+    assert run(*fit).status == 0
     assert_untouched(tmp_path, "m")
     for content in (b"", b"half", b"\x08" + bytes(7) + b'{"a":{}}'):
         begin_folder(training, "training")
         (training / "checkpoint.safetensors").write_bytes(content)
         (training / f".checkpoint.armgap-{HOST}-999999999-ab.part.safetensors").write_bytes(b"half")
-        assert run("fit", E1, *ROBOT, "--out", tmp_path / "m").status == 0
+        assert run(*fit).status == 0
         assert_untouched(tmp_path, "m")
 
 

@@ -15,7 +15,7 @@ from ident.effects.added_body import PLACE, point_mass
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
-from ident.export.bodies import is_body, nearest_bodies
+from ident.export.bodies import nearest_bodies
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, Tuning
 from ident.export.loaded import LoadedMjcf
@@ -27,6 +27,7 @@ from ident.export.standalone.laws import acting_torque
 from ident.export.standalone.motion import Losses, MovingArm
 from ident.export.urdf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
+from ident.model.convex import is_consistent
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.presliding import stop_operator
 from ident.outputs import MARKER
@@ -253,10 +254,10 @@ def test_a_named_error_that_leaves_no_body_is_written_by_its_torque(arm: ArmMode
     figures = {name: Interval(value, value, value) for name, value in error.items()}
     change = Change("link_inertial_error", 5, ("joint_6",), figures, kind=find_effect("link_inertial_error"))
     wanted = link_change(arm.inertial_parameters.reshape(6, 10)[5], error)
-    assert not is_body(arm.inertial_parameters.reshape(6, 10)[5] + wanted)
+    assert not is_consistent(arm.inertial_parameters.reshape(6, 10)[5] + wanted)
     links = IdentifiedArm.tuned_to(arm, Tuning.none(6), [change]).links
     bodies = arm.inertial_parameters.reshape(6, 10) + links.total
-    assert all(is_body(body) for body in bodies)
+    assert all(is_consistent(body) for body in bodies)
     rng = np.random.default_rng(2)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 50, 6))
     regressor = arm.regressor(q, dq, ddq)
@@ -285,9 +286,9 @@ def test_tuned_links_become_bodies_of_the_same_torque(arm: ArmModel) -> None:
     real = [0.3 * link[0] * point_mass(rng.uniform(-0.2, 0.2, 3)) for link in arm.inertial_parameters.reshape(6, 10)]
     wanted = lift_base(base, scale) @ (base.mapping @ np.concatenate(real))
     nominal = arm.inertial_parameters.reshape(6, 10)
-    assert not all(is_body(link) for link in nominal + wanted.reshape(6, 10))
+    assert not all(is_consistent(link) for link in nominal + wanted.reshape(6, 10))
     change, missed = nearest_bodies(arm, wanted.reshape(6, 10))
-    assert all(is_body(link) for link in nominal + change)
+    assert all(is_consistent(link) for link in nominal + change)
     states = random_states(rng, 50, 6)
     torque = arm.regressor(*states) @ np.stack([wanted, change.ravel()], axis=1)
     left = np.sqrt(np.mean((torque[..., 0] - torque[..., 1]) ** 2) / np.mean(torque[..., 0] ** 2))

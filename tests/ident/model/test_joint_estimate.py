@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import clear_of_stops, run_numbers, sum_blocks
-from ident.model.convex import is_consistent, nearest_consistent
+from ident.model.convex import is_consistent, solve_bounded
 from ident.model.identification import Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
@@ -80,7 +80,8 @@ def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel)
     rng = np.random.default_rng(4)
     scale = parameter_scale(nominal)
     links = nominal.inertial_parameters + 0.05 * scale * rng.standard_normal(len(scale))
-    real = nominal.with_inertial_parameters(nearest_consistent(links, scale))
+    nearest = solve_bounded(np.eye(len(scale)), np.zeros(len(scale)), (), links, scale)
+    real = nominal.with_inertial_parameters(links + scale * nearest)
     right = identify(_measured(nominal, 5), nominal, "nominal")
     wrong = identify(_measured(real, 5), nominal, "nominal")
     assert right.urdf_share < 0.01 < 0.02 < wrong.urdf_share < 0.12

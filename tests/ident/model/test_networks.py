@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from ident.model.dense_training import DenseNet
 from ident.model.joint_nets import ROWS, JointNets
-from ident.model.networks import DenseNet
 
 
 def _nets(members: int, joints: int, widths: tuple[int, ...]) -> JointNets:
@@ -31,30 +31,18 @@ def test_joint_nets_are_as_many_perceptrons() -> None:
             assert np.allclose(found[member, :, joint], y[:, 0].numpy(), atol=1e-4)
 
 
-def test_joint_nets_come_back_from_their_tensors() -> None:
+def test_joint_nets_come_back_from_their_arrays() -> None:
     """By name and shape; one that is missing, too many or of another shape is refused."""
     net = _nets(2, 3, (6, 4, 1))
-    tensors = net.tensors()
-    again = JointNets.from_tensors(tensors, 2, 3, 6, (4,))
+    arrays = net.arrays()
+    again = JointNets.from_arrays(arrays, 2, 3, 6, (4,))
     assert all(np.array_equal(a, b) for a, b in zip(net.weights, again.weights, strict=True))
-    assert again.size == sum(value.size for value in tensors.values())
-    for broken in ({**tensors, "more": tensors["biases.0"]}, {"weights.0": tensors["weights.0"]}):
+    assert again.size == sum(value.size for value in arrays.values())
+    for broken in ({**arrays, "more": arrays["biases.0"]}, {"weights.0": arrays["weights.0"]}):
         with pytest.raises(ValueError, match="its weights are"):
-            JointNets.from_tensors(broken, 2, 3, 6, (4,))
+            JointNets.from_arrays(broken, 2, 3, 6, (4,))
     with pytest.raises(ValueError, match="has shape"):
-        JointNets.from_tensors(tensors, 3, 2, 6, (5,))
-
-
-@pytest.mark.parametrize("better", [True, False])
-def test_dense_net_is_kept_as_a_whole(better: bool) -> None:
-    """One error for all joints: all weights are copied, or none; later changes do not reach the copy."""
-    net, best = DenseNet(3, 2, (4,), 0.5), dict[str, torch.Tensor]()
-    net.keep(best, torch.tensor([better]))
-    assert bool(best) is better
-    with torch.no_grad():
-        for weight in net.parameters():
-            weight.add_(1.0)
-    assert all(not torch.equal(value, net.state_dict()[name]) for name, value in best.items())
+        JointNets.from_arrays(arrays, 3, 2, 6, (5,))
 
 
 def test_dropout_is_for_training_only() -> None:
