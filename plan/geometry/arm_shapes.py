@@ -7,6 +7,7 @@ unless the user says what is to stand in for it: its visual shapes, or capsules 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -20,6 +21,7 @@ from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from plan.errors import MethodError
 from plan.geometry.boxes import Box
+from plan.geometry.convex_parts import convex_parts
 from plan.geometry.solids import Solid
 
 StandIn = Literal["visual", "capsules", "boxes"]
@@ -40,11 +42,14 @@ class ArmShapes:
         boxes: The shapes, in the order of their links along the arm.
         bare: Links without collision geometry, for which something stands in.
         stand_in: What does.
+        meshes: Links that are meshes: name, number of convex parts, and by how much these hold more than the mesh, as a
+            share of its volume; None of an open mesh, which has none.
     """
 
     boxes: tuple[Box, ...]
     bare: tuple[str, ...] = ()
     stand_in: StandIn | None = None
+    meshes: tuple[tuple[str, int, float | None], ...] = ()
 
     @property
     def issue(self) -> TelemetryIssue | None:
@@ -59,12 +64,24 @@ class ArmShapes:
             "add <collision> to these links",
         )
 
+    @property
+    def coarser(self) -> str:
+        """How meshes are taken, in words; empty where there are none."""
+        if not self.meshes:
+            return ""
+        known = [(share, name) for name, _, share in self.meshes if share is not None]
+        excess, worst = max(known, default=(0.0, ""))
+        parts = f"{len(self.meshes)} meshes of links count as {sum(count for _, count, _ in self.meshes)} convex parts"
+        return parts + (f", {worst} with {100 * excess:.1f} % more volume than its mesh" if worst else "")
+
     def to_dict(self) -> dict[str, Any]:
-        """What stands in for which links, and the issue that tells of it."""
+        """What stands in for which links, the issue that reports it, and the convex parts of meshes."""
         issue = self.issue
+        names = ("link", "parts", "excess_volume_share")
         return {
             "stand_in": {"shapes": self.stand_in, "links": list(self.bare)},
             "issues": [] if issue is None else [issue.to_dict()],
+            "link_meshes": [dict(zip(names, mesh, strict=True)) for mesh in self.meshes],
         }
 
 
@@ -90,22 +107,24 @@ def arm_shapes(arm: ArmModel, stand_in: StandIn | None = None) -> ArmShapes:
     """
     if stand_in is not None and stand_in not in STAND_INS:
         raise MethodError("--shapes", f"{stand_in!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
-    found = _read(arm, arm.geometry.geometryObjects)
+    meshes: list[tuple[str, int, float | None]] = []
+    found = _read(arm, arm.geometry.geometryObjects, meshes)
     bare = bare_links(arm)
     if not bare:
-        return ArmShapes(tuple(_ordered(arm, found)))
+        return ArmShapes(tuple(_ordered(arm, found)), meshes=tuple(meshes))
     where = arm.source or arm.name
     if stand_in is None:
         remedy = f"add <collision> to them, or say what stands in: --shapes {', '.join(STAND_INS[:-1])} or boxes"
         raise RobotError(where, f"no_shape: no <collision> of {_list(bare)}, so nothing is known to keep clear", remedy)
     if stand_in == "visual":
-        made = [box for box in _read(arm, arm.visual_geometry.geometryObjects) if box.name in bare]
+        frames = [one for one in arm.visual_geometry.geometryObjects if _name(arm, one) in bare]
+        made = _read(arm, frames, meshes)
         without = [name for name in bare if name not in {box.name for box in made}]
         if without:
             raise RobotError(where, f"no_shape: {_list(without)}: no <visual> either", "use --shapes capsules or boxes")
     else:
         made = [_limb(arm, name, stand_in) for name in bare]
-    return ArmShapes(tuple(_ordered(arm, [*found, *made])), bare, stand_in)
+    return ArmShapes(tuple(_ordered(arm, [*found, *made])), bare, stand_in, tuple(meshes))
 
 
 def bare_links(arm: ArmModel) -> tuple[str, ...]:
@@ -140,26 +159,43 @@ def _list(names: tuple[str, ...] | list[str]) -> str:
     return some if len(names) <= 6 else f"{some} and {len(names) - 6} more"
 
 
-def _read(arm: ArmModel, objects: list[pin.GeometryObject]) -> list[Box]:
-    """Boxes round Pinocchio's geometry objects; the exact shape is kept, a mesh as its convex hull."""
-    return [_box_of(arm, shape) for shape in objects]
+def _read(
+    arm: ArmModel, objects: Sequence[pin.GeometryObject], meshes: list[tuple[str, int, float | None]]
+) -> list[Box]:
+    """Boxes round Pinocchio's geometry objects; the exact shape is kept, a mesh as convex parts, which are entered."""
+    found = []
+    for shape in objects:
+        name, solid = _name(arm, shape), simple_solid(shape.geometry)
+        rotation, centre = shape.placement.rotation.copy(), shape.placement.translation.copy()
+        if solid is not None:
+            found.append(Box.around(name, solid, shape.parentJoint, rotation, centre, shape.parentFrame))
+            continue
+        parts = convex_parts(_triangles(arm, shape))
+        meshes.append((name, len(parts.corners), parts.excess))
+        found.append(Box.around_parts(name, parts.corners, shape.parentJoint, rotation, centre, shape.parentFrame))
+    return found
 
 
-def _box_of(arm: ArmModel, shape: pin.GeometryObject) -> Box:
-    geometry, place = shape.geometry, shape.placement
-    name = str(arm.model.frames[shape.parentFrame].name)
-    rotation, centre = place.rotation.copy(), place.translation.copy()
-    solid = simple_solid(geometry)
-    if solid is not None:
-        return Box.around(name, solid, shape.parentJoint, rotation, centre, shape.parentFrame)
-    points = np.array(geometry.vertices()) if hasattr(geometry, "vertices") else np.empty((0, 3))
+def _name(arm: ArmModel, shape: pin.GeometryObject) -> str:
+    return str(arm.model.frames[shape.parentFrame].name)
+
+
+def _triangles(arm: ArmModel, shape: pin.GeometryObject) -> Float[Array, "m 3 3"]:
+    """Corners of a mesh's triangles [m].
+
+    Raises:
+        RobotError: It has none, or one that is not finite.
+    """
+    model = shape.geometry
+    points = np.array(model.vertices()) if hasattr(model, "vertices") else np.empty((0, 3))
     if len(points) < 3 or not np.isfinite(points).all():
         raise RobotError(
             arm.source or arm.name,
-            f"link {name}: the mesh {shape.meshPath} has no finite triangle",
+            f"link {_name(arm, shape)}: the mesh {shape.meshPath} has no finite triangle",
             "mend or replace that mesh",
         )
-    return Box.around_points(name, points, shape.parentJoint, rotation, centre, shape.parentFrame)
+    corners = [[corner[k] for k in range(3)] for corner in map(model.tri_indices, range(model.num_tris))]
+    return points[np.array(corners, dtype=np.int64).reshape(-1, 3)]
 
 
 def simple_solid(geometry: coal.CollisionGeometry) -> Solid | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -53,12 +55,22 @@ class Box:
         return cls(name, joint, axes, place, solid.half, body, solid)
 
     @classmethod
-    def around_points(
-        cls, name: str, points: Float[Array, "k 3"], joint: int, rotation: Array, centre: Array, body: int
+    def around_parts(
+        cls, name: str, parts: Sequence[Float[Array, "k 3"]], joint: int, rotation: Array, centre: Array, body: int
     ) -> Box:
-        """The hull of points that are given in axes of their own, which lie in the joint frame as told."""
+        """Convex parts by their corners, which are given in axes of their own, placed in the joint frame like these."""
+        points = np.concatenate(parts)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        return cls.around(name, Solid.hull(points - middle), joint, rotation, centre + rotation @ middle, body)
+        solid = Solid.hull(points - middle, [part - middle for part in parts] if len(parts) > 1 else ())
+        return cls.around(name, solid, joint, rotation, centre + rotation @ middle, body)
+
+    @cached_property
+    def parts(self) -> tuple[Box, ...]:
+        """Its convex parts, each a shape by itself; itself alone if it has none."""
+        if not self.solid.parts:
+            return (self,)
+        place = self.joint, self.rotation, self.centre, self.body
+        return tuple(Box.around_parts(self.name, [part], *place) for part in self.solid.parts)
 
     @property
     def corners(self) -> Float[Array, "8 3"]:

@@ -27,6 +27,9 @@ SIDES = 32
 class CompiledBodies(NamedTuple):
     """Convex bodies; a surface is as many as it has triangles, a cloud as many as it has points.
 
+    Behind all shapes stand the parts of hulls that are not convex themselves: a hull that comes near is looked at by
+    its parts.
+
     Attributes:
         carrier: Number of the joint that carries each, 0 for the world.
         rot, at: Axes and centre in the joint frame.
@@ -37,6 +40,7 @@ class CompiledBodies(NamedTuple):
         first, number: Place and number of its corners; no corners for the simple ones.
         corners: Corners in the bodies' axes, from their centres [m].
         owner: Number of the shape that each belongs to.
+        part, parts: The first of a hull's parts, and their number; no parts of what is convex.
     """
 
     carrier: Array
@@ -50,6 +54,8 @@ class CompiledBodies(NamedTuple):
     number: Array
     corners: Array
     owner: Array
+    part: Array
+    parts: Array
 
 
 class Points(NamedTuple):
@@ -81,7 +87,10 @@ class Tree(NamedTuple):
 
 def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
     """The shapes' bodies, in the shapes' order."""
-    parts = [_pieces(box, number) for number, box in enumerate(boxes)]
+    shapes = [_pieces(box, number) for number, box in enumerate(boxes)]
+    parted = [number for number, box in enumerate(boxes) if box.solid.parts]
+    parts = [*shapes, *(_pieces(part, number) for number in parted for part in boxes[number].parts)]
+    first, count = _parts_of(boxes, parted, shapes)
     number = np.concatenate([part.number for part in parts]) if parts else np.empty(0, dtype=np.int64)
     corners = [part.corners for part in parts if len(part.corners)]
     return CompiledBodies(
@@ -96,7 +105,19 @@ def compile_bodies(boxes: Sequence[Box]) -> CompiledBodies:
         number=number,
         corners=np.ascontiguousarray(np.concatenate(corners)) if corners else np.zeros((1, 3)),
         owner=_column(parts, "owner", np.int64),
+        part=first,
+        parts=count,
     )
+
+
+def _parts_of(boxes: Sequence[Box], parted: Sequence[int], shapes: Sequence[CompiledBodies]) -> tuple[Array, Array]:
+    """The first of each body's parts, which stand behind the bodies of all shapes, and their number."""
+    before = [len(shape.owner) for shape in shapes]
+    own, begin = np.cumsum([0, *before]), sum(before)
+    counts = [len(boxes[number].parts) for number in parted]
+    first, count = np.zeros((2, begin + sum(counts)), dtype=np.int64)
+    count[own[list(parted)]], first[own[list(parted)]] = counts, begin + np.cumsum([0, *counts])[:-1]
+    return first, count
 
 
 def _column(parts: Sequence[CompiledBodies], name: str, kind: type, *shape: int) -> Array:
@@ -142,6 +163,8 @@ def _alike(
         number=np.full(count, corners.shape[1] if len(corners) else 0, dtype=np.int64),
         corners=corners.reshape(-1, 3),
         owner=np.full(count, number),
+        part=np.empty(0),
+        parts=np.empty(0),
     )
 
 

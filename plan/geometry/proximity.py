@@ -28,21 +28,30 @@ class Witness:
         distance: Signed distance [m].
         first, second: Nearest points, or deepest ones, of the two shapes in the base frame [m].
         normal: Unit vector along which the second shape leaves the first.
+        parts: The convex parts on which these points lie.
     """
 
     distance: float
     first: Float[Array, " 3"]
     second: Float[Array, " 3"]
     normal: Float[Array, " 3"]
+    parts: tuple[Box, Box]
 
 
 class Proximity:
-    """Coal's view of a scene. Holds Coal's buffers, so one thread at a time may use it."""
+    """Coal's view of a scene, every shape by its convex parts. Holds Coal's buffers: for one thread at a time."""
 
     def __init__(self, arm: ArmModel, boxes: Sequence[Box], pairs: Array) -> None:
-        self._model, self._chain = arm.model, Chain.from_arm(arm)
-        self._boxes, self._pairs = tuple(boxes), pairs
-        self._geometry = _geometry_model(boxes, pairs)
+        self._model, self._chain, self._pairs = arm.model, Chain.from_arm(arm), pairs
+        self._parts = [part for box in boxes for part in box.parts]
+        own = np.cumsum([0, *(len(box.parts) for box in boxes)])
+        # Each pair of shapes is as many pairs of parts, which follow each other.
+        self._counts = [len(boxes[a].parts) * len(boxes[b].parts) for a, b in pairs]
+        self._first, self._owner = np.cumsum([0, *self._counts])[:-1], np.repeat(np.arange(len(pairs)), self._counts)
+        ranges = [(range(own[a], own[a + 1]), range(own[b], own[b + 1])) for a, b in pairs]
+        both = [(i, k) for first, second in ranges for i in first for k in second]
+        self._sides = np.array(both, dtype=np.int64).reshape(-1, 2)
+        self._geometry = _geometry_model(self._parts, self._sides)
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._data = self._model.createData()
         self._geometry_data = self._geometry.createData()
@@ -52,33 +61,37 @@ class Proximity:
             request.gjk_tolerance = TOLERANCE
             request.gjk_max_iterations = 500
         self._pool: pin.GeometryPool | None = None
-        self._radius = np.array([box.solid.radius for box in self._boxes])
-        self._joints = np.array([box.joint for box in self._boxes], dtype=np.int64)
-        self._half = np.array([box.half for box in self._boxes]).reshape(-1, 3)
+        self._radius = np.array([part.solid.radius for part in self._parts])
+        self._joints = np.array([box.joint for box in boxes], dtype=np.int64)
+        self._half = np.array([part.half for part in self._parts]).reshape(-1, 3)
         # Coal knows the points of a cloud; their radius is taken off the distances of its pairs.
-        grown = np.array([box.solid.grown for box in self._boxes])
-        self._grown = grown[pairs[:, 0]]
+        grown = np.array([box.solid.grown for box in boxes])
+        self._grown = grown[pairs[:, 0]][self._owner]
 
     @property
     def geometry(self) -> pin.GeometryModel:
-        """The shapes and pairs as a Pinocchio geometry model."""
+        """The parts and their pairs as a Pinocchio geometry model."""
         return self._geometry
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Signed distance of every pair at one position [m]."""
         pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float))
-        return np.array([result.min_distance for result in self._geometry_data.distanceResults]) - self._grown
+        found = np.array([result.min_distance for result in self._geometry_data.distanceResults]) - self._grown
+        return self._least(found)
 
-    def bounds(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
-        """Lower bounds of the distances [m]: of the ball round the second shape of a pair from the first one's box."""
-        pin.updateGeometryPlacements(
-            self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
-        )
-        places = [self._geometry_data.oMg[i] for i in range(len(self._boxes))]
-        rotation = np.array([place.rotation for place in places]).reshape(-1, 3, 3)
-        centre = np.array([place.translation for place in places]).reshape(-1, 3)
-        first, second = self._pairs.T
-        local = np.einsum("pji,pj->pi", rotation[first], centre[second] - centre[first])
+    def _least(self, found: Float[Array, " e"]) -> Float[Array, " P"]:
+        """Smallest distance of each pair's parts [m]."""
+        return np.asarray(np.minimum.reduceat(found, self._first)) if len(self._pairs) else np.empty(0)
+
+    def _bounds(self, which: Int[Array, " m"]) -> Float[Array, " m"]:
+        """Lower bounds of the distances of pairs of parts [m]: the ball round the second from the first one's box."""
+        used, place = np.unique(self._sides[which], return_inverse=True)
+        places = [self._geometry_data.oMg[int(i)] for i in used]
+        rotation = np.array([one.rotation for one in places]).reshape(-1, 3, 3)
+        centre = np.array([one.translation for one in places]).reshape(-1, 3)
+        a, b = place.reshape(-1, 2).T
+        first, second = self._sides[which].T
+        local = np.einsum("pji,pj->pi", rotation[a], centre[b] - centre[a])
         outside = np.maximum(np.abs(local) - self._half[first], 0.0)
         return np.linalg.norm(outside, axis=1) - self._radius[second]
 
@@ -92,13 +105,17 @@ class Proximity:
             beyond: That distance, for all pairs or for each [m].
             known: Lower bounds that are known from elsewhere [m].
         """
-        found = self.bounds(q)
+        pin.updateGeometryPlacements(
+            self._model, self._data, self._geometry, self._geometry_data, np.asarray(q, dtype=float)
+        )
+        far = np.broadcast_to(np.asarray(beyond), len(self._pairs))[self._owner]
+        found = self._bounds(np.arange(len(self._sides)))
         if known is not None:
-            found = np.maximum(found, known)
-        for pair in np.flatnonzero(found < beyond):
-            pin.computeDistance(self._geometry, self._geometry_data, int(pair))
-            found[pair] = self._geometry_data.distanceResults[int(pair)].min_distance - self._grown[pair]
-        return found
+            found = np.maximum(found, known[self._owner])
+        for which in np.flatnonzero(found < far):
+            pin.computeDistance(self._geometry, self._geometry_data, int(which))
+            found[which] = self._geometry_data.distanceResults[int(which)].min_distance - self._grown[which]
+        return self._least(found)
 
     def clearance(self, q: Float[Array, " n"]) -> float:
         """Smallest signed distance at one position [m]; a metre where there is nothing to hit."""
@@ -112,7 +129,7 @@ class Proximity:
             pair: Number of the pair.
             piece: The piece in place of the pair's first shape, if that has pieces.
         """
-        pin.forwardKinematics(self._model, self._data, np.asarray(q, dtype=float))
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
         return self._witness(pair, piece)
 
     def gradients(
@@ -129,34 +146,37 @@ class Proximity:
         for row, (pair, piece) in enumerate(zip(pairs, pieces, strict=True)):
             if moved[row]:
                 pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q[row])
-            if piece is not None:
-                found = self._witness(int(pair), piece)
-                points[row], normals[row] = (found.first, found.second), found.normal
-                continue
-            pin.computeDistance(self._geometry, self._geometry_data, int(pair))
-            result = self._geometry_data.distanceResults[int(pair)]
-            points[row, 0], points[row, 1] = result.getNearestPoint1(), result.getNearestPoint2()
-            normals[row] = result.normal
+            found = self._witness(int(pair), piece)
+            points[row], normals[row] = (found.first, found.second), found.normal
         joints = self._joints[self._pairs[np.asarray(pairs, dtype=np.int64)]]
         return np.asarray(slopes_of_points(self._chain.kinematics, q, joints, points, normals))
 
     def _witness(self, pair: int, piece: Box | None) -> Witness:
-        """Of two shapes alone, so that the others cost nothing; where the arm is stands in the data."""
-        first, second = (self._boxes[i] for i in self._pairs[pair])
-        result = coal.DistanceResult()
-        sides = [*self._placed(piece or first, piece is None, pair, 0), *self._placed(second, True, pair, 1)]
-        coal.distance(*sides, self._request, result)
-        points = np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
-        return Witness(float(result.min_distance), *points, np.array(result.normal))
+        """Of the nearest two parts of a pair; where the arm is stands in the data."""
+        both = self._first[pair] + np.arange(self._counts[pair])
+        bounds = self._bounds(both) if len(both) > 1 and piece is None else np.full(len(both), -np.inf)
+        best, nearest = coal.DistanceResult(), -1
+        for k in np.argsort(bounds):
+            if nearest >= 0 and bounds[k] > best.min_distance:
+                break
+            found = self._distance(int(both[k]), piece)
+            if nearest < 0 or found.min_distance < best.min_distance:
+                best, nearest = found, int(both[k])
+        points = np.array(best.getNearestPoint1()), np.array(best.getNearestPoint2())
+        first, second = (self._parts[int(side)] for side in self._sides[nearest])
+        return Witness(float(best.min_distance), *points, np.array(best.normal), (piece or first, second))
 
-    def _placed(self, box: Box, whole: bool, pair: int, side: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
-        """A shape as Coal knows it, and its place in the base frame."""
-        shape = self._shapes[int(self._pairs[pair][side])] if whole else box.solid.for_coal()
-        if box.joint == 0:
-            return shape, coal.Transform3s(np.array(box.rotation), np.array(box.centre))
-        joint = self._data.oMi[box.joint]
-        turn = joint.rotation
-        return shape, coal.Transform3s(turn @ box.rotation, turn @ box.centre + joint.translation)
+    def _distance(self, which: int, piece: Box | None) -> coal.DistanceResult:
+        """Of a pair of parts; the first of them replaced by a piece, if there is one."""
+        if piece is None:
+            pin.computeDistance(self._geometry, self._geometry_data, which)
+            return self._geometry_data.distanceResults[which]
+        second, result = int(self._sides[which][1]), coal.DistanceResult()
+        place = self._geometry_data.oMg[second]
+        sides = (piece.solid.for_coal(), coal.Transform3s(np.array(piece.rotation), np.array(piece.centre)))
+        there = coal.Transform3s(place.rotation, place.translation)
+        coal.distance(*sides, self._shapes[second], there, self._request, result)
+        return result
 
     def collides(self, q: Float[Array, "T n"]) -> Bool[Array, " T"]:
         """Whether any pair overlaps, for a batch of positions at once."""

@@ -42,7 +42,7 @@ SHARP = 0.01
 def limits_of_proof(shapes: ArmShapes, unchecked: Sequence[Unchecked], coarser: Sequence[str] = ()) -> list[str]:
     """What a proof of clearance does not speak of, a line each: shapes that stand in or hold more, pairs left out."""
     lines = [] if shapes.issue is None else [f"not the arm's own shape: {shapes.issue.evidence}"]
-    lines += [f"larger than its file says: {one}" for one in coarser]
+    lines += [shapes.coarser] * bool(shapes.coarser) + [f"larger than its file says: {one}" for one in coarser]
     reasons: dict[str, list[str]] = {}
     for pair in unchecked:
         reasons.setdefault(pair.reason, []).append(" and ".join(pair.links))
@@ -225,7 +225,9 @@ class Scene:
         piece = self._pieces(q[None], np.array([pair]))[0] if pair in self._pieced else None
         found = self.proximity.witness(q, pair, piece)
         sides = ((found.first, found.normal), (found.second, -found.normal))
-        return found.normal, [self._tight(int(i), q, *side) for i, side in zip(self.pairs[pair], sides, strict=True)]
+        whole = self.boxes[self.pairs[pair][0]] if piece else found.parts[0]
+        boxes = (whole, found.parts[1])
+        return found.normal, [self._tight(box, q, *side) for box, side in zip(boxes, sides, strict=True)]
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:
@@ -273,7 +275,8 @@ class Scene:
         """Whether a link that touches no triangle of a mesh lies inside it: then any of its points does."""
         mesh, link = (self.boxes[i] for i in self.pairs[pair])
         rotation, at = self._frame(q, link.joint)
-        point = at + rotation @ link.centre
+        corner = link.solid.points[0] if len(link.solid.points) else np.zeros(3)
+        point = at + rotation @ (link.centre + link.rotation @ corner)
         return holds(mesh.solid, mesh.rotation.T @ (point - mesh.centre))
 
     def _frame(self, q: Array, joint: int) -> tuple[Array, Array]:
@@ -283,8 +286,7 @@ class Scene:
         pin.forwardKinematics(self.arm.model, data, np.asarray(q, dtype=float))
         return data.oMi[joint].rotation.copy(), data.oMi[joint].translation.copy()
 
-    def _tight(self, number: int, q: Array, point: Array, normal: Array) -> Box:
-        box = self.boxes[number]
+    def _tight(self, box: Box, q: Array, point: Array, normal: Array) -> Box:
         if box.solid.kind == "box":
             return box
         rotation, at = self._frame(q, box.joint)

@@ -115,6 +115,22 @@ def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no
     return simplex_gap(i, j, rot, at, bodies, known + extra, warm) - extra
 
 
+@njit(cache=True, fastmath=True, nogil=True)
+def shape_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no-untyped-def]
+    """As `body_gap`, of hulls that may have parts: where they are near, the smallest gap of any of these [m]."""
+    gap = body_gap(i, j, rot, at, bodies, warm, enough, band)
+    if bodies.parts[i] + bodies.parts[j] == 0 or gap > min(enough, band):
+        return gap
+    first, last = (bodies.part[i], bodies.part[i] + bodies.parts[i]) if bodies.parts[i] > 0 else (i, i + 1)
+    begin, end = (bodies.part[j], bodies.part[j] + bodies.parts[j]) if bodies.parts[j] > 0 else (j, j + 1)
+    least, seen = 1e9, np.empty(3)
+    for a in range(first, last):
+        for b in range(begin, end):
+            seen[:] = warm
+            least = min(least, body_gap(a, b, rot, at, bodies, seen, min(enough, least), band))
+    return max(gap, least)
+
+
 def signed_separation(first: tuple[Array, Array, Array], second: tuple[Array, Array, Array]) -> float:
     """Signed separation of two boxes given as (rotation, centre, half lengths) [m]."""
     return float(box_gap(*(np.ascontiguousarray(part, dtype=float) for part in (*first, *second))))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +29,7 @@ class Solid:
         points: Corners of a hull or a surface, middles of a cloud's balls [m].
         triangles: Corners of each triangle of a surface, by number, seen from outside against the clock.
         note: What of the file that it comes from was made coarser; empty for nothing.
+        parts: Corners of the convex bodies of which a hull is the hull, if it is not one itself [m].
     """
 
     kind: Kind
@@ -35,6 +37,7 @@ class Solid:
     points: Float[Array, "k 3"]
     triangles: Int[Array, "m 3"]
     note: str = ""
+    parts: tuple[Float[Array, "p 3"], ...] = ()
 
     @classmethod
     def simple(cls, kind: Kind, *size: float) -> Solid:
@@ -42,9 +45,10 @@ class Solid:
         return cls(kind, freeze(np.array(size)), np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
     @classmethod
-    def hull(cls, points: Float[Array, "k 3"]) -> Solid:
+    def hull(cls, points: Float[Array, "k 3"], parts: Sequence[Float[Array, "p 3"]] = ()) -> Solid:
         """The smallest convex body that holds some points; flat sets are given a thickness of a micrometre."""
-        return cls("hull", np.empty(0), freeze(hull_points(points)), np.empty((0, 3), dtype=np.int64))
+        flat, kept = np.empty((0, 3), dtype=np.int64), tuple(freeze(part) for part in parts)
+        return cls("hull", np.empty(0), freeze(hull_points(points)), flat, parts=kept)
 
     @classmethod
     def surface(cls, points: Float[Array, "k 3"], triangles: Int[Array, "m 3"]) -> Solid:

@@ -13,7 +13,7 @@ from numba import njit
 
 from plan.geometry.compiled import DEEPEST
 from plan.geometry.placement import place_bodies, place_frames
-from plan.geometry.separation import BAND, body_gap
+from plan.geometry.separation import BAND, shape_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
 STEPS = 24
@@ -48,7 +48,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  
     stack[0], bounds[0], top, best = root, -1e300, 1, most
     if known >= 0:
         warm = seen[known % places] if places > 0 else anew
-        best = min(best, body_gap(known, link, rot, at, bodies, warm, best, band))
+        best = min(best, shape_gap(known, link, rot, at, bodies, warm, best, band))
     while top > 0:
         top -= 1
         if bounds[top] >= best:
@@ -59,7 +59,7 @@ def world_gap(link, root, tree, rot, at, bodies, most, hint, seen, band=BAND):  
             if body == known:
                 continue
             anew[:] = 0.0
-            gap = body_gap(body, link, rot, at, bodies, seen[body % places] if places > 0 else anew, best, band)
+            gap = shape_gap(body, link, rot, at, bodies, seen[body % places] if places > 0 else anew, best, band)
             if gap < best:
                 best, hint[0] = gap, body
             continue
@@ -193,7 +193,7 @@ def gaps_of_states(chain, bodies, links, room, pairs, tree, q, beyond, wanted): 
             if a < links and (len(wanted) == 0 or wanted[t, p]):
                 warm[:] = 0.0  # so that a gap depends on nothing that was looked at before
                 gap = _ball_gap(a, b, at, bodies)
-                out[t, p] = gap if gap > beyond else body_gap(a, b, rot, at, bodies, warm, FAR)
+                out[t, p] = gap if gap > beyond else shape_gap(a, b, rot, at, bodies, warm, FAR)
         for b in range(links):
             if root < 0 or column[b].max() < 0:
                 continue
@@ -283,7 +283,7 @@ def least_of_states(chain, bodies, links, room, pairs, moving, tree, q, margins)
         place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
         least = FAR
         for p in range(pairs.shape[0]):
-            least = min(least, body_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR) - margins[p])
+            least = min(least, shape_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR) - margins[p])
         for k in range(len(moving)):
             m, margin = moving[k], margins[pairs.shape[0] + k]
             gap = world_gap(m, root, tree, rot, at, bodies, least + margin, hints[m], seen[m])
@@ -337,7 +337,7 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                     if clear[p] <= t:
                         if p < between:
                             low, link = bodies.carrier[pairs[p, 0]], pairs[p, 1]
-                            gap = body_gap(pairs[p, 0], link, rot, at, bodies, warm[p], FAR)
+                            gap = shape_gap(pairs[p, 0], link, rot, at, bodies, warm[p], FAR)
                         else:
                             low, link = 0, moving[p - between]
                             gap = world_gap(link, root, tree, rot, at, bodies, FAR, hints[link], seen[link])

@@ -56,6 +56,7 @@ class ResultRecord(TypedDict):
     unchecked_pairs: NotRequired[list[dict[str, Any]]]
     coarser_obstacles: NotRequired[list[str]]
     stand_in: NotRequired[dict[str, Any]]
+    link_meshes: NotRequired[list[dict[str, Any]]]
     issues: NotRequired[list[dict[str, Any]]]
     via_points_rad: NotRequired[list[list[float]]]
     times_s: NotRequired[list[float]]
@@ -97,6 +98,7 @@ class ExcitationRecord(TypedDict):
     carried: NotRequired[list[dict[str, Any]]]
     unchecked_pairs: NotRequired[list[dict[str, Any]]]
     stand_in: NotRequired[dict[str, Any]]
+    link_meshes: NotRequired[list[dict[str, Any]]]
     issues: NotRequired[list[dict[str, Any]]]
     evaluations: int
     seconds: float
