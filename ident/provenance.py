@@ -7,9 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ident.recordings.recording import Recording, Session
 
 
@@ -42,13 +45,6 @@ class SessionStamp:
     first: float | None
     last: float | None
     runs: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, session: Session) -> SessionStamp:
-        """The stamp of a session that was read."""
-        counter = _Stamping()
-        counter.take(session)
-        return counter.stamp()
 
     def to_dict(self) -> dict[str, Any]:
         told = {"path": self.path, "sha256": self.sha256, "first": self.first, "last": self.last}
@@ -121,16 +117,21 @@ class StampLedger:
         """Of what has passed so far."""
         return tuple(one.stamp() for one in self._open)
 
-    def note(self, session: Session) -> None:
-        """One more session, or one more part of the last one."""
-        if not self._open or not self._open[-1].goes_on_in(session):
-            self._open.append(_Stamping())
-        self._open[-1].take(session)
+    @property
+    def files(self) -> list[dict[str, Any]]:
+        """Session, name and SHA-256 of each file so far."""
+        return [
+            {"session": one.name, "file": path.name, "sha256": digest.hex()}
+            for one in self._open
+            for path, digest in sorted(one.files.items())
+        ]
 
     def passing(self, sessions: Iterable[Session]) -> Iterator[Session]:
-        """The same sessions, noted on the way."""
+        """The same sessions, noted on the way; one of the path of the last is its next part."""
         for session in sessions:
-            self.note(session)
+            if session.path is None or not self._open or self._open[-1].path != str(session.path):
+                self._open.append(_Stamping(session.name, str(session.path or "")))
+            self._open[-1].take(session.runs)
             yield session
             del session
 
@@ -138,36 +139,32 @@ class StampLedger:
 class _Stamping:
     """A stamp in the making: hashes and times of a session whose parts come one after the other."""
 
-    def __init__(self) -> None:
-        self._name, self._path = "", ""
+    def __init__(self, name: str, path: str) -> None:
+        self.name, self.path = name, path
+        self.files: dict[Path, bytes] = {}
         self._digest = hashlib.sha256()
         self._runs: dict[str, None] = {}
         self._times: list[float] = []
 
-    def goes_on_in(self, session: Session) -> bool:
-        """Whether this is the next part of the same session."""
-        return session.path is not None and str(session.path) == self._path
-
-    def take(self, session: Session) -> None:
-        self._name, self._path = session.name, str(session.path or "")
-        for run in session.runs:
-            digest = _run_digest(run)
+    def take(self, runs: Iterable[Recording]) -> None:
+        for run in runs:
+            digest = self._digest_of(run)
             self._digest.update(digest)
             self._runs[digest.hex()[:RUN_DIGITS]] = None
-            if len(run):
-                self._times += [float(run.time[0]), float(run.time[-1])]
+            self._times += [float(time) for time in (*run.time[:1], *run.time[-1:]) if isfinite(time)]
+
+    def _digest_of(self, run: Recording) -> bytes:
+        """Of the run's file, else of its arrays."""
+        if run.source is not None and run.source.is_file():
+            if run.source not in self.files:
+                with run.source.open("rb") as stream:
+                    self.files[run.source] = hashlib.file_digest(stream, "sha256").digest()
+            return self.files[run.source]
+        digest = hashlib.sha256(run.time.tobytes())
+        for name, values in run.channels().items():
+            digest.update(name.encode() + values.tobytes())
+        return digest.digest()
 
     def stamp(self) -> SessionStamp:
         first, last = (min(self._times), max(self._times)) if self._times else (None, None)
-        return SessionStamp(self._path or self._name, self._digest.hexdigest(), first, last, tuple(self._runs))
-
-
-def _run_digest(run: Recording) -> bytes:
-    """Of the run's file, else of its arrays."""
-    if run.source is not None and run.source.is_file():
-        with run.source.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").digest()
-    digest = hashlib.sha256(run.time.tobytes())
-    for name, values in run.channels().items():
-        digest.update(name.encode() + values.tobytes())
-    return digest.digest()
+        return SessionStamp(self.path or self.name, self._digest.hexdigest(), first, last, tuple(self._runs))

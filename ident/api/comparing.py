@@ -13,7 +13,7 @@ from ident.diagnosis.change.result import ArmComparison
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
 from ident.robot.content import content_of
-from ident.sessions import Robot, Sources, load_robot, load_sources
+from ident.sessions import Given, Robot, Sources, load_robot
 
 
 def compare(
@@ -39,8 +39,7 @@ def compare(
     Raises:
         InputError: Recordings or robot can't be used.
     """
-    earlier = load_sources(before, topic, session_file)
-    later = load_sources(after, topic, session_file)
+    earlier, later = (tuple(Given(side, None, topic, session_file).parts()) for side in (before, after))
     arm = load_robot(robot, (*earlier, *later))
     reports = inspect_sessions((*earlier, *later), arm)
     arm = as_mounted(arm, reports[0].session)
@@ -48,5 +47,5 @@ def compare(
     used = None if np.isnan(found.cutoff) else found.cutoff
     settings = {"cutoff_hz": used, "seed": seed, "robot": arm.name, "sessions_before": len(earlier)}
     settings["arm_sha256"] = content_of(arm.keeping(found.joints))
-    stamps = stamp_sessions(report.session for report in reports)
+    stamps = stamp_sessions((*earlier, *later))
     return found.with_provenance(Provenance("ident compare", settings=settings, sessions=stamps))

@@ -19,11 +19,11 @@ from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
-from ident.provenance import Provenance, StampLedger
+from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.recordings.recording import Session
 from ident.robot.content import content_of
-from ident.sessions import Robot, Sources, inspect_in_parts, load_sources
+from ident.sessions import Given, Robot, Sources, inspect_sources
 
 Catalogue = str | Path | Sequence[Effect]
 
@@ -116,13 +116,12 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
     model, settings, seed = options.model, options.settings, options.seed
     loaded = None if model is None else load_model(model)
     effects = gather_effects(options.catalogue)
-    ledger = StampLedger()
-    arm, reports = inspect_in_parts(
-        source, robot, options.topic, options.session_file, ledger, options.accept, settings.telemetry
-    )
+    given = Given(source, robot, options.topic, options.session_file)
+    read = inspect_sources(given, options.accept, settings.telemetry, in_parts=True)
+    arm = read.arm
     if loaded is not None:
         loaded.require_robot(arm, "model" if isinstance(model, HybridModel) else str(model))
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, effects, options.cutoff, seed, loaded, settings)
+    diagnosis, analysis, motions = diagnose_reports(read.reports, arm, effects, options.cutoff, seed, loaded, settings)
     chosen = {
         "cutoff_hz": motions[0].lowpass.cutoff if motions else options.cutoff or settings.motion.cutoff_hz,
         "seed": seed,
@@ -132,7 +131,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
         "accepted": list(options.accept),
         "arm_sha256": content_of(arm.keeping(diagnosis.joints)),
     }
-    origin = Provenance("ident diagnose", settings=chosen, sessions=ledger.stamps)
+    origin = Provenance("ident diagnose", settings=chosen, sessions=read.ledger.stamps)
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 
@@ -149,7 +148,7 @@ def examine_until(
     Returns:
         The last look with all that pages need, and what all looks said.
     """
-    sessions = load_sources(source, options.topic, options.session_file)
+    sessions = tuple(Given(source, robot, options.topic, options.session_file).parts())
     examined: list[Examined] = []
 
     def look(runs: int, spent: DiagnosisSettings) -> Diagnosis:

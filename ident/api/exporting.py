@@ -15,7 +15,7 @@ from ident.model.limits import SCHEMA, Check, load_limits
 from ident.provenance import Provenance, files_of, runs_of
 from ident.recordings.load import TOPIC
 from ident.results import Result
-from ident.sessions import Sources, open_for_model
+from ident.sessions import Sources, open_sessions
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def export(
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
     """
     loaded = load_model(model)
-    opened = None if on is None else open_for_model(on, loaded, topic, session_file)
+    opened = None if on is None else open_sessions(on, loaded, topic, session_file, learning=False)
     name = loaded.robot.name if loaded is model else str(model)
     stamps = () if opened is None else opened.stamps
     origin = Provenance("ident export", settings={"model": name, "nearest": nearest}, sessions=stamps)
@@ -121,7 +121,7 @@ def verify(
     """
     loaded = load_model(model)
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
-    opened = open_for_model(sessions, loaded, topic, session_file, cutoff)
+    opened = open_sessions(sessions, loaded, topic, session_file, cutoff, learning=False)
     name = loaded.robot.name if loaded is model else Path(str(model)).name
     scores = evaluate(loaded, opened.groups, name).sessions
     checks = tuple(check for score in scores for check in wanted.check(score))

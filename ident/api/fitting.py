@@ -13,7 +13,7 @@ from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
-from ident.sessions import Opened, Robot, Sources, open_for_model, open_sessions
+from ident.sessions import Opened, Robot, Sources, open_sessions
 
 if TYPE_CHECKING:
     from ident.model.evaluation import Evaluation
@@ -79,7 +79,7 @@ def evaluate(
     """Scores every rung of a model's ladder on recordings that its fit did not see.
 
     Args:
-        source: Folders or files of runs, sessions, tables in memory, or what `open_for_model` gave.
+        source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         model: The model, or its folder.
         name: Of the model in reports; that of its folder or robot if None.
         topic: Topic of bags.
@@ -92,7 +92,11 @@ def evaluate(
     from ident.model import evaluation
 
     loaded = load_model(model)
-    opened = source if isinstance(source, Opened) else open_for_model(source, loaded, topic, session_file, cutoff)
+    opened = (
+        source
+        if isinstance(source, Opened)
+        else open_sessions(source, loaded, topic, session_file, cutoff, learning=False)
+    )
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
     settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     origin = Provenance("ident evaluate", settings=settings, sessions=opened.stamps)

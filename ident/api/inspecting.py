@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ident.checks.report import Inspection
-from ident.provenance import Provenance, stamp_sessions
+from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
-from ident.sessions import Robot, Sources, inspect_paths
+from ident.sessions import Given, Robot, Sources, inspect_sources
 
 
 def inspect(
@@ -24,8 +24,6 @@ def inspect(
     Raises:
         InputError: Recordings or robot can't be read.
     """
-    arm, reports = inspect_paths(source, robot, topic, session_file)
-    stamps = stamp_sessions(report.session for report in reports)
-    return Inspection(reports).with_provenance(
-        Provenance("ident inspect", settings={"robot": arm.name}, sessions=stamps)
-    )
+    found = inspect_sources(Given(source, robot, topic, session_file))
+    origin = Provenance("ident inspect", settings={"robot": found.arm.name}, sessions=found.ledger.stamps)
+    return Inspection(tuple(found.reports)).with_provenance(origin)

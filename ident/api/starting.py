@@ -13,7 +13,7 @@ from ident.errors import InputError, RecordingError
 from ident.files import atomic_folder
 from ident.infer.new_session import NewSession, guess_session, place_of, require_own_guess
 from ident.outputs import SESSION_KIND
-from ident.provenance import Provenance, SessionStamp
+from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import load_session
 from ident.recordings.session_toml import NAME
 from ident.robot.arm import ArmModel
@@ -77,5 +77,5 @@ def _guess(path: Path, robot: str | Path | ArmModel | None) -> NewSession:
         read = load_session(path, session_file=draft)
     report = inspect_sessions([read], arm)[0] if arm is not None else None
     settings = {"robot": named or (arm.name if arm is not None else None)}
-    origin = Provenance("ident new", settings=settings, sessions=(SessionStamp.of(read),))
+    origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))
     return replace(found, report=report, provenance=origin)

@@ -10,7 +10,7 @@ from ident.api.fitting import Model, load_model
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.results import Result
-from ident.sessions import Robot, Sources, open_for_model, open_sessions
+from ident.sessions import Robot, Sources, open_sessions
 from ident.show import timeline
 
 
@@ -61,7 +61,7 @@ def view(
         timeline.require_screen()
     loaded = None if model is None else load_model(model)
     if loaded is not None:
-        opened = open_for_model(source, loaded, topic, session_file, cutoff)
+        opened = open_sessions(source, loaded, topic, session_file, cutoff, learning=False)
     else:
         opened = open_sessions(source, robot, topic, session_file, cutoff, learning=False)
     if rrd is None:

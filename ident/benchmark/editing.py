@@ -32,7 +32,7 @@ from ident.motion.out_of_core import within_band
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.safe_read import read_json
-from ident.sessions import inspect_paths, open_sessions
+from ident.sessions import Given, inspect_sources, open_sessions
 from ident.simulation.answer import Answer, open_envelope
 from ident.simulation.simulate import SimulationOptions, simulate
 
@@ -131,7 +131,7 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
 
 def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], Any]:
     """The diagnosis of a session with nothing to name, and the arm with the joints that it has."""
-    arm, reports = inspect_paths([session], robot)
+    arm, reports = inspect_sources(Given([session], robot)).whole
     diagnosis, analysis, _ = diagnose_reports(reports, arm, ())
     if analysis is None:
         raise InputError(session.name, f"its verdict is {diagnosis.verdict}", "simulate another case")

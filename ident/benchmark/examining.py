@@ -18,7 +18,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.regression.least_squares import Prior
 from ident.effects.catalogue import CATALOGUE
 from ident.files import atomic_write
-from ident.sessions import inspect_paths
+from ident.sessions import Given, inspect_sources
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def examine(task: ExamineTask) -> str:
     start = time.perf_counter()
     record: dict[str, Any] = {"stamp": task.stamp}
     try:
-        arm, reports = inspect_paths([task.session], task.robot)
+        arm, reports = inspect_sources(Given([task.session], task.robot)).whole
         catalogue = tuple(effect for effect in CATALOGUE if effect.id not in task.excluded)
         diagnosis, analysis, _ = diagnose_reports(reports, arm, catalogue)
         record["seconds"] = time.perf_counter() - start

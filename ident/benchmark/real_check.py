@@ -30,7 +30,7 @@ from ident.files import atomic_write
 from ident.provenance import Provenance
 from ident.results import Result
 from ident.safe_read import read_json
-from ident.sessions import inspect_paths
+from ident.sessions import Given, inspect_sources
 from ident.show.panels import draw_bars
 from ident.simulation.real.cases import make_cases
 from ident.simulation.real.sources import load_sources
@@ -119,10 +119,10 @@ def diagnose_case(task: tuple[Path, Path]) -> str:
     try:
         if (folder / "before").is_dir():
             sides = [folder / "before", folder / "after"]
-            arm, reports = inspect_paths(sides, sides[1] / "robot.urdf")
+            arm, reports = inspect_sources(Given(sides, sides[1] / "robot.urdf")).whole
             record["comparison"] = compare_reports(reports[:1], reports[1:], arm).to_dict()
         else:
-            arm, reports = inspect_paths([folder], folder / "robot.urdf")
+            arm, reports = inspect_sources(Given([folder], folder / "robot.urdf")).whole
             record["diagnosis"] = diagnose_reports(reports, arm, CATALOGUE)[0].to_dict()
     except InputError as error:
         record["error"] = str(error)

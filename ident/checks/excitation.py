@@ -7,6 +7,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import filter_run
 from ident.checks.independence import Independence
+from ident.checks.report import TelemetryReport
 from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
 from ident.errors import RecordingError, plural
 from ident.numerics import factor_by_pivots
@@ -14,6 +15,7 @@ from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_block
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 
+# States that are kept of each session or part: there may be very many.
 STATES = 800
 
 
@@ -21,12 +23,11 @@ class Amount:
     """What the sessions of one set-up, or the parts of long ones, amount to together: each is taken, none is kept.
 
     Args:
-        most: States that are kept of each, where there may be very many sessions; None for all of them.
         settings: How much is enough.
     """
 
-    def __init__(self, most: int | None = None, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
-        self._most, self._settings = most, settings
+    def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
+        self._settings = settings
         self._name = ""
         self._joints: tuple[str, ...] = ()
         self._runs, self._seconds, self._blocks = 0, 0.0, 0
@@ -36,12 +37,13 @@ class Amount:
         self._arm: ArmModel | None = None
         self._independence = Independence(settings)
 
-    def take(self, session: Session, arm: ArmModel | None) -> None:
-        """Counts one more session, mended, with the robot as it needs it.
+    def take(self, session: Session, report: TelemetryReport) -> None:
+        """Counts one more session as its check mended it, with the robot as it needs it.
 
         Raises:
             RecordingError: It has other joints than the first.
         """
+        session, arm = report.session, report.arm
         self._name, self._joints = self._name or session.name, self._joints or session.joints
         if session.joints != self._joints:
             what = f"has other joints of the robot than {self._name}: {', '.join(session.joints)}"
@@ -61,7 +63,7 @@ class Amount:
             self._independence.take(motion.q, motion.dq, motion.ddq)
         if arm is not None and motions:
             states = np.concatenate([np.stack([one.q, one.dq, one.ddq, one.tau]) for one in motions], axis=1)
-            self._states.append(states[:, :: max(1, states.shape[1] // self._most) if self._most else 1])
+            self._states.append(states[:, :: max(1, states.shape[1] // STATES)])
 
     def issues(self) -> list[TelemetryIssue]:
         """What all that was taken lacks, together; nothing where nothing was recorded."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,9 +18,9 @@ from ident.checks.excitation import Amount
 from ident.checks.motion import mend_time_base, mend_time_unit, mend_velocity
 from ident.checks.mount import mend_mount
 from ident.checks.permuted import check_order
-from ident.checks.repeated import find_repeated
+from ident.checks.repeated import Repeats
 from ident.checks.report import TelemetryReport, as_mounted
-from ident.checks.scale import check_absent, check_gains, check_rating, check_scales, compare_gains
+from ident.checks.scale import Gains, check_absent, check_gains, check_rating, check_scales
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.joint_names import match_joints
@@ -48,19 +49,72 @@ def inspect(session: Session, arm: ArmModel | None = None) -> TelemetryReport:
 def inspect_sessions(
     sessions: Sequence[Session], arm: ArmModel | None = None, settings: TelemetrySettings = USUAL_TELEMETRY
 ) -> tuple[TelemetryReport, ...]:
-    """Checks sessions that are to be used together: whether there is enough motion is asked of all of them at once."""
-    # The checks' matrices are small: threads of the linear algebra only get into each other's way.
-    with threadpool_limits(limits=1, user_api="blas"):
-        reports: list[TelemetryReport] = []
-        for session in sessions:
-            reports.append(inspect_alone(session, arm, settings))
-            arm = arm if arm is None else as_mounted(arm, reports[-1].session)
-        amount = Amount(settings=settings.excitation)
-        for report in reports:
-            amount.take(report.session, report.arm)
-        also = (*amount.issues(), *find_repeated(sessions), *compare_gains(sessions))
-        first = replace(reports[0], issues=(*reports[0].issues, *also))
-        return (first, *reports[1:])
+    """Checks sessions that are to be used together; what they lack together is told with the first."""
+    together = _Together(arm, settings)
+    first, *others = [together.inspect(session) for session in sessions]
+    return replace(first, issues=(*first.issues, *together.issues())), *others
+
+
+def inspect_parts(
+    parts: Iterable[Session], arm: ArmModel, settings: TelemetrySettings = USUAL_TELEMETRY
+) -> Iterator[TelemetryReport]:
+    """The same of consecutive parts of sessions too long to be held, each let go before the next is read.
+
+    What an earlier part of its session showed is not told again, unless it is fatal. What all parts lack together is
+    told by a last report without runs.
+
+    Raises:
+        RecordingError: No joint of the robot is recorded, or a part has other joints than the first.
+    """
+    together = _Together(arm, settings)
+    # A map holds on to nothing that it has handed out.
+    return chain(map(together.inspect_part, parts), together.close())
+
+
+class _Together:
+    """What sessions, or parts of them, have shown so far that are to be used together: enough motion, each run once."""
+
+    def __init__(self, arm: ArmModel | None, settings: TelemetrySettings) -> None:
+        self._arm, self._settings = arm, settings
+        self._tallies = (Amount(settings.excitation), Repeats(), Gains())
+        self._told: set[tuple[str, str, tuple[str, ...], str]] = set()
+        self._last: TelemetryReport | None = None
+
+    def inspect(self, session: Session) -> TelemetryReport:
+        """The report of one more session."""
+        # The checks' matrices are small: threads of the linear algebra only get into each other's way.
+        with threadpool_limits(limits=1, user_api="blas"):
+            report = inspect_alone(session, self._arm, self._settings)
+            for tally in self._tallies:
+                tally.take(session, report)
+        if self._arm is not None:
+            self._arm = as_mounted(self._arm, report.session)  # later ones are held against the same arm
+        return report
+
+    def inspect_part(self, part: Session) -> TelemetryReport:
+        """The report of one more part, without what is known of its session."""
+        report = self.inspect(part)
+        self._last = TelemetryReport(report.session.replace(runs=()), (), report.arm)
+        where = str(part.path or part.name)
+        return replace(report, issues=tuple(issue for issue in report.issues if self.is_news(where, issue)))
+
+    def is_news(self, where: str, issue: TelemetryIssue) -> bool:
+        """Whether an issue of a session is fatal, or was not told before."""
+        key = (where, issue.issue, issue.joints, issue.severity)
+        known = key in self._told
+        self._told.add(key)
+        return not known or issue.severity == "fatal"
+
+    def issues(self) -> list[TelemetryIssue]:
+        """What all of them lack together, or hold twice."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            return [issue for tally in self._tallies for issue in tally.issues()]
+
+    def close(self) -> Iterator[TelemetryReport]:
+        """The same as a report without runs, once the last part has come."""
+        issues = self.issues()
+        if issues and self._last is not None:
+            yield replace(self._last, issues=tuple(issues))
 
 
 def inspect_alone(

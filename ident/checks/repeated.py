@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.checks.report import TelemetryReport
+from ident.recordings.recording import Session, TelemetryIssue
 
 
 class Repeats:
@@ -15,10 +15,13 @@ class Repeats:
         self._known: dict[bytes, str] = {}
         self._told: list[str] = []
 
-    def take(self, session: Session) -> None:
+    def take(self, session: Session, report: TelemetryReport) -> None:
         """One more session, or part of one, as it was read."""
         for run in session.runs:
-            mark, name = fingerprint(run), f"{session.name}/{run.name}"
+            found = hashlib.blake2b(digest_size=16)
+            for values in (run.time, run.position, run.effort):
+                found.update(values.tobytes())
+            mark, name = found.digest(), f"{session.name}/{run.name}"
             if len(run) and mark in self._known:
                 self._told.append(f"{name} is {self._known[mark]} once more")
             self._known.setdefault(mark, name)
@@ -29,19 +32,3 @@ class Repeats:
             return []
         more = f", and {len(self._told) - 1} more" if len(self._told) > 1 else ""
         return [TelemetryIssue("repeated_session", (), "fatal", self._told[0] + more, "give every recording once")]
-
-
-def find_repeated(sessions: Sequence[Session]) -> list[TelemetryIssue]:
-    """Tells runs that were given before."""
-    repeats = Repeats()
-    for session in sessions:
-        repeats.take(session)
-    return repeats.issues()
-
-
-def fingerprint(run: Recording) -> bytes:
-    """Hash of a run's time, positions and torques."""
-    found = hashlib.blake2b(digest_size=16)
-    for values in (run.time, run.position, run.effort):
-        found.update(values.tobytes())
-    return found.digest()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from ident.checks.effort import TRANSITION_RAD_S, States, jackknife
-from ident.checks.report import joints_at
+from ident.checks.report import TelemetryReport, joints_at
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque
@@ -50,17 +49,26 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
     return [TelemetryIssue("guessed_gains", tuple(session.guessed_gains), "warning", evidence, remedy)]
 
 
-def compare_gains(sessions: Sequence[Session]) -> list[TelemetryIssue]:
+class Gains:
     """Sessions of one arm whose guessed gains differ: so do all their sizes, though the arm is the same."""
-    issues = []
-    for first, other in pairwise([session for session in sessions if session.guessed_gains]):
-        shared = [joint for joint in first.guessed_gains if joint in other.guessed_gains]
-        differ = [joint for joint in shared if not np.isclose(first.guessed_gains[joint], other.guessed_gains[joint])]
-        if differ:
-            evidence = f"{first.name} and {other.name} have different guesses for {', '.join(differ)}"
+
+    def __init__(self) -> None:
+        self._before: Session | None = None
+        self._issues: list[TelemetryIssue] = []
+
+    def take(self, session: Session, report: TelemetryReport) -> None:
+        """One more session."""
+        first = (self._before or session).guessed_gains
+        differ = [name for name, gain in session.guessed_gains.items() if not np.isclose(gain, first.get(name, gain))]
+        if differ and self._before is not None:
+            evidence = f"{self._before.name} and {session.name} have different guesses for {', '.join(differ)}"
             remedy = "give both sessions the same drive gains"
-            issues.append(TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy))
-    return issues
+            self._issues.append(TelemetryIssue("guessed_gains", tuple(differ), "warning", evidence, remedy))
+        self._before = session.replace(runs=()) if session.guessed_gains else self._before
+
+    def issues(self) -> list[TelemetryIssue]:
+        """One a pair that differs."""
+        return self._issues
 
 
 def check_absent(session: Session, states: States, absent: Sequence[str]) -> list[TelemetryIssue]:

@@ -152,11 +152,11 @@ def evaluate(
     """Energy error and torque RMSE of every rung of the ladder, on runs that the fit did not see."""
     from ident.api.fitting import evaluate as score
     from ident.model.hybrid import HybridModel
-    from ident.sessions import open_for_model
+    from ident.sessions import open_sessions
 
     check_outputs([*sessions, *model, session_file], {"--html": html, "--json": json_file})
     models = [(path.name, HybridModel.load(path)) for path in model]
-    opened = [open_for_model(sessions, loaded, topic, session_file, cutoff) for _, loaded in models]
+    opened = [open_sessions(sessions, loaded, topic, session_file, cutoff, learning=False) for _, loaded in models]
     pairs = zip(models, opened, strict=True)
     results = [score(data, loaded, name=name) for (name, loaded), data in pairs]
     record = {

@@ -19,7 +19,7 @@ from ident.monitor.store import DONE, Store
 from ident.motion.motion import prepare
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
-from ident.sessions import inspect_paths
+from ident.sessions import Given, inspect_sources
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def examine_session(task: SessionTask) -> str:
     store, found = Store(Path(task.store)), task.session
     row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": str(found.path)}
     try:
-        arm, (report,) = inspect_paths([found.path], task.robot, session_file=found.settings)
+        arm, (report,) = inspect_sources(Given([found.path], task.robot, session_file=found.settings)).whole
         session, row["robot"] = report.session, arm.name
         row["date"] = date_of(found, _first_stamp(session))
         report.require_fit()

@@ -34,13 +34,6 @@ PART_SAMPLES = 500_000
 Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
 
 
-def load_sessions(
-    paths: Iterable[str | Path], topic: str = TOPIC, session_file: str | Path | None = None
-) -> tuple[Session, ...]:
-    """Loads several sessions; see `load_session`."""
-    return tuple(load_session(path, topic, session_file) for path in paths)
-
-
 def load_session(
     path: str | Path, topic: str = TOPIC, session_file: str | Path | None = None, with_effort: bool = True
 ) -> Session:

@@ -16,7 +16,7 @@ from typing import Any
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
-from ident.sessions import inspect_paths
+from ident.sessions import Given, inspect_sources
 from ident.simulation.causes import CATALOGUE as CAUSES
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import SimulationOptions, simulate
@@ -26,7 +26,7 @@ RUNS, DURATION_S = 7, 5.0
 
 def look(options: SimulationOptions) -> dict[str, Any]:
     """The diagnosis of a simulated session."""
-    arm, reports = inspect_paths([simulate(options).session], options.robot)
+    arm, reports = inspect_sources(Given([simulate(options).session], options.robot)).whole
     return diagnose_reports(reports, arm, CATALOGUE)[0].to_dict()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 
 from ident import sessions
 from ident.arrays import Array
-from ident.checks import TelemetryReport, inspect_parts, streaming
+from ident.checks import TelemetryReport, inspect_parts, inspection
 from ident.checks.settings import USUAL_TELEMETRY
 from ident.diagnosis import from_reports as command
 from ident.diagnosis.from_reports import diagnose_reports
@@ -24,7 +24,8 @@ from ident.motion.settings import USUAL_MOTION
 from ident.recordings.load import load_parts, load_session
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.save import write_session
-from ident.sessions import inspect_in_parts, inspect_paths, open_sessions
+from ident.robot.arm import ArmModel
+from ident.sessions import Given, inspect_sources, open_sessions
 from tests.ident.diagnosis.planted import healthy_torque, load_arm, spring_on_3
 from tests.ident.made_up import made_session
 
@@ -40,6 +41,12 @@ def session() -> Session:
         return healthy_torque(arm, q, dq, ddq) + spring_on_3(arm, q, dq, ddq)
 
     return made_session(arm, law, range(6), 8.0, 125.0)
+
+
+def in_parts(paths: list[Path], robot: ArmModel | None = None) -> tuple[ArmModel, Iterable[TelemetryReport]]:
+    """Robot and reports as a diagnosis reads them."""
+    found = inspect_sources(Given(paths, robot), in_parts=True)
+    return found.arm, found.reports
 
 
 @pytest.fixture
@@ -111,9 +118,9 @@ def test_parts_are_let_go(session: Session) -> None:
 
 
 def test_short_sessions_come_whole(folder: Path) -> None:
-    """Law: below the limit the reports are those of `inspect_paths`."""
-    _, reports = inspect_in_parts([folder], None)
-    _, expected = inspect_paths([folder], None)
+    """Law: below the limit the reports are those of sessions read whole."""
+    _, reports = in_parts([folder])
+    _, expected = inspect_sources(Given([folder])).whole
     assert isinstance(reports, tuple)
     assert [report.to_dict() for report in reports] == [report.to_dict() for report in expected]
 
@@ -125,7 +132,7 @@ def test_what_all_parts_show_is_told_once(session: Session, tmp_path: Path) -> N
         run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None]) for run in session.runs
     ]
     write_session(session.replace(runs=turned), tmp_path / "wrapped")
-    _, reports = inspect_in_parts([tmp_path / "wrapped"], None)
+    _, reports = in_parts([tmp_path / "wrapped"])
     found = list(reports)
     assert [len(report.session.runs) for report in found] == [2, 2, 2]
     told = [issue.issue for report in found for issue in report.issues]
@@ -137,15 +144,15 @@ def test_what_all_parts_show_is_told_once(session: Session, tmp_path: Path) -> N
 def test_diagnosis_in_parts_names_the_same(folder: Path) -> None:
     """Law: read in parts or whole, a session has the same runs, samples, clock and names."""
     few = tuple(find_effect(name) for name in ("spring_torque", "load_dependent_friction"))
-    arm, parts = inspect_in_parts([folder], None)
-    in_parts, analysis, _ = diagnose_reports(parts, arm, few)
-    whole, expected, _ = diagnose_reports(inspect_paths([folder], None)[1], arm, few)
-    assert in_parts.session == whole.session
+    arm, parts = in_parts([folder])
+    parted, analysis, _ = diagnose_reports(parts, arm, few)
+    whole, expected, _ = diagnose_reports(inspect_sources(Given([folder])).whole[1], arm, few)
+    assert parted.session == whole.session
     assert analysis is not None
     assert expected is not None
     assert analysis.session.common_clock
     assert expected.session.common_clock
-    names = [[(one.estimate.group.effect.id, one.joints) for one in each.findings] for each in (in_parts, whole)]
+    names = [[(one.estimate.group.effect.id, one.joints) for one in each.findings] for each in (parted, whole)]
     assert names[0] == names[1] == [("spring_torque", ("joint_3",))]
 
 
@@ -170,7 +177,7 @@ def resting(run: Recording, joints: tuple[int, ...] = (0, 1, 2)) -> Recording:
 def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: Path) -> None:
     """Law: a fault that forbids a fit is told in whatever part it shows, and each session's faults are its own."""
     late = written(session, lambda k, run: flipped(run, (1,)) if k >= 2 else run, tmp_path / "late")
-    arm, reports = inspect_in_parts([late], None)
+    arm, reports = in_parts([late])
     found = list(reports)
     assert [[issue.issue for issue in report.fatal] for report in found[:3]] == [
         [],
@@ -188,7 +195,7 @@ def wrapping(_: int, run: Recording) -> Recording:
 def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path: Path) -> None:
     """Law: a diagnosis of parts that are all unfit for the same reason says that reason once."""
     unfit = written(session, lambda _, run: flipped(run, (0, 1, 2)), tmp_path / "flipped")
-    arm, parts = inspect_in_parts([unfit], None)
+    arm, parts = in_parts([unfit])
     diagnosis, _, _ = diagnose_reports(parts, arm, ())
     assert diagnosis.verdict == "refused"
     fatal = [(issue.issue, issue.joints) for issue in diagnosis.telemetry if issue.severity == "fatal"]
@@ -200,17 +207,17 @@ def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path
 def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path) -> None:
     """Law: a fault of two sessions is told once for each of them, though both come in parts."""
     folders = [written(session, wrapping, tmp_path / name) for name in ("one", "other")]
-    _, reports = inspect_in_parts(folders, None)
+    _, reports = in_parts(folders)
     told = [[issue.issue for issue in report.issues].count("position_wraps") for report in reports if report.issues]
     assert sum(told) == 2
 
 
 def test_a_graver_form_of_a_told_fault_is_told() -> None:
     """Law: of one kind at the same joints, a fatal issue comes through after a warning, again and again."""
-    check = streaming._Check(load_arm(), USUAL_TELEMETRY)
+    check = inspection._Together(load_arm(), USUAL_TELEMETRY)
     mild = TelemetryIssue("effort_scale", ("joint_1",), "warning", "", "")
     grave = replace(mild, severity="fatal")
-    assert [check._is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
+    assert [check.is_news("here", issue) for issue in (mild, mild, grave, grave)] == [True, False, True, True]
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
@@ -218,9 +225,9 @@ def test_a_graver_form_of_a_told_fault_is_told() -> None:
 def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joints: tuple[int, ...]) -> None:
     """Law: joints that stand still in every part are told as those of the whole session; all of them: not testable."""
     folder = written(session, lambda _, run: resting(run, joints), tmp_path / "resting")
-    arm, reports = inspect_in_parts([folder], None)
+    arm, reports = in_parts([folder])
     found = list(reports)
-    _, (whole,) = inspect_paths([folder], None)
+    _, (whole,) = inspect_sources(Given([folder])).whole
     said = [issue for report in found for issue in report.find("insufficient_excitation")]
     expected = whole.find("insufficient_excitation")
     assert expected
@@ -235,7 +242,7 @@ def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joi
 def test_parts_together_move_what_none_moves_alone(session: Session, tmp_path: Path) -> None:
     """Law: a joint that stands elsewhere in each part has travelled; one part at rest forbids nothing."""
     folder = written(session, lambda k, run: resting(run) if k in (2, 3) else run, tmp_path / "pausing")
-    _, reports = inspect_in_parts([folder], None)
+    _, reports = in_parts([folder])
     assert not [issue for report in reports for issue in report.find("insufficient_excitation") if issue.joints]
 
 
@@ -244,7 +251,7 @@ def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: 
     """Law: a part without a run of 1 s gives no motion, as the run would have given none in the whole session."""
     last = session.runs[5].replace(name="run_6", time=session.runs[5].time + 9.0).at(slice(0, 60))
     write_session(session.replace(runs=[*session.runs, last]), tmp_path / "aborted")
-    _, reports = inspect_in_parts([tmp_path / "aborted"], None)
+    _, reports = in_parts([tmp_path / "aborted"])
     found = list(reports)
     assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
     motions = list(command._prepare_in_turn(found, command._Heard(), 25.0, USUAL_MOTION))
@@ -264,20 +271,20 @@ def test_a_later_session_may_name_the_robot(session: Session, tmp_path: Path) ->
     """Law: in parts as in whole, the first session.toml that names a robot names it, however late its turn comes."""
     write_session(session.replace(robot=None), tmp_path / "first")
     write_session(session, tmp_path / "second")
-    arm, reports = inspect_in_parts([tmp_path / "first", tmp_path / "second"], None)
+    arm, reports = in_parts([tmp_path / "first", tmp_path / "second"])
     assert not isinstance(reports, tuple)
-    assert arm.name == inspect_paths([tmp_path / "first", tmp_path / "second"], None)[0].name
+    assert arm.name == inspect_sources(Given([tmp_path / "first", tmp_path / "second"])).whole[0].name
     with pytest.raises(RecordingError, match="no robot is named"):
-        inspect_in_parts([tmp_path / "first"], None)
+        in_parts([tmp_path / "first"])
 
 
 def test_a_run_that_comes_again_parts_later_is_told(session: Session, tmp_path: Path, long_from_2_runs: None) -> None:
     """Law: a held-out run is no copy of a fitted one, however far between they were read."""
     write_session(session.replace(runs=[*session.runs, session.runs[1].replace(name="again")]), tmp_path / "twice")
-    _, reports = inspect_in_parts([tmp_path / "twice"], load_arm())
+    _, reports = in_parts([tmp_path / "twice"], load_arm())
     fatal = [issue for report in reports for issue in report.fatal]
     assert [issue.issue for issue in fatal if issue.issue == "repeated_session"] == ["repeated_session"]
-    _, reports = inspect_in_parts([write_again(session, tmp_path), tmp_path / "linked"], load_arm())
+    _, reports = in_parts([write_again(session, tmp_path), tmp_path / "linked"], load_arm())
     assert any(issue.issue == "repeated_session" for report in reports for issue in report.fatal)
 
 

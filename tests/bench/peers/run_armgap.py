@@ -7,7 +7,6 @@ from ident import fit_hybrid, open_sessions
 from ident.model.hybrid import FitOptions
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
-from ident.sessions import open_for_model
 
 
 def main() -> None:
@@ -24,7 +23,7 @@ def main() -> None:
     options = FitOptions(net=job.facts["net"], offset=job.friction, accept=accepted)
     model = fit_hybrid(open_sessions([session("train")], robot, accept=accepted), options=options).model
     predicted = []
-    for motion in open_for_model([session("test")], model).motions:
+    for motion in open_sessions([session("test")], model, learning=False).motions:
         own = motion.select(model.joint_names)
         predicted.append((own.time, model.torque(own.q, own.dq, own.ddq)))
     job.answer(predicted, least_eigenvalue(np.asarray(model.arm.inertial_parameters)))

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from faults import Column, spoil, spoil_column
 
-from ident.checks import TelemetryReport, inspect
+from ident.checks import TelemetryReport, inspect, inspect_sessions
 from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
 from ident.checks.filtered_run import filter_run
 from ident.checks.motion import mend_time_unit
-from ident.checks.repeated import find_repeated
 from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
@@ -169,7 +168,7 @@ def test_whole_nanoseconds_are_read(clean: Session) -> None:
 
 
 def test_the_same_recording_twice_is_told(clean: Session) -> None:
-    (issue,) = find_repeated([clean, clean.replace(name="copy")])
+    (issue,) = inspect_sessions([clean, clean.replace(name="copy")])[0].find("repeated_session")
     assert (issue.issue, issue.severity) == ("repeated_session", "fatal")
     assert "copy/run0 is clean/run0" in issue.evidence
-    assert not find_repeated([clean])
+    assert not inspect(clean).find("repeated_session")

@@ -8,6 +8,7 @@ import pytest
 from ident.arrays import Array
 from ident.checks.excitation import Amount
 from ident.checks.independence import Independence
+from ident.checks.report import TelemetryReport
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import two_joint_arm
@@ -37,7 +38,8 @@ def issues(arm: ArmModel, *motions: Array) -> list[TelemetryIssue]:
         tau = arm.gravity(q) + 5.0 * dq
         runs.append(Recording(f"run_{k}", arm.joint_names, TIME + 20.0 * k, q, tau))
     amount = Amount()
-    amount.take(Session("made up", tuple(runs)), arm)
+    session = Session("made up", tuple(runs))
+    amount.take(session, TelemetryReport(session, (), arm))
     return [issue for issue in amount.issues() if "angle" in issue.evidence or "times up" in issue.evidence]
 
 

@@ -19,7 +19,7 @@ from ident.model.loss import LossParameters
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
 from ident.robot.content import content_of
-from ident.sessions import open_for_model
+from ident.sessions import open_sessions
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.made_up import made_session
 
@@ -63,10 +63,10 @@ def test_recordings_of_another_arm_are_not_evaluated(arm: ArmModel, other: Path,
     folder.mkdir()
     write_session(made_session(arm, model.torque, [1], duration=3.0), folder)
     (folder / "session.toml").write_text('robot = "tm5-900"\n')
-    assert open_for_model([folder], model).motions
+    assert open_sessions([folder], model, learning=False).motions
     (folder / "session.toml").write_text(f"robot = {json.dumps(str(other))}\n")
     with pytest.raises(InputError, match="lengths or inertias differ"):
-        open_for_model([folder], model)
+        open_sessions([folder], model, learning=False)
 
 
 def test_ranges_are_written_for_trainers(tmp_path: Path) -> None:

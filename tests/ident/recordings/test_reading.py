@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.errors import RecordingError
-from ident.recordings.load import load_session, load_sessions
+from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.recordings.save import write_recording
 
@@ -83,7 +83,7 @@ def test_what_is_no_session_is_refused(tmp_path: Path) -> None:
 def test_all_ur10e_logs_are_read(real_data: Path, ur10e_toml: Path) -> None:
     """17 runs without a header; those of a folder come from several days."""
     folders = [real_data / "ur10e" / name for name in ("identification", "jointwise", "validation")]
-    sessions = load_sessions(folders, session_file=ur10e_toml)
+    sessions = [load_session(folder, session_file=ur10e_toml) for folder in folders]
     assert [len(session.runs) for session in sessions] == [10, 6, 1]
     assert [session.common_clock for session in sessions] == [False, False, True]
     table = np.loadtxt(folders[2] / "ur-20_01_17-ptp_10_points.csv", delimiter=",")
