@@ -11,7 +11,7 @@ from ident.effects.base import Effect as Kind
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.law_model import LawModel
 from ident.export.python import describe_arm
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.robot.rated_torque import rated_torque

@@ -22,6 +22,7 @@ from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.bounds import arm_mass, arm_reach
 from ident.effects.intervals import amplitude_interval
 from ident.effects.typical_sizes import rated_torque, sampled_states
+from ident.laws.bodies import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
 PLACE = ("x_m", "y_m", "z_m")
@@ -37,26 +38,6 @@ PLACE_STEPS = 4
 
 Places = Mapping[int, Float[Array, " 3"]]
 """Of each link of the arm by its number, where a body was found on it, in its joint's frame [m]."""
-
-
-def point_mass(centre: Float[Array, " 3"]) -> Float[Array, " 10"]:
-    """Inertial parameters of a unit point mass."""
-    inertia = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    return np.concatenate([[1.0], centre, _six(inertia)])
-
-
-def moment_change(centre: Float[Array, " 3"]) -> Float[Array, "10 3"]:
-    """Change of inertial parameters per change of the first moment, for a body that is shifted."""
-    columns = []
-    for axis in np.eye(3):
-        inertia = 2 * (centre @ axis) * np.eye(3) - np.outer(centre, axis) - np.outer(axis, centre)
-        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
-    return np.stack(columns, axis=1)
-
-
-def _six(inertia: Float[Array, "3 3"]) -> Float[Array, " 6"]:
-    """Entries in the order xx, xy, yy, xz, yz, zz."""
-    return np.asarray(inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
 
 
 def link_law(arm: ArmModel, link: int, variant: Variant) -> Float[Array, "10 4"]:

@@ -8,7 +8,7 @@ known of it is a row of `effects.toml`, or class attributes of a user's effect.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -240,11 +240,6 @@ class Effect(ABC):
         figures = {name: float(value) for name, value in true.items() if not isinstance(value, str)}
         kept = {name: value for name, value in figures.items() if name not in self.incomparable}
         return {name: -value if name in self.opposite else value for name, value in kept.items()}
-
-
-def as_coefficients(values: Iterable[float]) -> dict[str, float]:
-    """Coefficients by the names that laws which are linear in them take: `coefficient_0` and so on."""
-    return {f"coefficient_{k}": float(value) for k, value in enumerate(values)}
 
 
 def _sized(size: float | str, session: SessionContext, joint: int) -> float:

@@ -1,5 +1,8 @@
 """The catalogue: all effects that a diagnosis may name, and how to add one.
 
+A law of one joint's speed, load and angle is added to the package as one function in a file of `ident.laws` and one row
+of its `effects.toml`; models and plans carry it then, too.
+
 Recipe for an effect of your own: one Python file with a class derived from `Effect`, given as `--catalogue` to
 `ident diagnose`, `ident patch` and `plan excite`.
 
@@ -50,48 +53,35 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
-from ident.effects.backlash import Backlash
-from ident.effects.base import Effect
-from ident.effects.contact import ExternalContact
-from ident.effects.curved_friction import NonlinearViscousFriction
-from ident.effects.friction import (
-    AsymmetricFriction,
-    LoadDependentFriction,
-    PositionDependentFriction,
-    StribeckFriction,
+from ident.effects import (
+    backlash,
+    contact,
+    curved_friction,
+    friction,
+    hysteresis_thermal,
+    joint_elasticity,
+    rigid_body,
+    ripple,
+    sensing,
+    torque_delay,
+    transmission,
 )
-from ident.effects.hysteresis_thermal import PreslidingHysteresis, ThermalFriction
+from ident.effects.base import Effect
 from ident.effects.informative_motions import SHOWINGS
-from ident.effects.joint_elasticity import JointElasticity
-from ident.effects.rigid_body import GravityMisalignment, LinkInertialError, UnknownPayload
-from ident.effects.ripple import TorqueRipple
-from ident.effects.sensing import EncoderOffset, TorqueGainError, TorqueOffset, TorqueSaturation
-from ident.effects.torque_delay import TorqueDelay
-from ident.effects.transmission import JointCoupling, SpringTorque
+from ident.effects.states import StatesEffect
 from ident.errors import InputError
+from ident.laws.table import TABLE
 
-CATALOGUE: tuple[Effect, ...] = (
-    StribeckFriction(),
-    NonlinearViscousFriction(),
-    LoadDependentFriction(),
-    ThermalFriction(),
-    PreslidingHysteresis(),
-    PositionDependentFriction(),
-    AsymmetricFriction(),
-    JointCoupling(),
-    JointElasticity(),
-    Backlash(),
-    TorqueRipple(),
-    SpringTorque(),
-    UnknownPayload(),
-    LinkInertialError(),
-    GravityMisalignment(),
-    TorqueGainError(),
-    TorqueOffset(),
-    TorqueDelay(),
-    TorqueSaturation(),
-    EncoderOffset(),
-    ExternalContact(),
+FILES = (backlash, contact, curved_friction, friction, hysteresis_thermal, joint_elasticity, rigid_body, ripple)
+CLASSES: dict[str, type[Effect]] = {
+    vars(one)["id"]: one
+    for file in (*FILES, sensing, torque_delay, transmission)
+    for one in vars(file).values()
+    if inspect.isclass(one) and issubclass(one, Effect) and "id" in vars(one)
+}
+# In the table's order; rows without a class of their own are effects by their law alone.
+CATALOGUE: tuple[Effect, ...] = tuple(
+    CLASSES[effect]() if effect in CLASSES else StatesEffect(effect) for effect in TABLE["effects"]
 )
 
 

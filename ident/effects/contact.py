@@ -14,12 +14,12 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
-from ident.effects.added_body import point_mass
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.bounds import arm_reach
 from ident.effects.effect_info import Range
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.typical_sizes import rated_torque
+from ident.laws.bodies import point_mass
 from ident.robot.arm import ArmModel
 
 SHORTEST_WINDOW = 0.5  # [s]

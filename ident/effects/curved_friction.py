@@ -7,22 +7,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
+from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.bounds import LARGEST_TORQUE_SHARE
 from ident.effects.effect_info import Expression, Range, exactly_as
 from ident.effects.friction import LEAST_TOP_SPEED
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval
+from ident.effects.states import StatesEffect
 from ident.effects.typical_sizes import (
-    at_state,
     friction_level,
-    friction_states,
     hardly_moves,
     least_rest_speed,
     rated_torque,
     top_speed,
     usual_speed,
 )
-from ident.model.friction_laws import curved_viscous
 
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
 # Of laws that are straight up to a knee: (its speed [rad/s], exponent beyond it).
@@ -40,7 +38,7 @@ def _bend(exponent: float) -> float:
     return float(abs(at**exponent - at))
 
 
-class NonlinearViscousFriction(Effect):
+class NonlinearViscousFriction(StatesEffect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
     A power below one rises straight up at rest. Lubricants thin only beyond a knee in speed and are Newton's below it:
@@ -81,15 +79,11 @@ class NonlinearViscousFriction(Effect):
         # A look at a finer grid begins in its middle: near it lies the point itself.
         return (*bent[: len(bent) // 2], *powers, *bent[len(bent) // 2 :])
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        shape = {**variant.shape, **variant.inner}
-        return [curved_viscous(friction_states(run, joint), shape) for run in session.runs]
-
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         shape, speed = {**variant.shape, **variant.inner}, usual_speed(session, joint)
-        half, whole = (curved_viscous(at_state(dq=v), shape)[0] for v in (speed, 2.0 * speed))
+        half, whole = (self.at_state(shape, dq=v) for v in (speed, 2.0 * speed))
         return {
             "coefficient": coefficient_interval(0, coefficients, covariance),
             "exponent": grid_interval(variant.inner["exponent"], VISCOUS_EXPONENTS),
@@ -109,12 +103,6 @@ class NonlinearViscousFriction(Effect):
         coulomb, viscous = friction_level(session, joint)
         speed = max(top_speed(session, joint), LEAST_TOP_SPEED)
         return np.array([(coulomb + viscous * speed) / speed ** variant.inner["exponent"]])
-
-    def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
-    ) -> dict[str, float]:
-        """The point of the grid that the coefficient was found at."""
-        return {**shape, **as_coefficients(coefficients or [reported["coefficient"]])}
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and figures["exponent"] == 2.0:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
+
+from ident.laws.carried import KINDS
+from ident.laws.table import TABLE
 
 Answer = Literal["yes", "approximate", "no"]
 # No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
@@ -20,7 +21,6 @@ STATE = "at_"
 
 # Units that sentences use for those of figures: how many there are in one.
 UNIT_SCALE = {"mrad": 1e3, "ms": 1e3, "%": 100.0}
-TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
@@ -174,6 +174,8 @@ def read_row(effect: str) -> dict[str, Any]:
             return Doubt(**dict[str, Any](value | {"exact": frozenset(value.get("exact", ()))}))
         if key == "formats":
             return {form: Expression(*one) for form, one in value.items()}
+        if key == "states":
+            return KINDS[effect]
         if key == "set_ups":
             return {other: TABLE["set_ups"][one] for other, one in value.items()}
         return frozenset(value) if key in ("incomparable", "opposite") else _frozen(value)

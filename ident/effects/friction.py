@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, SessionContext, Variant, as_coefficients
+from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
+from ident.effects.states import StatesEffect
 from ident.effects.typical_sizes import (
-    at_state,
     coulomb_level,
     friction_level,
-    friction_states,
     hardly_moves,
     least_rest_speed,
     rated_torque,
@@ -22,7 +21,6 @@ from ident.effects.typical_sizes import (
     travel,
     usual_speed,
 )
-from ident.model.friction_laws import asymmetric, by_load, by_position, stribeck
 
 STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
 STRIBECK_EXPONENTS = (1.0, 2.0)
@@ -41,7 +39,7 @@ LEAST_TOP_SPEED = 0.05
 LEAST_POSITION_RANGE = 0.5  # [rad]
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(StatesEffect):
     """Friction that falls as motion sets in: τ = A s exp(−(|v| / v_s)^δ).
 
     Source: Bittencourt and Gunnarsson 2010, with the static level as what is added to Coulomb friction.
@@ -75,9 +73,6 @@ class StribeckFriction(Effect):
             if factor * middle > rest
         )
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [stribeck(friction_states(run, joint), variant.inner) for run in session.runs]
-
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
@@ -86,18 +81,12 @@ class StribeckFriction(Effect):
             "amplitude_Nm": coefficient_interval(0, coefficients, covariance),
             "stribeck_velocity_rad_s": grid_interval(variant.inner["stribeck_velocity_rad_s"], STRIBECK_VELOCITIES),
             "exponent": grid_interval(variant.inner["exponent"], STRIBECK_EXPONENTS),
-            "left_Nm": linear_interval(stribeck(at_state(dq=speed), variant.inner)[0], coefficients, covariance),
+            "left_Nm": linear_interval(self.at_state(variant.inner, dq=speed), coefficients, covariance),
             "at_speed_rad_s": exactly(speed),
         }
 
-    def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
-    ) -> dict[str, float]:
-        """The point of the grid that the coefficient was found at."""
-        return {**shape, **as_coefficients(coefficients or [reported["amplitude_Nm"]])}
 
-
-class LoadDependentFriction(Effect):
+class LoadDependentFriction(StatesEffect):
     """Friction that grows with the load on the gear, more so when the motor drives than when the load does.
 
     With a = s |τ_l| and b = s² τ_l, (a + b) / 2 is the load while driving and (a − b) / 2 while backdriving. The two
@@ -129,14 +118,11 @@ class LoadDependentFriction(Effect):
         }
         return (Variant(shape={**typical, "terms": 2}), Variant(shape={**typical, "terms": 4}))
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [by_load(friction_states(run, joint), variant.shape) for run in session.runs]
-
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         load, speed = variant.shape["load_Nm"], variant.shape["speed_rad_s"]
-        both = [by_load(at_state(dq=speed, load=sign * load), variant.shape)[0] for sign in (1.0, -1.0)]
+        both = [self.at_state(variant.shape, dq=speed, load=sign * load) for sign in (1.0, -1.0)]
         return {
             "mu": linear_interval((both[0] + both[1]) / (2.0 * load), coefficients, covariance),
             "at_load_Nm": exactly(load),
@@ -149,12 +135,11 @@ class LoadDependentFriction(Effect):
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
-        """Those of its columns; without them driving and backdriving alike."""
-        alike = 2 * [reported["mu"] / 1.5] if "mu" in reported else []
-        return {"terms": 2.0, "load_Nm": 1.0, **shape, **as_coefficients(coefficients or alike)}
+        """Without coefficients driving and backdriving alike."""
+        return super().law_figures(reported, coefficients or 2 * [reported["mu"] / 1.5], shape)
 
 
-class PositionDependentFriction(Effect):
+class PositionDependentFriction(StatesEffect):
     """Friction that varies over a turn: τ = s A cos(k q − φ)."""
 
     id = "position_dependent_friction"
@@ -171,9 +156,6 @@ class PositionDependentFriction(Effect):
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         """Over a short way one order looks much like another."""
         return self.variants(session, joint)
-
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [by_position(friction_states(run, joint), variant.inner) for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -194,11 +176,13 @@ class PositionDependentFriction(Effect):
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
     ) -> dict[str, float]:
         """Cosine and sine of its wave."""
-        size, phase = reported.get("amplitude_Nm", 0.0), reported.get("phase_rad", 0.0)
-        return as_coefficients(coefficients or (size * np.cos(phase), size * np.sin(phase)))
+        if not coefficients:
+            size, phase = reported["amplitude_Nm"], reported["phase_rad"]
+            coefficients = size * float(np.cos(phase)), size * float(np.sin(phase))
+        return super().law_figures(reported, coefficients, shape)
 
 
-class AsymmetricFriction(Effect):
+class AsymmetricFriction(StatesEffect):
     """Friction that differs between the directions: f₊ − f₋ is reported, half of it acts on either side.
 
     τ = s² (f_c₊ − f_c₋) / 2 + |v| (C₊ − C₋) / 2. In motion s² is one: the first column is a torque offset then, which
@@ -218,19 +202,15 @@ class AsymmetricFriction(Effect):
             return f"{session.joint_names[joint]} moves in one direction only"
         return None
 
-    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [asymmetric(friction_states(run, joint), variant.inner) for run in session.runs]
-
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         speed = usual_speed(session, joint)
+        both = self.at_state({}, dq=speed) + self.at_state({}, dq=-speed)
         return {
             "coulomb_difference_Nm": coefficient_interval(0, coefficients, covariance),
             "viscous_difference_Nms_rad": coefficient_interval(1, coefficients, covariance),
-            "difference_Nm": linear_interval(
-                sum(asymmetric(at_state(dq=way * speed), {})[0] for way in (1.0, -1.0)), coefficients, covariance
-            ),
+            "difference_Nm": linear_interval(both, coefficients, covariance),
             "at_speed_rad_s": exactly(speed),
         }
 
@@ -246,8 +226,3 @@ class AsymmetricFriction(Effect):
         return {"coulomb_difference_Nm": Range(-2.0 * coulomb, 2.0 * coulomb, reason)} | {
             "viscous_difference_Nms_rad": Range(-2.0 * viscous, 2.0 * viscous, reason)
         }
-
-    def law_figures(
-        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
-    ) -> dict[str, float]:
-        return as_coefficients(coefficients or [reported[name] for name in self.defining])

@@ -20,13 +20,16 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.typical_sizes import sampled_states
+from ident.laws.elastic import LONGEST_STEP, integrate_twist
 
-LONGEST_STEP = 0.002  # [s]
 # The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning made negative,
 # swing it up without bound, it says nothing of any arm [rad].
 LARGEST_TWIST = 1.0
 # Factors of the finer grids around the best stiffness or gap.
 FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+
+
+_integrate = compiled("f1 f1 f1 f1 f f f f i f1 f1")(integrate_twist)
 
 
 def mean_inertia(session: SessionContext, joint: int) -> float:
@@ -80,48 +83,3 @@ def _feel(
         for t in range(len(twist)):
             torque = inertia[i, joint, t] * change[t] + velocity[i, joint, t] * rate[t]
             felt[k, t] = -(torque + position[i, joint, t] * twist[t]) / unit
-
-
-@compiled("f1 f1 f1 f1 f f f f i f1 f1")
-def _integrate(
-    load: Array,
-    inertia: Array,
-    velocity: Array,
-    position: Array,
-    stiffness: float,
-    damping: float,
-    half: float,
-    interval: float,
-    steps: int,
-    twist: Array,
-    rate: Array,
-) -> None:
-    """Newmark's method; the gear pushes only beyond ±half, and damps only there. `twist` and `rate` are the result."""
-    gamma, beta = 0.6, 0.3025
-    h = interval / steps
-    x = load[0] / (stiffness + position[0]) + half * np.sign(load[0])
-    v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
-    twist[0], rate[0] = x, v
-    for k in range(1, len(load)):
-        for step in range(1, steps + 1):
-            w = step / steps
-            force = load[k - 1] + w * (load[k] - load[k - 1])
-            mass = inertia[k - 1] + w * (inertia[k] - inertia[k - 1])
-            drag = velocity[k - 1] + w * (velocity[k] - velocity[k - 1])
-            pull = position[k - 1] + w * (position[k] - position[k - 1])
-            x_ahead = x + h * v + h * h * (0.5 - beta) * a
-            v_ahead = v + h * (1.0 - gamma) * a
-            side = 0.0 if abs(x_ahead) < half else np.sign(x_ahead)
-            for _ in range(4):
-                touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
-                k_all, d_all = touch * stiffness + pull, touch * damping + drag
-                a = (force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead) / (
-                    mass + gamma * h * d_all + beta * h * h * k_all
-                )
-                x = x_ahead + beta * h * h * a
-                found = 0.0 if abs(x) < half else np.sign(x)
-                if found == side or half == 0.0:
-                    break
-                side = found
-            v = v_ahead + gamma * h * a
-        twist[k], rate[k] = x, v

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar, Protocol
 
-from ident.effects.effect_info import TABLE
+from ident.laws.table import TABLE
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,9 @@ from ident.effects.added_body import (
     acting,
     link_law,
     moment_about_axis,
-    moment_change,
     place_of,
     placed,
     places_of_tuning,
-    point_mass,
     weighs,
 )
 from ident.effects.base import Effect, Interval, SessionContext, Variant
@@ -28,6 +26,7 @@ from ident.effects.effect_info import Range
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.size_prior import SizePrior
 from ident.effects.typical_sizes import near_one_pose
+from ident.laws.bodies import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].

@@ -10,6 +10,7 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
 from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square
+from ident.laws.sensing import shifted
 from ident.motion.spectrum import mean_spectrum
 
 DELAYS = (0.002, 0.008, 0.02)  # [s]
@@ -44,7 +45,7 @@ class TorqueDelay(Effect):
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         delay = variant.shape["delay_s"]
-        return [((shifted(run.total, delay / run.interval) - run.total) / delay)[:, :, None] for run in session.runs]
+        return [((shifted(run.total, delay, run.interval) - run.total) / delay)[:, :, None] for run in session.runs]
 
     def stands_for(self, variant: Variant, coefficients: Float[Array, " k"]) -> bool:
         return is_near(variant.shape["delay_s"], float(coefficients[0]), DELAYS[0])
@@ -74,20 +75,3 @@ def share_of_steps(session: SessionContext) -> float:
         steps += len(rate) * len(below) * float(high.mean() if len(high) else below.mean())
         change += len(rate) * float(below.sum())
     return min(steps / max(change, 1e-300), 1.0)
-
-
-def shifted(values: Float[Array, "T n"], delay: float) -> Float[Array, "T n"]:
-    """Signals late by some samples, whole or not: the cubic through the four samples around each instant."""
-    whole = int(np.floor(delay))
-    u = delay - whole  # the instant lies u samples before sample t − whole
-    weights = (
-        -u * (1 - u) * (2 - u) / 6,  # of one sample later
-        (1 + u) * (1 - u) * (2 - u) / 2,
-        (1 + u) * u * (2 - u) / 2,
-        -(1 + u) * u * (1 - u) / 6,
-    )
-    at = np.arange(len(values)) - whole
-    total = np.zeros_like(values)
-    for offset, weight in zip((1, 0, -1, -2), weights, strict=True):
-        total += weight * values[np.clip(at + offset, 0, len(values) - 1)]
-    return total

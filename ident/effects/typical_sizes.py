@@ -9,7 +9,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext
 from ident.effects.intervals import coefficient_interval as coefficient_interval
-from ident.model.friction_laws import JointStates, states_of
+from ident.laws.carried import JointStates, states_of
 
 # Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
 TYPICAL_COULOMB_SHARE = 0.05
@@ -38,11 +38,6 @@ def rated_torque(session: SessionContext, joint: int) -> float:
 def friction_states(run: RunContext, joint: int) -> JointStates:
     """A joint's states as laws of its friction see them."""
     return states_of(joint, run.motion.q, run.motion.dq, run.link, run.direction)
-
-
-def at_state(q: float = 0.0, dq: float = 0.0, load: float = 0.0) -> JointStates:
-    """One state at which a fitted law is evaluated for a sentence; the joint slides in the direction of its speed."""
-    return JointStates(*(np.array([value]) for value in (q, dq, load, float(np.sign(dq)))))
 
 
 def usual_speed(session: SessionContext, joint: int) -> float:

@@ -18,7 +18,7 @@ from ident.arrays import Array, Float
 from ident.export.formats import Stated
 from ident.export.loading import FILE_OF, WrittenFile
 from ident.export.measure import MEASURES, Gap, Recorded, measure_gap
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 # One file is worse than another beyond this ratio of their errors: less is chance, and the simulators' own steps.

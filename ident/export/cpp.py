@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.export.python import describe_arm
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 # Newton and Euler's recursion in the joints' own frames, as in `standalone.chain`.

@@ -17,8 +17,8 @@ from ident.arrays import Array, Float
 from ident.effects.effect_info import Expression, exactly_as, nearly_as, not_at_all
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.python import describe_arm
-from ident.export.standalone.laws import acting_torque
-from ident.export.standalone.motion import Losses, MovingArm
+from ident.laws.acting import acting_torque
+from ident.laws.motion import Losses, MovingArm
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 

@@ -19,11 +19,10 @@ from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, lay_out, nearest_bodies
-from ident.export.standalone.bodies import MASSES
-from ident.export.standalone.chain import link_change
-from ident.export.standalone.laws import KNOWN
-from ident.export.standalone.log import Effect as ModuleEffect
-from ident.export.standalone.motion import Losses
+from ident.laws.acting import KNOWN
+from ident.laws.bodies import BODIES, link_change
+from ident.laws.motion import Losses
+from ident.laws.sensing import Effect as ModuleEffect
 from ident.model.convex import is_consistent
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
@@ -83,7 +82,7 @@ class Change:
     @property
     def of_the_bodies(self) -> bool:
         """Whether it goes with the arm's bodies, gravity or zeros: then it is no joint's own."""
-        return self.joint < 0 or self.effect in MASSES
+        return self.joint < 0 or self.effect in BODIES
 
     @property
     def values(self) -> dict[str, float]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 HEADER = '''"""Figures for Isaac Lab, beside robot.urdf, whose link inertias are the identified ones.

@@ -10,10 +10,10 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.export.identified import IdentifiedArm
 from ident.export.python import describe_arm
-from ident.export.standalone.chain import Arm
-from ident.export.standalone.laws import acting_torque
-from ident.export.standalone.log import Effect, read_log
-from ident.export.standalone.motion import Losses, MovingArm
+from ident.laws.acting import acting_torque
+from ident.laws.chain import Arm
+from ident.laws.motion import Losses, MovingArm
+from ident.laws.sensing import Effect, read_log
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.export.mjcf_joint import SPRING_SUFFIX
-from ident.export.standalone.log import shifted
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
+from ident.laws.sensing import shifted
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 

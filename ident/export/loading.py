@@ -21,10 +21,10 @@ from ident.export.identified import in_module
 from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.export.mjcf import write_mjcf
 from ident.export.python import describe_arm
-from ident.export.standalone.laws import acting_torque
-from ident.export.standalone.log import read_log
-from ident.export.standalone.motion import MovingArm
 from ident.export.urdf import write_urdf
+from ident.laws.acting import acting_torque
+from ident.laws.motion import MovingArm
+from ident.laws.sensing import read_log
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 

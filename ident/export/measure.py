@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.export.loaded import LoadedModel
-from ident.export.standalone.log import shifted
+from ident.laws.sensing import shifted
 from ident.motion.motion import Motion
 
 WINDOW = 0.25  # [s]

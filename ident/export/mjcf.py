@@ -22,9 +22,9 @@ from ident.errors import RobotError
 from ident.export.bodies import about_centre
 from ident.export.identified import Change
 from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements
-from ident.export.standalone.chain import payload_parameters, turned_gravity
-from ident.export.standalone.motion import Losses
 from ident.export.urdf import NOTE, PAYLOAD, PAYLOAD_RADIUS
+from ident.laws.bodies import payload_parameters, turned_gravity
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 # Below this a principal moment is that of a body without extent [kg m²].

@@ -12,8 +12,9 @@ from scipy.optimize import lsq_linear
 
 from ident.arrays import Array, Float
 from ident.export.identified import Change
-from ident.export.standalone.motion import Losses
-from ident.model.friction_laws import KINDS, JointStates
+from ident.laws.friction import JointStates
+from ident.laws.motion import Losses
+from ident.laws.table import COLUMNS
 from ident.robot.arm import ArmModel
 
 # Dry friction and stops are constraints that soften over this time; twice the step is the least that is stable [s].
@@ -125,8 +126,8 @@ def _top_speed(arm: ArmModel, j: int) -> float:
 
 def friction_over_speed(effect: str, figures: dict[str, float], v: Float[Array, " v"]) -> Float[Array, " v"]:
     """A law of friction evaluated at speeds forwards, without load, at angle zero [N m]."""
-    columns = KINDS[effect].columns(JointStates(0.0 * v, v, 0.0 * v, np.ones_like(v)), figures)
-    return np.asarray(columns @ [figures[f"coefficient_{k}"] for k in range(columns.shape[1])])
+    columns = COLUMNS[effect](JointStates(0.0 * v, v, 0.0 * v, np.ones_like(v)), figures)
+    return np.asarray(sum(figures[f"coefficient_{k}"] * column for k, column in enumerate(columns)))
 
 
 def fit_polynomial(law: Callable[[Array], Array], top: float) -> tuple[float, Float[Array, " 3"]]:

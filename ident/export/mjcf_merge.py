@@ -23,9 +23,9 @@ from ident.export.identified import Change
 from ident.export.mjcf import gravity_of, inertial_attributes
 from ident.export.mjcf_joint import joint_elements
 from ident.export.mjcf_match import Match, match_file
-from ident.export.standalone.chain import payload_parameters
-from ident.export.standalone.motion import Losses
 from ident.files import atomic_write
+from ident.laws.bodies import payload_parameters
+from ident.laws.motion import Losses
 from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 

@@ -9,7 +9,7 @@ import tomli_w
 
 from ident.diagnosis.baseline_record import LINK_KEYS
 from ident.export.identified import Change, IdentifiedArm
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.model.loss import LossFigure
 
 _HEAD = """\

@@ -15,20 +15,19 @@ from pathlib import Path
 
 import numpy as np
 
+from ident import laws
 from ident.arrays import Float
 from ident.effects import base
 from ident.errors import InputError
-from ident.export import standalone
-from ident.export.standalone.chain import Arm, Array
-from ident.export.standalone.laws import KNOWN
-from ident.export.standalone.log import Effect
-from ident.export.standalone.motion import Losses
-from ident.model.friction_laws import JointStates, asymmetric, bent, by_load, by_position, curved_viscous, stribeck
+from ident.laws.acting import KNOWN
+from ident.laws.chain import Arm, Array
+from ident.laws.motion import Losses
+from ident.laws.sensing import Effect
+from ident.laws.table import COLUMNS
 from ident.robot.arm import ArmModel
 
-# Files of `standalone` in their order, and what of the models' own laws goes between them.
-PARTS = ("chain", "motion", "log", "friction", "bodies", "elastic", "laws")
-NAMED = (JointStates, stribeck, bent, curved_viscous, by_load, by_position, asymmetric)
+# Files of `ident.laws` in their order.
+PARTS = ("chain", "motion", "sensing", "friction", "bodies", "elastic", "acting")
 HEADER = '''"""Torque that the named effects add to a model of the robot called ROBOT. NumPy only.
 
 extra_torque(q, dq, ddq, interval)      what the log reads beyond `modelled_torque`
@@ -51,7 +50,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, copysign
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -149,8 +148,11 @@ def write_module(
         kinds: The effects themselves: those outside the catalogue bring their law along.
     """
     own = {kind.id: kind for kind in kinds if kind.id not in KNOWN}
-    parts = [*(_body(part) for part in PARTS[:-1]), *(inspect.getsource(one).strip("\n") for one in NAMED)]
-    body = "\n\n\n".join([*parts, _body(PARTS[-1]), *(_own_law(kind) for kind in own.values())])
+    named = ", ".join(f"{name!r}: {name}" for name in COLUMNS)
+    more = [inspect.getsource(one).strip() for one in COLUMNS.values() if one.__module__.split(".")[-1] not in PARTS]
+    columns = [*more, f"COLUMNS = {{{named}}}"]
+    parts = [*map(_body, PARTS[:-1]), *columns, _body(PARTS[-1]), *(_own_law(kind) for kind in own.values())]
+    body = "\n\n\n".join(parts)
     held = ", ".join(f"{name!r}: {_call('Losses', one.losses)}" for name, one in files.items())
     shared = {name: list(one.effects) for name, one in files.items()}
     links = ", ".join(f"{name!r}: {_plain(one.links)}" for name, one in files.items())
@@ -170,7 +172,7 @@ def write_module(
 
 def _body(part: str) -> str:
     """A file's text after its docstring and imports."""
-    text = (Path(standalone.__file__).parent / f"{part}.py").read_text(encoding="utf-8")
+    text = (Path(laws.__file__).parent / f"{part}.py").read_text(encoding="utf-8")
     kept = [node for node in ast.parse(text).body if not isinstance(node, (ast.Import, ast.ImportFrom))]
     last = max(node.end_lineno or 0 for node in ast.parse(text).body if isinstance(node, (ast.Import, ast.ImportFrom)))
     assert isinstance(kept[0], ast.Expr), "a part begins with its docstring"

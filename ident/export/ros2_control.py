@@ -10,7 +10,7 @@ import json
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 # Poses over which the least acceleration is sought, at which a joint alone starts from rest.

@@ -14,7 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.export.bodies import about_centre, moved
 from ident.export.identified import Change
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix

@@ -37,8 +37,8 @@ from ident.export.mjcf_merge import Merged, merge_mjcf
 from ident.export.parameters import write_parameters
 from ident.export.python import InFile, write_module
 from ident.export.ros2_control import write_limits
-from ident.export.standalone.motion import Losses
 from ident.files import atomic_folder
+from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.provenance import Provenance, files_of, runs_of

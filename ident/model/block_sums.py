@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.laws.carried import NamedLaw, named_columns
 from ident.model.coupling import Shaft
-from ident.model.friction_laws import NamedLaw, named_columns
 from ident.model.inertia import BaseParameters
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel

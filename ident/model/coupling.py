@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.model.loss import direction
+from ident.laws.motion import direction
 
 NAMES = ("inertia", "viscous", "coulomb")
 UNITS = ("kg m²", "N m s/rad", "N m")

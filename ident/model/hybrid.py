@@ -14,8 +14,8 @@ import tomli_w
 from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
+from ident.laws.carried import NamedLaw, named_torque
 from ident.model.coupling import Coupling, Shaft
-from ident.model.friction_laws import NamedLaw, named_torque
 from ident.model.identification import Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float, Int, freeze
+from ident.laws.carried import NamedLaw, named_torque
+from ident.laws.motion import direction
 from ident.model.block_sums import sum_blocks
 from ident.model.convex import solve_bounded
 from ident.model.coupling import NAMES as SHAFT_NAMES
 from ident.model.coupling import Coupling, Shaft
-from ident.model.friction_laws import NamedLaw, named_torque
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -32,7 +33,7 @@ from ident.model.inertia import (
 )
 from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted
 from ident.model.joint_torque_sensors import find_frictionless, lossless_parameters
-from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults, direction
+from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults
 from ident.model.shared_variance import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few

@@ -21,8 +21,8 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
+from ident.laws.carried import NamedLaw
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
-from ident.model.friction_laws import NamedLaw
 from ident.model.run_effects import RunEffect, RunSums, fit_run_effects, wandering
 from ident.model.shared_variance import USUAL_SPREAD
 from ident.numerics import student_quantile

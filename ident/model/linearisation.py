@@ -13,9 +13,10 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.laws.motion import direction
 from ident.model.convex import solve_partly_non_negative
 from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale
-from ident.model.loss import TRANSITION_GRID, LossParameters, direction, loss_columns
+from ident.model.loss import TRANSITION_GRID, LossParameters, loss_columns
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 

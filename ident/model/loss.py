@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
+from ident.laws.motion import direction
 from ident.motion.motion import Motion
 from ident.numerics import student_quantile
 
@@ -119,12 +120,6 @@ def loss_figures(loss: LossResults) -> tuple[LossFigure, ...]:
         for k, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
         if not (name == "offset" and limits[j, k, 0] == limits[j, k, 1] == 0.0)
     )
-
-
-def direction(dq: Float[Array, "T n"], transition_speed: Float[Array, " n"]) -> Float[Array, "T n"]:
-    """Direction of motion in [-1, 1]: tanh(dq / v₀), or sign(dq) where v₀ = 0."""
-    width = np.asarray(transition_speed, dtype=float)
-    return np.where(width > 0.0, np.tanh(dq / np.where(width > 0.0, width, 1.0)), np.sign(dq))
 
 
 def loss_columns(motion: Motion, transition_speed: Float[Array, " n"]) -> Float[Array, "t n 4"]:

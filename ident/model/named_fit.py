@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
+from ident.laws.carried import KINDS, NamedLaw
 from ident.model.coupling import Shaft
-from ident.model.friction_laws import KINDS, NamedLaw
 from ident.model.identification import Identified, identify
 from ident.model.inertia import Mode
 from ident.motion.motion import Motion
@@ -17,8 +17,6 @@ from ident.robot.arm import ArmModel
 from ident.safe_read import read_record
 
 DIAGNOSIS_SCHEMA = "ident.diagnosis/1"
-# Shape of a law where a diagnosis tells none beside its reported figures.
-PLAIN = {"terms": 2.0, "load_Nm": 1.0}
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ def _shape(record: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, f
     reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
     law = record.get("baseline", {}).get(finding["joints"][0], {}).get("laws", {}).get(finding["effect"])
     told = {} if law is None else {name: float(value) for name, value in law["shape"].items()}
-    return {**PLAIN, **reported, **told}
+    return {**KINDS[finding["effect"]].usual, **reported, **told}
 
 
 def identify_named(

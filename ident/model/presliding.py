@@ -17,8 +17,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
-from ident.model.friction_laws import bent
-from ident.model.loss import TRANSITION_GRID, direction
+from ident.laws.friction import bent
+from ident.laws.motion import direction, follow
+from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
 from ident.numerics import solve_non_negative
 
@@ -33,20 +34,14 @@ CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), 0.05
 AS_LIKELY, STRETCH = 2.0, 2.0
 
 
+_follow = compiled("f1 f f1")(follow)
+
+
 def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
     """State of a stop operator of a range along a path, from rest."""
     out = np.empty(len(q))
     _follow(np.ascontiguousarray(q), size, out)
     return out
-
-
-@compiled("f1 f f1")
-def _follow(q: Array, size: float, out: Array) -> None:
-    state = 0.0
-    out[0] = 0.0
-    for k in range(1, len(q)):
-        state = min(size, max(-size, state + q[k] - q[k - 1]))
-        out[k] = state
 
 
 @dataclass(frozen=True, eq=False)

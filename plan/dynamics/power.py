@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.model.friction_laws import NamedLaw, named_torque
+from ident.laws.carried import NamedLaw, named_torque
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import ResidualTerm
 from plan.dynamics.newton_euler import _rnea

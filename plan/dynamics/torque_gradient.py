@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.model.friction_laws import NamedLaw, states_of
+from ident.laws.carried import NamedLaw, states_of
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
 from plan.dynamics.named_friction import law_slopes

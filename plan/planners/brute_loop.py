@@ -9,7 +9,7 @@ import torch
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.model.friction_laws import JointStates, NamedLaw
+from ident.laws.carried import JointStates, NamedLaw
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.newton_euler import _rnea, inverse_dynamics
 from plan.dynamics.power import ChainTorque, Metric

@@ -6,13 +6,14 @@ rounding.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ident.arrays import Array
-from ident.model.friction_laws import NamedLaw
+from ident.laws.carried import JointStates, NamedLaw
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
@@ -93,6 +94,25 @@ def residual_torque(net: ResidualTerm, q: Symbol, dq: Symbol, ddq: Symbol, rigid
     raise MethodError("--method reference", f"a net of kind {type(net).__name__} has no symbols", "use --method cma")
 
 
+@dataclass(frozen=True, eq=False)
+class SmoothStates(JointStates):
+    """A joint's states as symbols, their moduli rounded.
+
+    Attributes:
+        width: Over which the direction turns [rad/s].
+    """
+
+    width: Symbol = 0.0
+
+    @property
+    def speed(self) -> Symbol:
+        return ca.sqrt(self.dq * self.dq + self.width * self.width + ROUNDING)
+
+    @property
+    def burden(self) -> Symbol:
+        return ca.sqrt(self.load * self.load + LOAD_ROUNDING**2)
+
+
 def law_symbols(law: NamedLaw, q: Symbol, dq: Symbol, load: Symbol, slip: Symbol, width: Symbol) -> Symbol:
     """A law's torque in CasADi's symbols, moduli rounded: smooth everywhere.
 
@@ -102,24 +122,9 @@ def law_symbols(law: NamedLaw, q: Symbol, dq: Symbol, load: Symbol, slip: Symbol
         slip: Its direction.
         width: Over which the direction turns [rad/s].
     """
-    speed = ca.sqrt(dq * dq + width * width + ROUNDING)
-    size = ca.sqrt(load * load + LOAD_ROUNDING**2)
-    shape, estimates = law.shape, [value for value, _, _ in law.figures]
-    if "stribeck_velocity_rad_s" in shape:
-        columns = [slip * ca.exp(-((speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
-    elif "exponent" in shape:
-        size = ca.sqrt(speed * speed + shape.get("knee_rad_s", 0.0) ** 2)
-        columns = [slip * speed * size ** (shape["exponent"] - 1.0)]
-    elif "terms" in shape:
-        both, gain = slip * size, slip * slip * load
-        columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
-        if shape["terms"] == 4:
-            columns += [slip * load * load / shape["load_Nm"], dq * size]
-    elif "order" in shape:
-        columns = [slip * ca.cos(shape["order"] * q), slip * ca.sin(shape["order"] * q)]
-    else:
-        columns = [0.5 * slip * slip, 0.5 * speed]
-    return sum(float(estimate) * column for estimate, column in zip(estimates, columns, strict=True))
+    at = SmoothStates(q, dq, load, slip, ca, width)
+    columns = law.kind.columns(at, law.shape)
+    return sum(value * column for (value, _, _), column in zip(law.figures, columns, strict=True))
 
 
 def _dense(net: CompiledDenseNet, x: Symbol) -> Symbol:

@@ -28,7 +28,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.export.mjcf import write_mjcf
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 from tests.bench.peers.job import lowpass, write_job
 from tests.bench.peers.sets import Recorded, fixture_sets, real_sets, shipped_set

@@ -15,7 +15,7 @@ from ident.closed_loop.warmth import NO_WARMTH, PlannedRun, Warmth, put_on_a_clo
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.export.law_model import LawModel
 from ident.export.python import describe_arm
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session

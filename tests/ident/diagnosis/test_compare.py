@@ -20,11 +20,13 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.search import Search
-from ident.effects.added_body import PLACE, point_mass
+from ident.effects.added_body import PLACE
 from ident.effects.rigid_body import LinkInertialError
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.typical_sizes import friction_level, rated_torque
-from ident.model.friction_laws import JointStates, by_load
+from ident.laws.bodies import point_mass
+from ident.laws.carried import evaluate
+from ident.laws.friction import JointStates, load_dependent_friction
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
@@ -159,7 +161,13 @@ def test_even_friction_by_load_holds_no_gain() -> None:
     load = np.linspace(-30.0, 30.0, 13)
     shape = {"terms": 4, "load_Nm": 20.0}
     ways = [
-        even_by_load(by_load(JointStates(q=0 * load, dq=slip + 0 * load, slip=slip + 0 * load, load=load), shape))
+        even_by_load(
+            evaluate(
+                load_dependent_friction,
+                JointStates(q=0 * load, dq=slip + 0 * load, slip=slip + 0 * load, load=load),
+                shape,
+            )
+        )
         for slip in (1.0, -1.0)
     ]
     np.testing.assert_allclose(ways[0], -ways[1], atol=1e-12)

@@ -93,9 +93,9 @@ def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:
     """Three samples late is the value three samples ago; a cubic is shifted by any part exactly."""
     t = np.arange(40.0)
     values = np.stack([np.sin(t), 1 + t - 0.1 * t**2 + 0.01 * t**3], axis=1)
-    np.testing.assert_allclose(shifted(values, 3.0)[3:], values[:-3])
+    np.testing.assert_allclose(shifted(values, 3.0, 1.0)[3:], values[:-3])
     late = t - 2.3
-    np.testing.assert_allclose(shifted(values, 2.3)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])
+    np.testing.assert_allclose(shifted(values, 2.3, 1.0)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])
 
 
 def test_steady_torque_shows_no_delay(still: SessionContext) -> None:

@@ -13,10 +13,10 @@ from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
 from ident.export.identified import Change
-from ident.export.standalone.chain import link_change, payload_parameters, turned_gravity
-from ident.export.standalone.laws import LAWS
-from ident.export.standalone.log import read_log, total_delay
-from ident.export.standalone.motion import Losses, MovingArm
+from ident.laws.acting import LAWS
+from ident.laws.bodies import link_change, payload_parameters, turned_gravity
+from ident.laws.motion import Losses, MovingArm
+from ident.laws.sensing import read_log, total_delay
 from ident.robot.arm import ArmModel
 from ident.show.report.words import parameter_cells
 from tests.ident.effects.smooth_motion import make_session

@@ -17,10 +17,10 @@ from ident.export.cpp import write_cpp
 from ident.export.isaac import write_isaac
 from ident.export.loading import load_module
 from ident.export.ros2_control import write_limits
-from ident.export.standalone.motion import Losses
 from ident.export.write import FILES, write_export
+from ident.laws.carried import NamedLaw
+from ident.laws.motion import Losses
 from ident.model.evaluation import evaluate
-from ident.model.friction_laws import NamedLaw
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.loss import LossParameters

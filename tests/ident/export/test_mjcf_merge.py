@@ -15,8 +15,8 @@ from ident.export.identified import Diagnosed
 from ident.export.mjcf import write_mjcf
 from ident.export.mjcf_match import match_joints
 from ident.export.mjcf_merge import merge_mjcf
-from ident.export.standalone.motion import Losses
 from ident.export.write import write_export, write_patch
+from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel

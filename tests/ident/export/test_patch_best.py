@@ -11,7 +11,7 @@ from ident.arrays import Array
 from ident.export.choose import choose, mix
 from ident.export.formats import Stated
 from ident.export.measure import Recorded
-from ident.export.standalone.motion import Losses
+from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions
 
@@ -69,7 +69,7 @@ def test_meshes_are_kept_as_hulls() -> None:
     import numpy as np
 
     from ident.export.mjcf import write_mjcf
-    from ident.export.standalone.motion import Losses
+    from ident.laws.motion import Losses
 
     arm = ArmModel.load("ur10")
     zero = np.zeros(arm.n)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ident.effects.added_body import PLACE, point_mass
+from ident.effects.added_body import PLACE
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
@@ -22,11 +22,11 @@ from ident.export.loaded import LoadedMjcf
 from ident.export.loading import load_module
 from ident.export.mjcf_joint import fit_polynomial, spring_at_rest
 from ident.export.python import describe_arm
-from ident.export.standalone.chain import link_change
-from ident.export.standalone.laws import acting_torque
-from ident.export.standalone.motion import Losses, MovingArm
 from ident.export.urdf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
+from ident.laws.acting import acting_torque
+from ident.laws.bodies import link_change, point_mass
+from ident.laws.motion import Losses, MovingArm
 from ident.model.convex import is_consistent
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
 from ident.model.presliding import stop_operator

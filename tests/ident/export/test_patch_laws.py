@@ -10,10 +10,10 @@ from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.export.identified import Change
 from ident.export.python import describe_arm
-from ident.export.standalone.chain import rigid_torque
-from ident.export.standalone.laws import KNOWN, acting_torque
-from ident.export.standalone.log import Effect, read_log, undo_log
-from ident.export.standalone.motion import Losses, MovingArm
+from ident.laws.acting import KNOWN, acting_torque
+from ident.laws.chain import rigid_torque
+from ident.laws.motion import Losses, MovingArm
+from ident.laws.sensing import Effect, read_log, undo_log
 from ident.model.presliding import Sliding
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS

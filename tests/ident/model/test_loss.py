@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ident.model.loss import LossParameters, direction
+from ident.laws.motion import direction
+from ident.model.loss import LossParameters
 
 
 def test_torque_is_eq_3() -> None:

@@ -12,7 +12,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from ident.errors import InputError, RecordingError
-from ident.model.friction_laws import KINDS, JointStates, NamedLaw
+from ident.laws.carried import KINDS, JointStates, NamedLaw
 from ident.model.hybrid import FitOptions, FitResults, HybridModel, fit_hybrid
 from ident.model.named_fit import NamedLaws, read_named_laws
 from ident.motion.motion import Motion

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.model.friction_laws import NamedLaw, named_torque
+from ident.laws.carried import NamedLaw, named_torque
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.solving.bound import lower_bound

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ident.model.friction_laws import named_torque
+from ident.laws.carried import named_torque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.errors import MethodError
 from plan.initial.starts import from_vias

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.export.standalone.chain import Array
+from ident.laws.chain import Array
 
 # An effect: its id, its joint's index (-1 for the whole arm), its figures.
 Effect = tuple[str, int, dict[str, float]]

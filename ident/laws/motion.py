@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ident.export.standalone.chain import Arm, Array, rigid_torque
+from ident.laws.chain import Arm, Array, rigid_torque
+
+
+def direction(dq: Array, width: Array) -> Array:
+    """Direction of motion in [-1, 1]: tanh(dq / v₀), or sign(dq) where the width v₀ is zero."""
+    width = np.asarray(width, dtype=float)
+    return np.where(width > 0.0, np.tanh(dq / np.where(width > 0.0, width, 1.0)), np.sign(dq))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +52,18 @@ class Losses:
 
 def stop(q: Array, size: float) -> Array:
     """Stop operator along a path from rest, z⁺ = clip(z + Δq, −r, r), as a share of its range r."""
-    out, state = np.zeros(len(q)), 0.0
-    for k, step in enumerate(np.diff(q), start=1):
-        state = min(size, max(-size, state + step))
-        out[k] = state / size
-    return out
+    out = np.empty(len(q))
+    follow(q, size, out)
+    return out / size
+
+
+def follow(q: Array, size: float, out: Array) -> None:
+    """States of a stop operator, sample by sample, into an array; plain loops, which can be compiled."""
+    state = 0.0
+    out[0] = 0.0
+    for k in range(1, len(q)):
+        state = min(size, max(-size, state + q[k] - q[k - 1]))
+        out[k] = state
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,22 +1,20 @@
-"""Laws of one joint that a diagnosis can name and a model can carry: friction beyond Coulomb's and viscous friction.
+"""Laws of one joint's states that a diagnosis can name and a model can carry, fitted and kept.
 
-Each law is linear in its coefficients; what it is bent by (a speed, an exponent, an order) is its shape. The effects of
-the same names are made of these columns, so that what was named and what is fitted is one law.
-
-Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls with its shear
-beyond a knee); Hamon, Gautier and Garrec 2010 (load).
+The effects of the same names are made of the same columns, so that what was named and what is fitted is one law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.loss import direction
+from ident.laws.friction import JointStates
+from ident.laws.motion import direction
+from ident.laws.table import COLUMNS, STATES, TABLE, Columns
 
 Shape = Mapping[str, float]
 # Largest exponent of a law that is believed: no friction bends more, and a file may hold anything.
@@ -25,100 +23,28 @@ LARGEST_EXPONENT = 10.0
 ZERO_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class JointStates:
-    """One joint's states at T times, as laws of friction see them.
-
-    Attributes:
-        q, dq: Position [rad] and speed [rad/s].
-        load: Torque that the joint transmits: rigid torque, without rotor and friction [N m].
-        slip: Direction of sliding in [-1, 1].
-    """
-
-    q: Float[Array, " T"]
-    dq: Float[Array, " T"]
-    load: Float[Array, " T"]
-    slip: Float[Array, " T"]
-
-
-def stribeck(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
-    """s exp(−(|v| / v_s)^δ)."""
-    speed, exponent = shape["stribeck_velocity_rad_s"], shape["exponent"]
-    return (at.slip * np.exp(-((np.abs(at.dq) / speed) ** exponent)))[:, None]
-
-
-def curved_viscous(at: JointStates, shape: Shape) -> Float[Array, "T 1"]:
-    """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
-    return (at.slip * bent(np.abs(at.dq), shape["exponent"], shape.get("knee_rad_s", 0.0)))[:, None]
-
-
-def bent(speed: Float[Array, " ..."], exponent: float, knee: float = 0.0) -> Float[Array, " ..."]:
-    """A power of speeds, none of them negative; straight below a knee, where there is one."""
-    return np.asarray(speed * np.hypot(speed, knee) ** (exponent - 1.0) if knee else speed**exponent)
-
-
-def by_load(at: JointStates, shape: Shape) -> Float[Array, "T k"]:
-    """Driving and half of backdriving, the reverse; with four terms s τ_l² over a typical load and v |τ_l| too."""
-    both, gain = at.slip * np.abs(at.load), at.slip**2 * at.load
-    driving, backdriving = (both + gain) / 2, (both - gain) / 2
-    columns = [driving + backdriving / 2, backdriving + driving / 2]
-    if shape["terms"] == 4:
-        columns += [at.slip * at.load**2 / shape["load_Nm"], at.dq * np.abs(at.load)]
-    return np.stack(columns, axis=1)
-
-
-def by_position(at: JointStates, shape: Shape) -> Float[Array, "T 2"]:
-    """s cos kq, s sin kq."""
-    angle = shape["order"] * at.q
-    return at.slip[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def asymmetric(at: JointStates, shape: Shape) -> Float[Array, "T 2"]:
-    """s² / 2, |v| / 2."""
-    return 0.5 * np.stack([at.slip**2, np.abs(at.dq)], axis=1)
-
-
 @dataclass(frozen=True)
 class LawKind:
-    """What is known of a law.
+    """What is known of a law: its row of the table, see `effects.toml`."""
 
-    Attributes:
-        columns: Torque for coefficients of one.
-        shape: Figures that it is bent by; all above zero.
-        optional: Further ones that it may have.
-        nonnegative: Coefficients that can't be negative.
-        words: What it is called beside a joint's name.
-        units: Of its coefficients, one after the other; the last one stands for those that follow.
-    """
-
-    columns: Callable[[JointStates, Shape], Float[Array, "T k"]]
+    columns: Columns
+    words: str
     shape: tuple[str, ...] = ()
-    nonnegative: tuple[int, ...] = ()
-    words: str = ""
-    units: tuple[str, ...] = ("N m",)
     optional: tuple[str, ...] = ()
+    usual: Shape = field(default_factory=dict)
+    units: tuple[str, ...] = ("N m",)
+    nonnegative: tuple[int, ...] = ()
+    bears_load: bool = False
+
+    @classmethod
+    def of_row(cls, effect: str) -> LawKind:
+        """The law of an effect."""
+        row: dict[str, Any] = {k: tuple(one) if isinstance(one, list) else one for k, one in STATES[effect].items()}
+        del row["file"]
+        return cls(COLUMNS[effect], nonnegative=tuple(TABLE["effects"][effect].get("nonnegative", ())), **row)
 
 
-KINDS: Mapping[str, LawKind] = {
-    "stribeck_friction": LawKind(
-        stribeck, ("stribeck_velocity_rad_s", "exponent"), (0,), "friction that falls as motion sets in"
-    ),
-    "nonlinear_viscous_friction": LawKind(
-        curved_viscous,
-        ("exponent",),
-        (0,),
-        "friction that bends over speed",
-        ("N m (s/rad)^exponent",),
-        optional=("knee_rad_s",),
-    ),
-    "load_dependent_friction": LawKind(
-        by_load, ("terms", "load_Nm"), (0, 1), "friction that grows with the load", ("1", "1", "1", "s/rad")
-    ),
-    "position_dependent_friction": LawKind(by_position, ("order",), (), "friction that varies with the angle"),
-    "asymmetric_friction": LawKind(
-        asymmetric, (), (), "friction that differs between the directions", ("N m", "N m s/rad")
-    ),
-}
+KINDS: Mapping[str, LawKind] = {effect: LawKind.of_row(effect) for effect in STATES}
 
 
 @dataclass(frozen=True)
@@ -160,12 +86,12 @@ class NamedLaw:
     def size(self) -> int:
         """Number of coefficients."""
         zero = np.zeros(1)
-        return self.columns(JointStates(zero, zero, zero, zero)).shape[1]
+        return len(self.kind.columns(JointStates(zero, zero, zero, zero), self.shape))
 
     @property
     def bears_load(self) -> bool:
         """Whether it depends on the load."""
-        return self.effect == "load_dependent_friction"
+        return self.kind.bears_load
 
     @property
     def vanishes(self) -> bool:
@@ -174,7 +100,7 @@ class NamedLaw:
 
     def columns(self, at: JointStates) -> Float[Array, "T k"]:
         """Its torque for coefficients of one [N m]."""
-        return self.kind.columns(at, self.shape)
+        return evaluate(self.kind.columns, at, self.shape)
 
     def torque(self, at: JointStates) -> Float[Array, " T"]:
         """Its torque [N m]."""
@@ -221,6 +147,11 @@ def states_of(
 ) -> JointStates:
     """One joint's states."""
     return JointStates(q[:, joint], dq[:, joint], load[:, joint], slip[:, joint])
+
+
+def evaluate(columns: Columns, at: JointStates, shape: Shape) -> Float[Array, "T k"]:
+    """A law's columns side by side [N m]."""
+    return np.stack(columns(at, shape), axis=1)
 
 
 def named_torque(

@@ -1,4 +1,4 @@
-"""A chain of one-axis joints: its inverse dynamics, and what bodies and gravity do to it."""
+"""A chain of one-axis joints, and its inverse dynamics."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def rigid_torque(
     turns, levers, wrenches = [], [], []
     for i in range(n):
         axis, slides = arm.axes[i], bool(arm.sliding[i])
-        turn = arm.rotations[i] @ _rotation(axis, np.zeros(samples) if slides else q[:, i])
+        turn = arm.rotations[i] @ rotation_about(axis, np.zeros(samples) if slides else q[:, i])
         lever = arm.offsets[i] + (turn @ axis * q[:, i, None] if slides else 0.0)
         acc = acc + np.cross(alpha, lever) + np.cross(omega, np.cross(omega, lever))
         omega, alpha, acc = (np.einsum("tji,tj->ti", turn, vector) for vector in (omega, alpha, acc))
@@ -74,7 +74,7 @@ def rigid_torque(
     return torque
 
 
-def _rotation(axis: Array, angle: Array) -> Array:
+def rotation_about(axis: Array, angle: Array) -> Array:
     """Rotations about one axis by many angles, shape (T, 3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -89,38 +89,3 @@ def _wrench(link: Array, omega: Array, alpha: Array, acc: Array) -> tuple[Array,
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     force = mass * acc + np.cross(alpha, first) + np.cross(omega, np.cross(omega, first))
     return force, np.cross(first, acc) + alpha @ inertia + np.cross(omega, omega @ inertia)
-
-
-def six(inertia: Array) -> Array:
-    """Entries xx, xy, yy, xz, yz, zz of an inertia matrix."""
-    return inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-
-
-def payload_parameters(figures: dict[str, float]) -> Array:
-    """Ten numbers of a point mass at the payload's centre."""
-    mass, centre = figures["mass_kg"], np.array([figures[f"com_{axis}_m"] for axis in "xyz"])
-    return mass * np.concatenate([[1.0], centre, six(centre @ centre * np.eye(3) - np.outer(centre, centre))])
-
-
-def link_change(link: Array, figures: dict[str, float]) -> Array:
-    """Change of a link's ten numbers: more of its own density, or a body at a place, then a shift of its first moment.
-
-    What the figures leave open, the second moments, follows as in the diagnosis: I grows with the mass, and with the
-    shift of the first moment h as that of a body near the link's centre or that place c, 2 (c · h) 1 − c hᵀ − h cᵀ.
-    """
-    mass = link[0]
-    centre = link[1:4] / mass if mass > 0.0 else np.zeros(3)
-    density = link / mass if mass > 0.0 else np.eye(10)[0]
-    if "x_m" in figures:
-        centre = np.array([figures[f"{axis}_m"] for axis in "xyz"])
-        density = np.concatenate([[1.0], centre, six(centre @ centre * np.eye(3) - np.outer(centre, centre))])
-    shift = np.array([figures[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - figures["mass_change_kg"] * centre
-    inertia = 2.0 * (centre @ shift) * np.eye(3) - np.outer(centre, shift) - np.outer(shift, centre)
-    return figures["mass_change_kg"] * density + np.concatenate([[0.0], shift, six(inertia)])
-
-
-def turned_gravity(gravity: Array, figures: dict[str, float]) -> Array:
-    """Gravity seen from a base that is turned by small angles about its own x and y axes [m/s²]."""
-    tilt = np.array([figures["tilt_x_rad"], figures["tilt_y_rad"], 0.0])
-    angle = float(np.linalg.norm(tilt))
-    return gravity if angle == 0.0 else _rotation(tilt / angle, np.array([-angle]))[0] @ gravity

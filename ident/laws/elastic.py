@@ -1,0 +1,96 @@
+"""Laws of gears that give way: an elastic joint, and one with play.
+
+The position is the motor's; the link lags by a deflection δ that follows from the arm's own inverse dynamics,
+
+    M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
+
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+
+from ident.laws.chain import Array, rigid_torque
+from ident.laws.motion import MovingArm
+
+# The elastic joint is integrated with steps no longer than this [s].
+LONGEST_STEP = 0.002
+# Gear in contact behind its play: stiffness in rated torques a radian, and damping ratio.
+CONTACT_STIFFNESS, CONTACT_DAMPING_RATIO = 150.0, 0.3
+
+
+def elasticity(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """A spring and a damper between motor and link."""
+    return _felt(m, j, *_deflect(m, j, p["stiffness_Nm_rad"], p["damping_Nms_rad"], 0.0))
+
+
+def backlash(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """With and without the play, behind it the gear in contact."""
+    stiffness = CONTACT_STIFFNESS * float(m.arm.rated[j])
+    damping = 2.0 * CONTACT_DAMPING_RATIO * float(np.sqrt(stiffness * np.mean(_slopes(m, j)[2][:, j])))
+    loose, tight = (_deflect(m, j, stiffness, damping, half) for half in (0.5 * p["gap_rad"], 0.0))
+    return _felt(m, j, loose[0] - tight[0], loose[1] - tight[1])
+
+
+def _slopes(m: MovingArm, j: int, step: float = 1e-5) -> tuple[Array, Array, Array]:
+    """Derivatives of all joints' rigid torque by q, dq and ddq of one joint, each (T, n)."""
+    unit = np.eye(m.q.shape[1])[j]
+    up, down = (rigid_torque(m.arm, m.q + sign * step * unit, m.dq, m.ddq) for sign in (1.0, -1.0))
+    fast, slow = (rigid_torque(m.arm, m.q, m.dq + sign * step * unit, m.ddq) for sign in (1.0, -1.0))
+    inertia = rigid_torque(m.arm, m.q, m.dq, m.ddq + unit) - m.rigid
+    return (up - down) / (2.0 * step), (fast - slow) / (2.0 * step), inertia
+
+
+def _felt(m: MovingArm, j: int, twist: Array, rate: Array) -> Array:
+    """What all joints feel of a deflection of one, −(M δ'' + V δ' + P δ)."""
+    position, velocity, inertia = _slopes(m, j)
+    change = np.gradient(rate, m.interval)
+    return -(inertia * change[:, None] + velocity * rate[:, None] + position * twist[:, None])
+
+
+def _deflect(m: MovingArm, j: int, stiffness: float, damping: float, half: float) -> tuple[Array, Array]:
+    """Deflection of an elastic joint with play and its rate [rad, rad/s]."""
+    interval = m.sampled("an elastic joint")
+    position, velocity, inertia = (part[:, j].tolist() for part in _slopes(m, j))
+    twist, rate = [0.0] * len(inertia), [0.0] * len(inertia)
+    gear, steps = (stiffness, damping, half), max(1, ceil(interval / LONGEST_STEP))
+    integrate_twist(m.rigid[:, j].tolist(), inertia, velocity, position, *gear, interval, steps, twist, rate)
+    return np.array(twist), np.array(rate)
+
+
+def integrate_twist(load, inertia, velocity, position, stiffness, damping, half, interval, steps, twist, rate):  # type: ignore[no-untyped-def]
+    """Newmark's method; the gear pushes only beyond ±half, and damps only there. `twist` and `rate` are the result.
+
+    All signals are sequences of numbers, and all loops plain: the diagnosis compiles this function.
+    """
+    gamma, beta = 0.6, 0.3025
+    h = interval / steps
+    x = load[0] / (stiffness + position[0]) + half * ((load[0] > 0.0) - (load[0] < 0.0))
+    v, a = (load[1] - load[0]) / (interval * stiffness), 0.0
+    twist[0], rate[0] = x, v
+    for k in range(1, len(load)):
+        for step in range(1, steps + 1):
+            w = step / steps
+            force = load[k - 1] + w * (load[k] - load[k - 1])
+            mass = inertia[k - 1] + w * (inertia[k] - inertia[k - 1])
+            drag = velocity[k - 1] + w * (velocity[k] - velocity[k - 1])
+            pull = position[k - 1] + w * (position[k] - position[k - 1])
+            x_ahead = x + h * v + h * h * (0.5 - beta) * a
+            v_ahead = v + h * (1.0 - gamma) * a
+            side = 0.0 if abs(x_ahead) < half else (1.0 if x_ahead > 0.0 else -1.0)
+            for _ in range(4):
+                touch = 1.0 if (side != 0.0 or half == 0.0) else 0.0
+                k_all, d_all = touch * stiffness + pull, touch * damping + drag
+                a = (force + touch * stiffness * side * half - k_all * x_ahead - d_all * v_ahead) / (
+                    mass + gamma * h * d_all + beta * h * h * k_all
+                )
+                x = x_ahead + beta * h * h * a
+                found = 0.0 if abs(x) < half else (1.0 if x > 0.0 else -1.0)
+                if found == side or half == 0.0:
+                    break
+                side = found
+            v = v_ahead + gamma * h * a
+        twist[k], rate[k] = x, v

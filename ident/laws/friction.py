@@ -1,0 +1,122 @@
+"""Laws of friction, springs and teeth.
+
+Those of one joint's speed, load and angle are columns that are linear in their coefficients; what bends them (a speed,
+an exponent, an order) is their shape. They are named as their effects and written with +, *, ** and what `at.xp` has,
+so that NumPy's arrays and CasADi's symbols go through the same lines. The others take motion, joint and parameters.
+
+Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls with its shear
+beyond a knee); Hamon, Gautier and Garrec 2010 (load).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.laws.chain import Array
+from ident.laws.motion import MovingArm, stop
+
+
+@dataclass(frozen=True, eq=False)
+class JointStates:
+    """One joint's states at T times, as laws of friction see them.
+
+    Attributes:
+        q, dq: Position [rad] and speed [rad/s].
+        load: Torque that the joint transmits: rigid torque, without rotor and friction [N m].
+        slip: Direction of sliding in [-1, 1].
+        xp: Where exp, cos and sin of such states come from.
+    """
+
+    q: Any
+    dq: Any
+    load: Any
+    slip: Any
+    xp: Any = np
+
+    @property
+    def speed(self) -> Any:
+        """|dq| [rad/s]."""
+        return abs(self.dq)
+
+    @property
+    def burden(self) -> Any:
+        """|load| [N m]."""
+        return abs(self.load)
+
+
+def stribeck_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """s exp(−(|v| / v_s)^δ)."""
+    return [at.slip * at.xp.exp(-((at.speed / shape["stribeck_velocity_rad_s"]) ** shape["exponent"]))]
+
+
+def nonlinear_viscous_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """s |v|^α; with a knee v_k straight below it, s |v| (v² + v_k²)^((α − 1) / 2)."""
+    return [at.slip * bent(at.speed, shape["exponent"], shape.get("knee_rad_s", 0.0))]
+
+
+def bent(speed: Any, exponent: float, knee: float = 0.0) -> Any:
+    """A power of speeds, none of them negative; straight below a knee, where there is one."""
+    return speed * (speed * speed + knee * knee) ** (0.5 * exponent - 0.5) if knee else speed**exponent
+
+
+def load_dependent_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """Driving and half of backdriving, the reverse; with four terms s τ_l² over a typical load and v |τ_l| too."""
+    both, gain = at.slip * at.burden, at.slip**2 * at.load
+    columns = [0.75 * both + 0.25 * gain, 0.75 * both - 0.25 * gain]
+    return columns + ([at.slip * at.load**2 / shape["load_Nm"], at.dq * at.burden] if shape["terms"] == 4 else [])
+
+
+def position_dependent_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """s cos kq, s sin kq."""
+    angle = shape["order"] * at.q
+    return [at.slip * at.xp.cos(angle), at.slip * at.xp.sin(angle)]
+
+
+def asymmetric_friction(at: JointStates, shape: Mapping[str, float]) -> list[Any]:
+    """s² / 2, |v| / 2."""
+    return [0.5 * at.slip**2, 0.5 * at.speed]
+
+
+def thermal(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """The losses are those of the cold joint; both changes are shares of them."""
+    viscous = p["viscous_change"] * m.losses.viscous[j] * m.dq[:, j]
+    return m.at(j, m.warmth_of(j) * (viscous + p["coulomb_change"] * m.losses.coulomb[j] * m.direction[:, j]))
+
+
+def hysteresis(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """Stop operators of several ranges side by side, Σ k_i stop_i[q] / r_i."""
+    m.sampled("presliding hysteresis")
+    parts = [name.split("_")[1] for name in p if name.startswith("part_")]
+    stops = [p[f"part_{i}_Nm"] * stop(m.q[:, j], p[f"range_{i}_rad"]) for i in parts]
+    return m.at(j, np.sum(stops, axis=0))
+
+
+def coupling(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """Friction and inertia of another joint's motion, or friction of the sum or difference (`mix`) of both."""
+    other, mix = int(p["other_joint"]) - 1, p["mix"]
+    slip = np.tanh((m.dq[:, j] + mix * m.dq[:, other]) / p["width_rad_s"]) if mix else m.direction[:, other]
+    steady = p["coulomb_Nm"] * slip + p["viscous_Nms_rad"] * (m.dq[:, other] + mix * m.dq[:, j])
+    return m.at(j, steady + p["inertia_kgm2"] * m.ddq[:, other])
+
+
+def ripple(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """A wave a turn of the motor, as it is or as a share of the load."""
+    turns = p["turns"]
+    if not turns and m.arm.gears is None:
+        raise ValueError("torque ripple needs gear ratios: set gears of ARM")
+    if not turns and m.arm.gears is not None:
+        turns = p["order"] * m.arm.gears[j]
+    share = m.rigid[:, j] / p["load_Nm"] if p["loaded"] else 1.0
+    return m.at(j, share * p["amplitude_Nm"] * np.cos(turns * m.q[:, j] - p["phase_rad"]))
+
+
+def spring(m: MovingArm, j: int, p: dict[str, float]) -> Array:
+    """A cubic about an angle, or a wave with two rests a turn."""
+    q = m.q[:, j]
+    x = q - p["centre_rad"]
+    cubic = p["constant_Nm"] + x * (p["linear_Nm_rad"] + x * (p["square_Nm_rad2"] + x * p["cube_Nm_rad3"]))
+    return m.at(j, cubic + p["cosine_Nm"] * np.cos(2.0 * q) + p["sine_Nm"] * np.sin(2.0 * q))

@@ -1,0 +1,132 @@
+"""A law that is one function in one file and one row of the table is an effect of every command."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILE = '''"""Magnets in a housing."""
+
+
+def magnet(at, shape):
+    """sin k q."""
+    return [at.xp.sin(shape["cycles"] * at.q)]
+'''
+ROW = """
+[effects.magnet]
+states = { file = "magnets", words = "torque that repeats over a turn", shape = ["cycles"] }
+grid = { cycles = [2.0, 3.0, 5.0] }
+summary = "torque repeats several times a turn"
+shown_by = "slow"
+figures = ["amplitude_Nm"]
+defining = ["amplitude_Nm"]
+typical = { figure = "amplitude_Nm", share = 0.5 }
+prior = ["1 coulomb"]
+open_law = true
+drawn_over = "angle"
+"""
+# What a process does that finds the law in its package; it prints what the law's torque is in each place.
+COMMANDS = """
+import json
+from pathlib import Path
+import casadi as ca
+import numpy as np
+from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.export.identified import Diagnosed
+from ident.export.loading import load_module
+from ident.export.write import write_patch
+from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.named_fit import read_named_laws
+from ident.show.report.diagnosis_pages import write_diagnosis_report
+from plan.dynamics.torque_gradient import differentiate_torque
+from plan.dynamics.torque_model import torque_of_model
+from plan.experiment.hypotheses import ask
+from plan.planners.symbolic import law_symbols
+from tests.ident.diagnosis.planted import analyse, at_joint, load_arm, named, record
+
+def plant(arm, q, dq, ddq):
+    return at_joint(2, 2.0 * np.sin(3.0 * q[:, 2]))
+
+arm, few = load_arm(), [find_effect(name) for name in ("magnet", "torque_offset")]
+found = analyse(arm, plant, few)
+path = Path("diagnosis.json")
+path.write_text(json.dumps(found.diagnosis.to_dict()))
+write_diagnosis_report("report.html", found.diagnosis.to_dict())
+
+model = fit_hybrid(record(arm, plant), arm, FitOptions(net="none"), named=read_named_laws(path, arm)).model
+model = HybridModel.load(model.save("model"))
+write_patch(Diagnosed.load(path), arm, Path("patch"))
+module = load_module(Path("patch/extra_torque.py"))
+
+q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
+dq, ddq = 0.5 + 0.0 * q, 0.0 * q
+(law,) = model.named
+bare = torque_of_model(model, 3, ())
+parts = [differentiate_torque(one, q, dq, ddq) for one in (bare, type(bare)(bare.chain, bare.losses))]
+symbol = ca.SX.sym("q")
+function = ca.Function("law", [symbol], [law_symbols(law, symbol, ca.SX(0.5), ca.SX(1.0), ca.SX(1.0), 0.02)])
+told = {
+    "names": sorted(named(found)),
+    "last": CATALOGUE[-1].id,
+    "report": "magnet" in Path("report.html").read_text(),
+    "motion": ask(arm, "magnet", None, path).family,
+    "fit": model.torque_terms(q, dq, ddq)["named"][:, 2].tolist(),
+    "module": module.extra_torque(q, dq, ddq)[:, 2].tolist(),
+    "plan": (parts[0].tau - parts[1].tau)[:, 2].tolist(),
+    "slope": (parts[0].by_position - parts[1].by_position)[:, 2, 2].tolist(),
+    "symbols": [float(function(one)) for one in q[:, 2]],
+    "q": q[:, 2].tolist(),
+}
+print(json.dumps(told))
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a copy of the package says that has the file and the row."""
+    place = tmp_path_factory.mktemp("package")
+    (place / "ident").mkdir()
+    for source in (*ROOT.glob("*"), *(ROOT / "ident").glob("*")):
+        copy = place / source.relative_to(ROOT)
+        if not copy.exists():
+            copy.symlink_to(source)
+    (place / "ident/laws").unlink()
+    (place / "ident/laws").mkdir()
+    for source in (ROOT / "ident/laws").glob("*.*"):
+        (place / "ident/laws" / source.name).write_bytes(source.read_bytes())
+    (place / "ident/laws/magnets.py").write_text(FILE)
+    with (place / "ident/laws/effects.toml").open("a") as table:
+        table.write(ROW)
+    work = tmp_path_factory.mktemp("work")
+    environment = {**os.environ, "PYTHONPATH": str(place)}
+    command = [sys.executable, "-c", COMMANDS]
+    done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_it_is_diagnosed_and_reported_and_a_motion_is_known_for_it(told: dict[str, Any]) -> None:
+    """Law: named at its joint, alone; it stands in the page, and its row's motion is what `plan excite` asks for."""
+    assert told["last"] == "magnet"
+    assert told["names"] == [["magnet", "joint_3"]]
+    assert told["report"]
+    assert told["motion"] == "slow"
+
+
+@pytest.mark.parametrize("place", ["fit", "module", "plan", "symbols"])
+def test_its_torque_is_the_same_everywhere(place: str, told: dict[str, Any]) -> None:
+    """Law: model, written module, planner and its symbols give 2 sin 3q within what the recordings leave open."""
+    assert told[place] == pytest.approx(2.0 * np.sin(3.0 * np.array(told["q"])), abs=0.1)
+
+
+def test_its_slope_is_its_torques(told: dict[str, Any]) -> None:
+    """Law: planners differentiate it by the angle."""
+    assert told["slope"] == pytest.approx(6.0 * np.cos(3.0 * np.array(told["q"])), abs=0.3)
