@@ -195,9 +195,11 @@ def _beside_discrepancy(
     if not (estimates or any(loud)):
         return _WithDiscrepancy((None,) * session.n, (), explained)
     points = [estimate.told for estimate in estimates]
-    posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points)
+    acting = {j for item in found.named for j in item.shown}
+    joints = sorted(acting | set(np.flatnonzero(loud).tolist()))
+    posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)
     left = tuple(posterior.left_at(j, posterior.names) if one else None for j, one in enumerate(loud))
-    for j in {j for item in found.named for j in item.shown}:
+    for j in acting:
         explained[j] = posterior.left_at(j, ()).share
     laws = [posterior.beside(k, item.shown) for k, item in enumerate(found.named)]
     return _WithDiscrepancy(left, tuple(laws), explained)

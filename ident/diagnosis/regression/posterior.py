@@ -14,7 +14,7 @@ Source: Kennedy and O'Hagan 2001 (discrepancy); Searle, Casella and McCulloch 19
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -74,23 +74,29 @@ class Beside:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Names at their best points and a discrepancy at every joint, in sums of their own.
+    """Names at their best points and discrepancies at some joints, in sums of their own.
 
     Attributes:
-        evidence: Sums of the baseline, the names and the discrepancy.
+        evidence: Sums of the baseline, the names and the discrepancies.
         prior: The URDF's tolerance.
         names: The named effects.
-        blocks: For each joint the columns of each block.
+        blocks: For each joint that has a discrepancy the columns of its blocks.
     """
 
     evidence: Evidence
     prior: Prior
     names: tuple[Group, ...]
-    blocks: tuple[tuple[Int[Array, " m"], ...], ...]
+    blocks: Mapping[int, tuple[Int[Array, " m"], ...]]
 
     @classmethod
     def gather(
-        cls, session: SessionContext, baseline: Baseline, known: Evidence, prior: Prior, names: Sequence[Group]
+        cls,
+        session: SessionContext,
+        baseline: Baseline,
+        known: Evidence,
+        prior: Prior,
+        names: Sequence[Group],
+        joints: Sequence[int],
     ) -> Posterior:
         """One more pass over the recordings, for names and discrepancies alone.
 
@@ -100,15 +106,18 @@ class Posterior:
             known: Sums of the first pass: their noise, and how much friction varies from run to run.
             prior: The URDF's tolerance.
             names: The named effects at their points.
+            joints: Where a discrepancy is wanted.
         """
         grids = [(group.effect, group.joint, [group.variant]) for group in names]
         kinds = [Discrepancy(block) for block in BLOCKS]
-        grids += [(kind, j, list(kind.variants(session, j))) for j in range(session.n) for kind in kinds]
+        for j in joints:
+            inputs = kinds[0].variants(session, j)
+            grids += [(kind, j, list(inputs)) for kind in kinds]
         layout = layout_of(session, baseline.base.rank, grids, beside=(HeldFriction(),))
         evidence = gather(session, baseline, layout, known.whitening, rest=True).with_dwells()
         evidence = evidence.with_run_spread(known.spread).with_dispersion(known.dispersion)
         flexible = [group.columns for group in layout.groups[len(names) :]]
-        blocks = tuple(tuple(flexible[j * len(kinds) : (j + 1) * len(kinds)]) for j in range(session.n))
+        blocks = {j: tuple(flexible[k * len(kinds) : (k + 1) * len(kinds)]) for k, j in enumerate(joints)}
         believed = Prior.believing(evidence, baseline, prior.error)
         return cls(evidence, believed, layout.groups[: len(names)], blocks)
 
@@ -199,11 +208,12 @@ def measure_dispersion(
     """
     weights = residual_weights(evidence, project(evidence.gram(), evidence, prior))
     joints = range(evidence.layout.n)
-    loud = [evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD for j in joints]
-    if not any(loud):
-        return np.ones(evidence.layout.n)
-    posterior = Posterior.gather(session, baseline, evidence, prior, ())
-    return np.array([posterior.dispersion(j) if one else 1.0 for j, one in enumerate(loud)])
+    loud = [j for j in joints if evidence.samples[j] > 0 and evidence.misfit(j, weights) > LOUD]
+    found = np.ones(evidence.layout.n)
+    if loud:
+        posterior = Posterior.gather(session, baseline, evidence, prior, (), loud)
+        found[loud] = [posterior.dispersion(j) for j in loud]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,16 +248,16 @@ def estimate_variances(sums: Float[Array, "m m"], sizes: Sequence[int]) -> Varia
         sizes: Number of columns of each block.
     """
     matrix, target = sums[:-1, :-1], sums[:-1, -1]
+    bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     variances, best = np.zeros(len(sizes)), 0.0
     for _ in range(MOST_ROUNDS):
         before = best
-        for block in range(len(sizes)):
+        for block, size in enumerate(sizes):
+            along = _evidence_along(matrix, target, _deviations(variances, sizes), slice(*bounds[block : block + 2]))
             for grid in (DECADES, variances[block] * HALVES):
-                tried = np.repeat(variances[None], len(grid), axis=0)
-                tried[:, block] = grid
-                values = [_log_evidence(matrix, target, _deviations(one, sizes)) for one in tried]
+                values = [along(one / size) for one in grid]
                 if max(values) > best:
-                    best, variances = max(values), tried[int(np.argmax(values))]
+                    best, variances[block] = max(values), grid[int(np.argmax(values))]
         if best - before < 0.05:
             break
     deviations = _deviations(variances, sizes)
@@ -255,19 +265,30 @@ def estimate_variances(sums: Float[Array, "m m"], sizes: Sequence[int]) -> Varia
     factor = cho_factor(inner + np.eye(len(matrix)))
     weights = deviations * cho_solve(factor, deviations * target)
     freedom = float(np.trace(cho_solve(factor, inner)))
-    bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     kinds = [float(weights[a:b] @ matrix[a:b, a:b] @ weights[a:b]) for a, b in pairwise(bounds)]
     return Variances(best, variances, weights, freedom, np.array(kinds))
 
 
-def _log_evidence(matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"]) -> float:
+def _evidence_along(
+    matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"], block: slice
+) -> Callable[[float], float]:
+    """Log evidence as a function of the variance of a block's coefficients, the other blocks' variances fixed."""
     used = deviations > 0.0
-    if not used.any():
-        return 0.0
-    scale = deviations[used]
+    used[block] = False
+    scale, own = deviations[used], np.arange(len(target))[block]
     root = np.linalg.cholesky(scale[:, None] * matrix[np.ix_(used, used)] * scale + np.eye(len(scale)))
-    half = solve_triangular(root, scale * target[used], lower=True, check_finite=False)
-    return 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
+    beside = scale[:, None] * np.column_stack([matrix[np.ix_(used, own)], target[used]])
+    half = solve_triangular(root, beside, lower=True, check_finite=False)
+    rest = 0.5 * float(half[:, -1] @ half[:, -1]) - float(np.log(np.diag(root)).sum())
+    values, vectors = np.linalg.eigh(matrix[np.ix_(own, own)] - half[:, :-1].T @ half[:, :-1])
+    squares = (vectors.T @ (target[own] - half[:, :-1].T @ half[:, -1])) ** 2
+    values = np.maximum(values, 0.0)
+
+    def evidence(variance: float) -> float:
+        grown = 1.0 + variance * values
+        return rest + 0.5 * float(variance * np.sum(squares / grown) - np.log(grown).sum())
+
+    return evidence
 
 
 def _deviations(variances: Float[Array, " b"], sizes: Sequence[int]) -> Float[Array, " m"]:
