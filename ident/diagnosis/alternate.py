@@ -175,7 +175,7 @@ def _sure(
         needless = find_needless(fine)
         if needless is not None and len(search.barred) < held.most_doubted:
             search = replace(search, barred=search.barred | {groups[needless].key})
-            found = search.run()
+            found = search.run(found.named)
             continue
         estimates = estimate_effects(search, fine, session, found.named)
         kept = [k for k, estimate in enumerate(estimates) if estimate.probability >= held.least_probability]
@@ -186,7 +186,7 @@ def _sure(
         if refused and len(doubted) <= held.most_doubted:
             keys = {groups[k].key for k in refused}
             search = replace(search, barred=search.barred | keys, absurd=search.absurd | keys)
-            found = search.run()
+            found = search.run(found.named)
             continue
         kept = [k for k in kept if k not in refused]
         if len(kept) == len(groups):
@@ -194,7 +194,7 @@ def _sure(
         if not refused and beaten < held.most_doubted:
             lost = {group.key for k, group in enumerate(groups) if k not in kept}
             beaten += len(lost)
-            other = replace(search, barred=search.barred | lost).run()
+            other = replace(search, barred=search.barred | lost).run(found.named)
             if len(other.named) > len(kept):
                 search, found = replace(search, barred=search.barred | lost), other
                 continue

@@ -123,6 +123,31 @@ class Projection:
         """Fall of the misfit by a group, and its scaled coefficients; signs respected."""
         return self._fall(group.columns, group.signed)
 
+    def most_gains(self, groups: Sequence[Group]) -> Float[Array, " g"]:
+        """What groups gain at most: several columns with any signs, infinity where they aren't independent."""
+        found, seen = np.empty(len(groups)), self._every_seen
+        widths = np.array([len(group.columns) for group in groups])
+        for width in np.unique(widths):
+            slots = np.flatnonzero(widths == width)
+            at = np.stack([groups[k].columns for k in slots])
+            shown = seen[at]
+            matrix = self.rest[at[:, :, None], at[:, None, :]] * (shown[:, :, None] & shown[:, None, :])
+            matrix[:, np.arange(width), np.arange(width)] += ~shown
+            target = self.rest[at, -1] * shown
+            if width == 1:
+                signed = np.array([bool(groups[k].signed) for k in slots])
+                target[signed] = np.maximum(target[signed], 0.0)
+            values = np.linalg.eigvalsh(matrix)
+            dependent = values[:, 0] <= 1e-12 * values[:, -1]
+            matrix[dependent] = np.eye(width)
+            along = np.linalg.solve(matrix, target[:, :, None])[:, :, 0]
+            found[slots] = np.where(dependent, np.inf, np.sum(along * target, axis=1))
+        return found
+
+    @cached_property
+    def _every_seen(self) -> Bool[Array, " P"]:
+        return self.seen(np.arange(len(self._power)))
+
     def seen(self, columns: Int[Array, " k"]) -> Bool[Array, " k"]:
         """Of which columns the model, and their encoder noise, leave anything to be seen."""
         power, left = self._power[columns], self._left[columns]

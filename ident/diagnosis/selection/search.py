@@ -16,11 +16,15 @@ from ident.diagnosis.selection.gates import Named, SearchResults
 class Search(Candidates):
     """Searches one session's candidates: forward steps, swaps, and points of grids that other runs know, too."""
 
-    def run(self) -> SearchResults:
-        """Forward steps until nothing passes."""
+    def run(self, start: Sequence[Named] = ()) -> SearchResults:
+        """Forward steps until nothing passes.
+
+        Args:
+            start: Names to begin with, as far as they still pass.
+        """
         gram = self.evidence.gram()
-        named: list[Named] = []
-        ladder = [self.held_out.score()]
+        named = self._standing(gram, [item for item in start if item.group.key not in self.barred])
+        ladder = [self.held_out.score([item.group for item in named[:k]]) for k in range(len(named) + 1)]
         refused = None
         while len(named) < self.settings.most_effects:
             chosen = [item.group for item in named]
@@ -34,6 +38,18 @@ class Search(Candidates):
             named = [self._renamed(gram, item, k, groups) for k, item in enumerate([*named, step])]
             ladder.append(self.held_out.score(groups))
         return SearchResults(tuple(named), tuple(ladder), refused)
+
+    def _standing(self, gram: Array, named: Sequence[Named]) -> list[Named]:
+        """Names at their best points beside each other, without those that no longer pass, the weakest going first."""
+        while named:
+            groups = self._polish(gram, [item.group for item in named])
+            named = [self.judged_beside(gram, groups, k) for k in range(len(groups))]
+            failed = [item for item in named if not item.gates.passed]
+            if not failed:
+                break
+            weakest = min(failed, key=lambda item: item.gates.evidence)
+            named = [item for item in named if item is not weakest]
+        return list(named)
 
     def _renamed(self, gram: Array, item: Named, slot: int, groups: Sequence[Group]) -> Named:
         """A name at its new inner figures; one that took another's place is judged itself."""

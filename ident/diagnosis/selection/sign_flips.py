@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from scipy.special import gammaincc
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Float, Int
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.gram import Evidence
 from ident.diagnosis.regression.least_squares import Projection
@@ -53,53 +53,41 @@ def family_p_values(
         settings: How many draws, and how loud a block may speak.
     """
     blocks, flips = len(scores), settings.flips
-    signs = rng.choice([-1.0, 1.0], size=(flips, blocks))
-    observed = np.zeros(len(groups))
-    # Of groups of one size the longest sum is the greatest surprise, flip by flip.
-    longest: dict[int, Float[Array, " f"]] = {}
-    alone = [g for g, group in enumerate(groups) if len(group.columns) == 1]
-    if alone:  # most groups: no matrices are needed
-        white = _normalised(scores[:, [int(groups[g].columns[0]) for g in alone]], settings.voices)
-        observed[alone] = _surprise(np.abs(white.sum(axis=0)), 1)
-        longest[1] = np.abs(signs @ white).max(axis=1)
-    for g, group in enumerate(groups):
-        if len(group.columns) == 1:
-            continue
-        part = scores[:, group.columns]
-        variance = part.T @ part
-        size = np.sqrt(np.diag(variance))
-        seen = size > 0
-        if not seen.any():
-            continue
-        part = part[:, seen] / size[seen]
-        values, vectors = np.linalg.eigh(part.T @ part)
-        kept = values > 1e-6 * values[-1]
-        white = _clipped(part @ vectors[:, kept] / np.sqrt(values[kept]), settings.voices)
-        degrees = int(kept.sum())
-        observed[g] = _surprise(np.asarray(np.linalg.norm(white.sum(axis=0))), degrees)
-        length = np.linalg.norm(signs @ white, axis=1)
-        longest[degrees] = np.maximum(longest[degrees], length) if degrees in longest else length
-    greatest = np.max([np.zeros(flips), *(_surprise(length, degrees) for degrees, length in longest.items())], axis=0)
+    signs = rng.choice([-1.0, 1.0], size=(flips, blocks)).astype(np.float32)
+    observed, greatest = np.zeros(len(groups)), np.zeros(flips)
+    widths = np.array([len(group.columns) for group in groups])
+    for width in np.unique(widths):
+        slots = np.flatnonzero(widths == width)
+        at = np.concatenate([groups[g].columns for g in slots])
+        white, degrees = _whitened(scores[:, at].reshape(blocks, len(slots), width).transpose(1, 0, 2), settings.voices)
+        flipped = signs @ white.transpose(1, 0, 2).reshape(blocks, -1).astype(np.float32)
+        lengths = np.sqrt(np.square(flipped.reshape(flips, len(slots), width)).sum(axis=2))
+        whole = np.linalg.norm(white.sum(axis=1), axis=1)
+        for one in np.unique(degrees[degrees > 0]):
+            # Of groups of one size the longest sum is the greatest surprise, flip by flip.
+            same = degrees == one
+            observed[slots[same]] = _surprise(whole[same], int(one))
+            greatest = np.maximum(greatest, _surprise(lengths[:, same].max(axis=1), int(one)))
     return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + flips)
 
 
-def _normalised(scores: Float[Array, "B g"], voices: int) -> Float[Array, "B g"]:
-    """The same of groups of one column each, all at once; zero where a column has no score."""
-    size = np.linalg.norm(scores, axis=0)
-    whole = scores / np.where(size > 0.0, size, 1.0)
-    loudest = np.sort(np.abs(whole), axis=0)[-min(voices, len(whole))]
-    clipped = whole * np.minimum(1.0, loudest / np.maximum(np.abs(whole), 1e-300))
-    left = np.linalg.norm(clipped, axis=0)
-    return np.asarray(clipped / np.where(left > 0.0, left, 1.0))
+def _whitened(scores: Float[Array, "g B k"], voices: int) -> tuple[Float[Array, "g B k"], Int[Array, " g"]]:
+    """Scores of limited size on the scale on which their sum over flips has unit variance in every direction.
 
-
-def _clipped(scores: Float[Array, "B k"], voices: int) -> Float[Array, "B k"]:
-    """Scores of limited size, on the scale on which their sum over flips has unit variance in every direction."""
-    size = np.linalg.norm(scores, axis=1)
-    loudest = np.sort(size)[-min(voices, len(size))]
-    scores = scores * np.minimum(1.0, loudest / np.maximum(size, 1e-300))[:, None]
-    values, vectors = np.linalg.eigh(scores.T @ scores)
-    return scores @ vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    Returns:
+        The scores, and each group's number of directions.
+    """
+    size = np.linalg.norm(scores, axis=1, keepdims=True)
+    scores = scores / np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(scores.transpose(0, 2, 1) @ scores)
+    kept = (values > 1e-6 * values[:, -1:]) & (values > 0.0)
+    scores = (scores @ vectors) * np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None, :]
+    size = np.linalg.norm(scores, axis=2, keepdims=True)
+    loudest = np.sort(size, axis=1)[:, -min(voices, scores.shape[1]), None]
+    scores = scores * np.minimum(1.0, loudest / np.maximum(size, 1e-300))
+    values, vectors = np.linalg.eigh(scores.transpose(0, 2, 1) @ scores)
+    least = np.maximum(1e-12 * values[:, -1:], 1e-300)
+    return scores @ vectors / np.sqrt(np.maximum(values, least))[:, None, :], kept.sum(axis=1)
 
 
 def family_p_values_by_run(
