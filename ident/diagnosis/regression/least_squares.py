@@ -128,7 +128,7 @@ class Projection:
         found, seen = np.empty(len(groups)), self._every_seen
         widths = np.array([len(group.columns) for group in groups])
         for width in np.unique(widths):
-            slots = np.flatnonzero(widths == width)
+            slots = np.flatnonzero(widths == width).tolist()
             at = np.stack([groups[k].columns for k in slots])
             shown = seen[at]
             matrix = self.rest[at[:, :, None], at[:, None, :]] * (shown[:, :, None] & shown[:, None, :])

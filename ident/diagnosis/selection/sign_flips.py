@@ -57,7 +57,7 @@ def family_p_values(
     observed, greatest = np.zeros(len(groups)), np.zeros(flips)
     widths = np.array([len(group.columns) for group in groups])
     for width in np.unique(widths):
-        slots = np.flatnonzero(widths == width)
+        slots = np.flatnonzero(widths == width).tolist()
         at = np.concatenate([groups[g].columns for g in slots])
         white, degrees = _whitened(scores[:, at].reshape(blocks, len(slots), width).transpose(1, 0, 2), settings.voices)
         flipped = signs @ white.transpose(1, 0, 2).reshape(blocks, -1).astype(np.float32)
@@ -66,7 +66,7 @@ def family_p_values(
         for one in np.unique(degrees[degrees > 0]):
             # Of groups of one size the longest sum is the greatest surprise, flip by flip.
             same = degrees == one
-            observed[slots[same]] = _surprise(whole[same], int(one))
+            observed[np.array(slots)[same]] = _surprise(whole[same], int(one))
             greatest = np.maximum(greatest, _surprise(lengths[:, same].max(axis=1), int(one)))
     return (1.0 + (greatest[None, :] >= observed[:, None]).sum(axis=1)) / (1.0 + flips)
 
