@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import InputError, first_line
 
 # Settings and results are some kilobytes, a diagnosis of hundreds of runs some megabytes [bytes].
 LARGEST_TEXT = 1 << 28
@@ -83,7 +83,7 @@ def read_json(path: Path, remedy: str, error: type[InputError] = InputError) -> 
         record = json.loads(text)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
-        raise error(path, f"not JSON that can be used ({_first_line(failed)})", remedy) from None
+        raise error(path, f"not JSON that can be used ({first_line(failed)})", remedy) from None
     if not isinstance(record, dict):
         raise error(path, "holds no JSON object", remedy)
     return record
@@ -115,7 +115,7 @@ def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> 
         record = tomllib.loads(text)
         _look_through(record)
     except (ValueError, RecursionError) as failed:
-        raise error(path, f"not TOML ({_first_line(failed)})", remedy) from None
+        raise error(path, f"not TOML ({first_line(failed)})", remedy) from None
     return record
 
 
@@ -131,7 +131,7 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
             _require_sizes(archive, path)
             return {name: np.asarray(archive[name]) for name in archive.files}
     except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
-        raise error(path, f"not a NumPy archive of plain arrays ({_first_line(failed)})", remedy) from None
+        raise error(path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy) from None
 
 
 def require_unpacked(packed: int, unpacked: int) -> None:
@@ -194,7 +194,3 @@ def _look_through(record: Any) -> None:
             waiting += [(one, depth + 1) for one in value]
         elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise ValueError("an integer of more than 64 bit")
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array, Float, Int
-from ident.recordings.columns import Table, joint_of
+from ident.recordings.columns import NamedColumns, Table, joint_of
 from ident.recordings.recording import Severity, TelemetryIssue
 
 # Channels that a recording may lack.
@@ -57,10 +57,12 @@ class Damage:
 
 def describe_damage(damage: Damage) -> tuple[TelemetryIssue, ...]:
     """The issues of a table's damage; empty where there is none."""
+    cut = f"{damage.source.name}, {damage.place} {damage.truncated_row}: the last row is cut short, dropped"
+    truncated = TelemetryIssue("truncated_row", (), "note", cut, "none needed; let the logger end cleanly")
     issues = [
         _dropped("garbage_cells", damage, damage.garbage_rows, "unreadable"),
         _dropped("nan_cells", damage, damage.empty_rows, "empty or NaN"),
-        _truncated(damage),
+        None if damage.truncated_row is None else truncated,
         _bad_cells("garbage_cells", damage, damage.text_cells),
         _bad_cells("nan_cells", damage, damage.missing_cells),
     ]
@@ -77,13 +79,6 @@ def _dropped(issue: str, damage: Damage, rows: Int[Array, " g"], kind: str) -> T
     count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
     evidence = f"{damage.source.name}, {damage.place} {listed(rows)}: {count} {kind} ({share:.2%}), dropped"
     return TelemetryIssue(issue, (), severity, evidence, "none needed; look at what writes into the log")
-
-
-def _truncated(damage: Damage) -> TelemetryIssue | None:
-    if damage.truncated_row is None:
-        return None
-    evidence = f"{damage.source.name}, {damage.place} {damage.truncated_row}: the last row is cut short, dropped"
-    return TelemetryIssue("truncated_row", (), "note", evidence, "none needed; let the logger end cleanly")
 
 
 def _bad_cells(issue: str, damage: Damage, cells: Int[Array, "c 2"] | None) -> TelemetryIssue | None:
@@ -131,6 +126,25 @@ def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Tab
     )
     kept = {name: without_infinity(values[~lost]) for name, values in columns.items()}
     return Table(kept, (*unused, *describe_damage(damage)))
+
+
+def held_columns(
+    columns: Mapping[str, Float[Array, " T"]], source: Path, issues: tuple[TelemetryIssue, ...] = ()
+) -> NamedColumns:
+    """Columns of numbers that are in memory already.
+
+    Args:
+        columns: The file's own names -> values.
+        source: The file, for messages.
+        issues: What was found when they were read.
+    """
+    names = tuple(columns)
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        table = screen_cells({native: columns[names[i]] for i, native in chosen.items()}, source)
+        return Table(table.columns, (*issues, *table.issues))
+
+    return NamedColumns(names, read, lambda: columns)
 
 
 def drop_empty(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +24,26 @@ class Table:
 
     columns: Mapping[str, Float[Array, " T"]]
     issues: tuple[TelemetryIssue, ...] = field(default=())
+
+
+@dataclass(frozen=True, eq=False)
+class NamedColumns:
+    """A run as its file has it, of whatever format: what every reader makes of a file.
+
+    Attributes:
+        names: The file's own column names; "1", "2", … where it has none.
+        read: Reads some columns: index -> native name. Raises RecordingError for one that holds no numbers.
+        numbers: All columns of numbers by their own names, whatever they hold.
+    """
+
+    names: tuple[str, ...]
+    read: Callable[[Mapping[int, str]], Table]
+    numbers: Callable[[], Mapping[str, Float[Array, " T"]]]
+
+    @property
+    def has_names(self) -> bool:
+        """Whether the file names its columns."""
+        return self.names != tuple(str(i + 1) for i in range(len(self.names)))
 
 
 def is_native(name: str) -> bool:
@@ -74,7 +94,11 @@ def native_names(names: Sequence[str], session_file: SessionFile, where: str | P
         # A mapping that takes the native name for itself overrides the table's own column of that name.
         if native not in session_file.columns.values():
             chosen[index] = native
-    _refuse_duplicates(chosen, names, where)
+    seen: dict[str, int] = {}
+    for index, native in chosen.items():
+        if (first := seen.setdefault(native, index)) != index:
+            what = f"columns {first + 1} ({names[first]}) and {index + 1} ({names[index]}) are both {native!r}"
+            raise RecordingError(where, what, "keep one of them")
     return dict(sorted(chosen.items()))
 
 
@@ -87,110 +111,79 @@ def _find(foreign: str, names: Sequence[str], session_file: SessionFile, where: 
         return matches[0]
     if foreign.isdecimal() and 1 <= int(foreign) <= len(names):
         return int(foreign) - 1
-    raise RecordingError(
-        where,
-        f"no column {foreign!r}, which [columns] of {session_file.where} names",
-        f"its columns are: {_listed(names)}",
-    )
+    what = f"no column {foreign!r}, which [columns] of {session_file.where} names"
+    raise RecordingError(where, what, f"its columns are: {listed(names)}")
 
 
-def _refuse_duplicates(chosen: Mapping[int, str], names: Sequence[str], where: str | Path) -> None:
-    seen: dict[str, int] = {}
-    for index, native in chosen.items():
-        first = seen.get(native)
-        if first is not None:
-            raise RecordingError(
-                where,
-                f"columns {first + 1} ({names[first]}) and {index + 1} ({names[index]}) are both {native!r}",
-                "keep one of them",
-            )
-        seen[native] = index
-
-
-def _listed(names: Sequence[str], limit: int = 12) -> str:
+def listed(names: Sequence[str], limit: int = 12) -> str:
+    """The first of some names, and how many there are."""
     shown = ", ".join(names[:limit])
     return shown if len(names) <= limit else f"{shown}, … ({len(names)} in all)"
 
 
-def assemble(name: str, table: Table, session_file: SessionFile, source: Path, found: Sequence[str] = ()) -> Recording:
-    """Makes a recording of native columns: time, joints in the order of their position columns, torque.
+def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source: Path) -> Recording:
+    """Makes a recording of a file's columns: time, joints in the order of their position columns, torque.
 
     The torque is `sign * effort`, or `sign * gain * current` where a joint has no effort column.
 
     Args:
         name: Name of the run.
-        table: Native columns.
-        session_file: Drive gains, effort signs, sampling rate.
-        source: The file it came from.
-        found: The file's own column names, for messages.
+        columns: What the file holds.
+        session_file: Columns' native names, drive gains, effort signs, sampling rate.
+        source: The file.
 
     Raises:
         RecordingError: No joint at all, a missing column, or settings of a joint that is not there.
     """
-    columns = _fill_temperature(table.columns)
-    joints = tuple(joint_of(column) for column in columns if column.endswith("/position"))
+    table = columns.read(native_names(columns.names, session_file, source))
+    found = _without_gaps_in_temperature(table.columns)
+    joints = tuple(joint_of(column) for column in found if column.endswith("/position"))
     if not joints:
-        raise RecordingError(
-            source,
-            "no column <joint>/position",
-            f"name its columns in [columns] of session.toml; it has: {_listed(list(found or columns)) or 'none'}",
-        )
-    for column in columns:
-        if column != TIME and joint_of(column) not in joints:
-            raise RecordingError(
-                source, f"missing column {joint_of(column)}/position", f"add it, or drop the column {column}"
-            )
-    _refuse_unknown_joints(joints, session_file)
-    channels, issues = _channels(columns, joints, source)
+        remedy = f"name its columns in [columns] of session.toml; it has: {listed(columns.names or [*found]) or 'none'}"
+        raise RecordingError(source, "no column <joint>/position", remedy)
+    for column in found:
+        if column != TIME and (joint := joint_of(column)) not in joints:
+            raise RecordingError(source, f"missing column {joint}/position", f"add it, or drop the column {column}")
+    for key, given in (("drive_gain_Nm_per_A", session_file.drive_gain), ("effort_sign", session_file.effort_sign)):
+        unknown = next((joint for joint in given if joint not in joints), None)
+        if unknown is not None:
+            what = f"[{key}] names the joint {unknown!r}, which the recording lacks"
+            raise RecordingError(session_file.where, what, f"its joints are: {', '.join(joints)}")
+    channels, issues = _channels(found, joints, source)
     for channel in ANGLES:
         if channel in channels and session_file.angle_factor != 1.0:
             zero = session_file.angle_zero if channel in ("position", "position_command") else 0.0
             channels[channel] = session_file.angle_factor * (channels[channel] - zero)
     if session_file.with_effort:
-        channels["effort"] = _effort(columns, joints, session_file, source)
+        channels["effort"] = stack([_effort(found, joint, session_file, source) for joint in joints])
     else:
         channels["effort"] = np.zeros_like(channels["position"])
-    time = _time(columns, len(channels["effort"]), session_file, source)
+    if TIME in found:
+        time = found[TIME] if session_file.time_factor == 1.0 else session_file.time_factor * found[TIME]
+    elif session_file.sample_rate_hz is not None:
+        time = np.arange(len(channels["effort"])) / session_file.sample_rate_hz
+    else:
+        remedy = "add it, or sample_rate_hz = … (a constant rate) to session.toml"
+        raise RecordingError(source, "missing column time", remedy)
     return Recording(name=name, joints=joints, time=time, source=source, issues=(*table.issues, *issues), **channels)
-
-
-def _refuse_unknown_joints(joints: Sequence[str], session_file: SessionFile) -> None:
-    for key, table in (
-        ("drive_gain_Nm_per_A", session_file.drive_gain),
-        ("effort_sign", session_file.effort_sign),
-    ):
-        for joint in table:
-            if joint not in joints:
-                raise RecordingError(
-                    session_file.where,
-                    f"[{key}] names the joint {joint!r}, which the recording lacks",
-                    f"its joints are: {', '.join(joints)}",
-                )
 
 
 def _channels(
     columns: Mapping[str, Float[Array, " T"]], joints: Sequence[str], source: Path
 ) -> tuple[dict[str, Float[Array, "T n"]], list[TelemetryIssue]]:
-    """All channels but the torque; an optional one that some joints lack is left out, and that is told."""
+    """All channels but the torque; an optional one that some joints lack is left out, and that is reported."""
     channels: dict[str, Float[Array, "T n"]] = {}
     issues: list[TelemetryIssue] = []
     for channel in CHANNELS:
-        have = [joint for joint in joints if f"{joint}/{channel}" in columns]
-        if channel == "effort" or not have:
+        lacking = tuple(joint for joint in joints if f"{joint}/{channel}" not in columns)
+        if channel == "effort" or len(lacking) == len(joints):
             continue
-        lacking = tuple(joint for joint in joints if joint not in have)
         if not lacking:
             channels[channel] = stack([columns[f"{joint}/{channel}"] for joint in joints])
-        else:
-            issues.append(
-                TelemetryIssue(
-                    "missing_channel",
-                    lacking,
-                    "note",
-                    f"{source.name}: no {channel} of {', '.join(lacking)}; the {channel} of the others is not used",
-                    f"record {channel} of every joint, or of none",
-                )
-            )
+            continue
+        evidence = f"{source.name}: no {channel} of {', '.join(lacking)}; the {channel} of the others is not used"
+        remedy = f"record {channel} of every joint, or of none"
+        issues.append(TelemetryIssue("missing_channel", lacking, "note", evidence, remedy))
     return channels, issues
 
 
@@ -204,7 +197,7 @@ def stack(columns: Sequence[Float[Array, " T"]], rows: int = 4096) -> Float[Arra
     return table
 
 
-def _fill_temperature(columns: Mapping[str, Float[Array, " T"]]) -> dict[str, Float[Array, " T"]]:
+def _without_gaps_in_temperature(columns: Mapping[str, Float[Array, " T"]]) -> dict[str, Float[Array, " T"]]:
     """Interpolates the empty cells of temperatures, which are often logged more slowly; drops empty columns."""
     filled = {}
     for name, values in columns.items():
@@ -218,35 +211,16 @@ def _fill_temperature(columns: Mapping[str, Float[Array, " T"]]) -> dict[str, Fl
 
 
 def _effort(
-    columns: Mapping[str, Float[Array, " T"]], joints: Sequence[str], session_file: SessionFile, source: Path
-) -> Float[Array, "T n"]:
-    torque = []
-    for joint in joints:
-        sign = session_file.effort_sign.get(joint, 1.0)
-        if f"{joint}/effort" in columns:
-            effort = columns[f"{joint}/effort"]
-            torque.append(effort if sign == 1.0 else -effort)
-        elif f"{joint}/current" not in columns:
-            remedy = f"add it, or drop the joint {joint}; an arm that logs goal and position only is for `ident servo`"
-            raise RecordingError(source, f"missing column {joint}/effort", remedy)
-        elif joint not in session_file.drive_gain:
-            raise RecordingError(
-                source,
-                f"missing column {joint}/effort, and {joint}/current has no drive gain",
-                f"add the effort, or [drive_gain_Nm_per_A] {toml_key(joint)} = … to session.toml",
-            )
-        else:
-            torque.append(sign * session_file.drive_gain[joint] * columns[f"{joint}/current"])
-    return stack(torque)
-
-
-def _time(
-    columns: Mapping[str, Float[Array, " T"]], samples: int, session_file: SessionFile, source: Path
+    columns: Mapping[str, Float[Array, " T"]], joint: str, session_file: SessionFile, source: Path
 ) -> Float[Array, " T"]:
-    if TIME in columns:
-        return columns[TIME] if session_file.time_factor == 1.0 else session_file.time_factor * columns[TIME]
-    if session_file.sample_rate_hz is None:
-        raise RecordingError(
-            source, "missing column time", "add it, or sample_rate_hz = … (a constant rate) to session.toml"
-        )
-    return np.arange(samples) / session_file.sample_rate_hz
+    sign, effort, current = session_file.effort_sign.get(joint, 1.0), f"{joint}/effort", f"{joint}/current"
+    if effort in columns:
+        return columns[effort] if sign == 1.0 else -columns[effort]
+    if current not in columns:
+        remedy = f"add it, or drop the joint {joint}; an arm that logs goal and position only is for `ident servo`"
+        raise RecordingError(source, f"missing column {effort}", remedy)
+    if joint not in session_file.drive_gain:
+        what = f"missing column {effort}, and {current} has no drive gain"
+        remedy = f"add the effort, or [drive_gain_Nm_per_A] {toml_key(joint)} = … to session.toml"
+        raise RecordingError(source, what, remedy)
+    return sign * session_file.drive_gain[joint] * columns[current]

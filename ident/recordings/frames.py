@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ident.errors import RecordingError
+from ident.errors import RecordingError, first_line
+from ident.recordings.archives import unequal
 from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import assemble, native_names
+from ident.recordings.columns import NamedColumns, Table, take_run
 from ident.recordings.load import join_runs
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import Recording, Session
@@ -38,14 +39,16 @@ def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = N
     Raises:
         RecordingError: No table, a needed column is missing or holds no numbers, columns of different lengths.
     """
-    table = _as_table(frame, name)
-    names = table.column_names
+    table, path, settings = _as_table(frame, name), Path(name), settings or SessionFile()
+    names = tuple(table.column_names)
     if not table.num_rows:
         raise RecordingError(name, "has no rows", "give a table with samples")
-    chosen = native_names(names, settings or SessionFile(), name)
-    columns = {native: column_numbers(table.column(index), names[index], name) for index, native in chosen.items()}
-    run = assemble(name, screen_cells(columns, Path(name)), settings or SessionFile(), Path(name), names)
-    return run.replace(source=None)
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        columns = {native: column_numbers(table.column(index), names[index], name) for index, native in chosen.items()}
+        return screen_cells(columns, path)
+
+    return take_run(name, NamedColumns(names, read, dict), settings, path).replace(source=None)
 
 
 def gather_sources(source: Source | Sequence[Source], settings: SessionFile | None = None) -> list[PathOrSession]:
@@ -88,25 +91,16 @@ def _is_pandas(source: object) -> bool:
 
 def _as_table(frame: Any, name: str) -> pa.Table:
     try:
-        if isinstance(frame, Mapping):
-            return _table_of(frame, name)
-        if _is_pandas(frame):
-            return pa.Table.from_pandas(frame, preserve_index=False)
-        return pa.table(frame)
+        if not isinstance(frame, Mapping):
+            return pa.Table.from_pandas(frame, preserve_index=False) if _is_pandas(frame) else pa.table(frame)
+        arrays = {str(key): np.asarray(values) for key, values in frame.items()}
+        for key, values in arrays.items():
+            if values.ndim != 1:
+                what = f"has {values.ndim} dimensions"
+                raise RecordingError(f"{name}, column {key}", what, "give one array a column")
+        lengths = {key: len(values) for key, values in arrays.items()}
+        if len(set(lengths.values())) > 1:
+            raise RecordingError(name, *unequal(lengths))
+        return pa.table(arrays)
     except (pa.ArrowInvalid, pa.ArrowTypeError, pa.ArrowNotImplementedError, TypeError, ValueError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise RecordingError(name, f"is no table of numbers ({reason})", HINT) from None
-
-
-def _table_of(columns: Mapping[str, Any], name: str) -> pa.Table:
-    arrays = {str(key): np.asarray(values) for key, values in columns.items()}
-    for key, values in arrays.items():
-        if values.ndim != 1:
-            raise RecordingError(f"{name}, column {key}", f"has {values.ndim} dimensions", "give one array a column")
-    lengths = {key: len(values) for key, values in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        first, *rest = lengths
-        other = next(key for key in rest if lengths[key] != lengths[first])
-        what = f"{first} has {lengths[first]} samples and {other} {lengths[other]}"
-        raise RecordingError(name, what, "make them equally long")
-    return pa.table(arrays)
+        raise RecordingError(name, f"is no table of numbers ({first_line(error)})", HINT) from None

@@ -18,16 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import TIME, assemble, native_names
-from ident.recordings.parquet import column_numbers, open_parquet
+from ident.recordings.bad_cells import held_columns
+from ident.recordings.columns import TIME, native_names, take_run
+from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
-from ident.recordings.spread import spread_list
 from ident.safe_read import read_json
 
 INFO = Path("meta/info.json")
@@ -52,20 +50,31 @@ def is_dataset(path: Path) -> bool:
     return path.is_dir() and (path / INFO).is_file()
 
 
+def data_files(path: Path) -> list[Path]:
+    """The Parquet files of a data set, in order.
+
+    Raises:
+        RecordingError: There are none.
+    """
+    files = sorted((path / "data").rglob("*.parquet"))
+    if not files:
+        raise RecordingError(path, "has no Parquet file below data/", REMEDY)
+    return files
+
+
 def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
     """The episodes of a data set, in order.
 
     Raises:
         RecordingError: No data files, columns that can't be read or mapped, no features.
     """
-    features = load_features(path)
-    files = sorted((path / "data").rglob("*.parquet"))
-    if not files:
-        raise RecordingError(path, "has no Parquet file below data/", REMEDY)
+    labels = {name: _labels(one) for name, one in load_info(path)["features"].items()}
     notes: tuple[TelemetryIssue, ...] = ()
-    for number, file in enumerate(files):
-        columns = load_columns(file, features)
-        if number == 0 and session_file.angle_factor == 1.0 and _in_degrees(columns, file):
+    for number, file in enumerate(data_files(path)):
+        columns = load_columns(file, labels)
+        own = [name for name in columns if name.startswith("observation.state.")] if number == 0 else []
+        far = [np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) for name in own]
+        if session_file.angle_factor == 1.0 and max(far, default=0.0) > MOST_RADIANS:
             session_file = replace(session_file, angle_factor=math.radians(1.0))
             what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
             notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)
@@ -75,47 +84,30 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
             notes = ()
 
 
-def _in_degrees(columns: Mapping[str, Any], file: Path) -> bool:
-    """Whether positions are larger than any joint turns in radians."""
-    own = [name for name in columns if name.startswith("observation.state.")]
-    return any(np.nanmax(np.abs(column_numbers(columns[name], name, file)), initial=0.0) > MOST_RADIANS for name in own)
+def longest_episode(path: Path) -> tuple[dict[str, Float[Array, " T"]], float | None]:
+    """All columns of numbers of the longest episode in the first file, and the rate that the data set states [Hz]."""
+    info, file = load_info(path), data_files(path)[0]
+    table = load_columns(file, {name: _labels(one) for name, one in info["features"].items()})
+    columns = {name: column_numbers(values, name, file) for name, values in table.items()}
+    episode = columns.pop(EPISODE, None)
+    if episode is not None and len(episode):
+        longest = max(set(episode), key=lambda one: int((episode == one).sum()))
+        columns = {name: values[episode == longest] for name, values in columns.items()}
+    rate = info.get("fps")
+    usable = isinstance(rate, int | float) and not isinstance(rate, bool) and rate > 0
+    return columns, float(rate) if usable and rate else None
 
 
-def load_features(path: Path) -> Mapping[str, Any]:
-    """The features of a data set by name, as meta/info.json has them.
+def load_info(path: Path) -> dict[str, Any]:
+    """What meta/info.json says of a data set, its features by name among it.
 
     Raises:
         RecordingError: It names none.
     """
     info = read_json(path / INFO, REMEDY, RecordingError)
-    features = info.get("features")
-    if not isinstance(features, dict) or not features:
+    if not isinstance(info.get("features"), dict) or not info["features"]:
         raise RecordingError(path / INFO, "names no features", REMEDY)
-    return features
-
-
-def load_columns(file: Path, features: Mapping[str, Any]) -> dict[str, pa.ChunkedArray | pa.Array]:
-    """All columns of numbers of a data file, lists spread out under their features' labels.
-
-    Raises:
-        RecordingError: Not a Parquet file, or lists of different lengths.
-    """
-    try:
-        with open_parquet(file) as opened:
-            table = opened.read()
-        found: dict[str, pa.ChunkedArray | pa.Array] = {}
-        for name in table.column_names:
-            found.update(spread_list(name, table.column(name), _labels(features.get(name))))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise RecordingError(
-            file, f"not a whole Parquet file of lists ({reason})", "write the data set again"
-        ) from None
-    return {
-        name: values
-        for name, values in found.items()
-        if pa.types.is_floating(values.type) or pa.types.is_integer(values.type)
-    }
+    return info
 
 
 def _labels(feature: Any) -> list[str]:
@@ -160,13 +152,10 @@ def _with_clock(columns: Mapping[str, Any], session_file: SessionFile) -> Sessio
 def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> Iterator[Recording]:
     names = tuple(columns)
     chosen = native_names(names, settings, file)
-    table = {native: column_numbers(columns[names[index]], names[index], file) for index, native in chosen.items()}
-    if not table:
-        table = {TIME: np.empty(0)}
+    table = {index: column_numbers(columns[names[index]], names[index], file) for index in chosen}
     rows = len(next(iter(columns.values()))) if columns else 0
     episode = column_numbers(columns[EPISODE], EPISODE, file) if EPISODE in columns else np.zeros(rows)
-    edges = [0, *(np.flatnonzero(np.diff(episode)) + 1), rows]
-    for start, end in pairwise(edges):
-        part: dict[str, Float[Array, " T"]] = {native: values[start:end] for native, values in table.items()}
+    for start, end in pairwise([0, *(np.flatnonzero(np.diff(episode)) + 1), rows]):
+        part = {name: table[i][start:end] if i in table else np.empty(0) for i, name in enumerate(names)}
         number = int(np.nan_to_num(episode[start])) if rows else 0
-        yield assemble(f"episode_{number:06d}", screen_cells(part, file), settings, file, names)
+        yield take_run(f"episode_{number:06d}", held_columns(part, file), settings, file)

@@ -5,18 +5,18 @@ from __future__ import annotations
 import itertools
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ident.errors import RecordingError
-from ident.recordings.columns import Table, assemble
+from ident.recordings.archives import open_arrays
+from ident.recordings.columns import NamedColumns, take_run
 from ident.recordings.lerobot import is_dataset, read_dataset
-from ident.recordings.matlab import read_mat
-from ident.recordings.parquet import read_npz, read_parquet
+from ident.recordings.parquet import open_table
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.recordings.session_toml import SessionFile, find_session_file, load_session_file
-from ident.recordings.text import read_text_table
+from ident.recordings.text import open_text
 from ident.safe_read import require_regular
 
 BAGS = (".mcap", ".db3", ".bag")
@@ -31,7 +31,6 @@ TOPIC = "/joint_states"
 BLOCK_BYTES, SPARSE_SHARE, LEAST_SPARSE, MEMORY_SHARE = 512, 0.01, 1 << 28, 0.5
 # Samples that are read at once by whoever goes through a long session part by part.
 PART_SAMPLES = 500_000
-Reader = Callable[[Path, SessionFile], tuple[Table, tuple[str, ...]]]
 
 
 def load_session(
@@ -70,13 +69,22 @@ def load_parts(
     Raises:
         RecordingError: As `load_session`, when the part's turn comes.
     """
-    path = Path(path)
-    if not _exists(path):
-        raise RecordingError(path, "no such file or folder", "give a folder of runs, a table or a bag")
+    path, remedy = Path(path), "give a folder of runs, a table or a bag"
+    try:
+        exists = path.exists()
+    except (OSError, ValueError):  # a name that no file can have
+        exists = False
+    if not exists:
+        raise RecordingError(path, "no such file or folder", remedy)
     if not path.is_dir():
-        require_regular(path, "give a folder of runs, a table or a bag", RecordingError)
+        require_regular(path, remedy, RecordingError)
     settings = replace(_settings_of(path, session_file), with_effort=with_effort)
-    found, notes = _read_runs(path, settings, topic)
+    notes: list[TelemetryIssue] = []
+    if is_dataset(path):
+        found = read_dataset(path, settings)
+    else:
+        files, notes = _find_runs(path, settings)
+        found = (load_recording(file, settings, topic) for file in files)
     before: list[Recording] = []
     for batch in _batches(found, most):
         runs = _same_joints([*before, *batch])
@@ -96,14 +104,6 @@ def load_parts(
         )
         notes, before = [], runs[-1:]
         del batch, runs  # a part is let go before the next is read
-
-
-def _read_runs(path: Path, settings: SessionFile, topic: str) -> tuple[Iterator[Recording], list[TelemetryIssue]]:
-    """The runs of a session, each read when it is asked for, and what is told of all of them."""
-    if is_dataset(path):
-        return read_dataset(path, settings), []
-    files, notes = _find_runs(path, settings)
-    return (load_recording(file, settings, topic) for file in files), notes
 
 
 def robot_named_in(path: str | Path, session_file: str | Path | None = None) -> str | None:
@@ -150,10 +150,34 @@ def load_recording(path: str | Path, session_file: SessionFile | None = None, to
         RecordingError: The file can't be used.
     """
     path, settings = Path(path), session_file or SessionFile()
+    return take_run(path.name if path.is_dir() else path.stem, open_run(path, settings, topic), settings, path)
+
+
+def open_run(path: Path, settings: SessionFile | None, topic: str = TOPIC) -> NamedColumns:
+    """The columns of one run, whatever the format of its file.
+
+    Args:
+        path: The file, or a bag's folder.
+        settings: Of the session; None where what the columns are is still to be found out.
+        topic: Topic of the joint states, for bags.
+
+    Raises:
+        RecordingError: The file can't be used.
+    """
+    suffix = path.suffix.lower()
     if not path.is_dir():
         require_readable_size(path)
-    table, names = _reader(path, topic)(path, settings)
-    return assemble(path.name if path.is_dir() else path.stem, table, settings, path, names)
+    if path.is_dir() or suffix in BAGS:
+        from ident.recordings.bags import open_bag  # slow to load, and most recordings are tables
+
+        return open_bag(path, settings, topic)
+    if suffix in TEXTS:
+        return open_text(path)
+    if suffix == ".parquet":
+        return open_table(path)
+    if suffix in (".npz", ".mat"):
+        return open_arrays(path, always=settings is None or bool(settings.columns))
+    raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
 
 
 def require_readable_size(path: Path) -> None:
@@ -167,45 +191,13 @@ def require_readable_size(path: Path) -> None:
     if size > LEAST_SPARSE and held < SPARSE_SHARE * size:
         what = f"is {size / 1e9:.1f} GB large, of which {held / 1e9:.1f} GB are written: a file with holes"
         raise RecordingError(path, what, "write it again")
-    if size > MEMORY_SHARE * _memory():
+    try:
+        memory = float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        memory = float("inf")
+    if size > MEMORY_SHARE * memory:
         what = f"is {size / 1e9:.1f} GB large, more than this machine's memory can hold at once"
         raise RecordingError(path, what, "part it into several runs")
-
-
-def _memory() -> float:
-    """Memory of the machine [bytes]."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
-        return float("inf")
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # a name that no file can have
-        return False
-
-
-def _reader(path: Path, topic: str) -> Reader:
-    suffix = path.suffix.lower()
-    if path.is_dir() or suffix in BAGS:
-        # Slow to load, and most recordings are tables.
-        from ident.recordings.bag_topics import names_topics, read_topics
-        from ident.recordings.rosbag import read_bag
-
-        return lambda file, settings: (
-            read_topics(file, settings) if names_topics(settings) else read_bag(file, settings, topic)
-        )
-    if suffix in TEXTS:
-        return read_text_table
-    if suffix == ".parquet":
-        return read_parquet
-    if suffix == ".npz":
-        return read_npz
-    if suffix == ".mat":
-        return read_mat
-    raise RecordingError(path, f"unknown kind of file {suffix!r}", f"give one of: {', '.join(SUFFIXES)}")
 
 
 def _is_bag_folder(path: Path) -> bool:
@@ -226,18 +218,18 @@ def _find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[Tele
             by_stem.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_stem:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders")
+
+    def preference(entry: Path) -> int:
+        return SUFFIXES.index(".mcap" if entry.is_dir() else entry.suffix.lower())
+
     files, notes = [], []
     for stem in sorted(by_stem):
-        first, *others = sorted(by_stem[stem], key=_preference)
+        first, *others = sorted(by_stem[stem], key=preference)
         files.append(first)
         if others:
             evidence = f"{path.name}: {first.name} is read, not {', '.join(other.name for other in others)}"
             notes.append(TelemetryIssue("duplicate_run", (), "note", evidence, "none needed; or remove one"))
     return files, notes
-
-
-def _preference(path: Path) -> int:
-    return SUFFIXES.index(".mcap") if path.is_dir() else SUFFIXES.index(path.suffix.lower())
 
 
 def _same_joints(runs: Sequence[Recording]) -> list[Recording]:

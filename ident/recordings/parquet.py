@@ -1,59 +1,71 @@
-"""Parquet files and NumPy archives."""
+"""Parquet files, and Arrow's columns as numbers.
+
+A column of lists is as many columns: `q.0`, `q.1`, …, or `q.<label>` where the file names its places.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
 from ident.arrays import Array, Float
-from ident.errors import RecordingError
-from ident.recordings.arrow import as_numbers
+from ident.errors import RecordingError, first_line
 from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import TIME, Table, native_names
-from ident.recordings.recording import CHANNELS
-from ident.recordings.session_toml import SessionFile
-from ident.recordings.spread import list_length, spread_arrays, spread_list
-from ident.safe_read import read_arrays, require_regular, require_unpacked
+from ident.recordings.columns import NamedColumns, Table
+from ident.safe_read import require_regular, require_unpacked
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 # How an ISO 8601 time ends that says its zone.
 ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
+# A list longer than this is a picture or a cloud of points, no joints.
+MOST_PLACES = 64
+Column = Any  # pa.ChunkedArray or pa.Array
+FAILURES = (pa.ArrowException, OSError, ValueError, UnicodeDecodeError)
 
 
-def read_parquet(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
-    """Reads the native columns of a Parquet file, and tells the file's own column names.
+def open_table(path: Path) -> NamedColumns:
+    """The columns of a Parquet file; read when they are asked for.
 
     Raises:
-        RecordingError: Not a Parquet file, no rows, or a column that holds no numbers.
+        RecordingError: Not a Parquet file; when columns are read: no rows, or a column that holds no numbers.
     """
     try:
         with open_parquet(path) as file:
-            lists = _lists(file)
-            names = tuple(spread for name in file.schema_arrow.names for spread in lists.get(name, (name,)))
-            chosen = native_names(names, session_file, path)
-            table = file.read(columns=_top_names(names, lists, chosen))
-            wanted = {names[index] for index in chosen}
-            cells = {
-                spread: values
-                for name in table.column_names
-                for spread, values in spread_list(name, table.column(name)).items()
-                if spread in wanted
-            }
-    except RecordingError:
-        raise
-    except (pa.ArrowException, OSError, ValueError, UnicodeDecodeError) as error:
-        raise RecordingError(path, f"not a whole Parquet file ({_first_line(error)})", "write the file again") from None
-    if chosen and table.num_rows == 0:
-        raise RecordingError(path, "has no rows", "give a table with samples")
-    columns = {native: column_numbers(cells[names[i]], names[i], path) for i, native in chosen.items()}
-    return screen_cells(columns, path), names
+            nested = [one.name for one in file.schema_arrow if pa.types.is_nested(one.type)]
+            first = next(file.iter_batches(batch_size=1, columns=nested), None) if nested else None
+            lists = {}
+            for name, column in () if first is None else zip(first.schema.names, first.columns, strict=True):
+                lists[name] = list(spread_list(name, pa.chunked_array([column])))
+            homes = [(name, own) for name in file.schema_arrow.names for own in lists.get(name, (name,))]
+    except FAILURES as error:
+        raise _not_whole(path, error) from None
+    names = tuple(own for _, own in homes)
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        cells: dict[str, Column] = {}
+        try:
+            with open_parquet(path) as file:
+                table = file.read(columns=list(dict.fromkeys(homes[index][0] for index in chosen)))
+            for name in table.column_names:
+                cells.update(spread_list(name, table.column(name)))
+        except FAILURES as error:
+            raise _not_whole(path, error) from None
+        if chosen and table.num_rows == 0:
+            raise RecordingError(path, "has no rows", "give a table with samples")
+        columns = {native: column_numbers(cells[names[i]], names[i], path) for i, native in chosen.items()}
+        return screen_cells(columns, path)
+
+    def numbers() -> dict[str, Float[Array, " T"]]:
+        return {name: column_numbers(values, name, path) for name, values in load_columns(path).items()}
+
+    return NamedColumns(names, read, numbers)
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
@@ -72,23 +84,52 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     return file
 
 
-def _lists(file: pq.ParquetFile) -> dict[str, list[str]]:
-    """Names of the numbers in each column of lists, told from the first row."""
-    nested = [one.name for one in file.schema_arrow if pa.types.is_nested(one.type)]
-    first = next(file.iter_batches(batch_size=1, columns=nested), None) if nested else None
-    if first is None:
-        return {}
-    columns = {name: pa.chunked_array([first.column(i)]) for i, name in enumerate(first.schema.names)}
-    return {name: list(spread_list(name, column)) for name, column in columns.items() if list_length(column)}
+def load_columns(path: Path, labels: Mapping[str, Sequence[str]] | None = None) -> dict[str, Column]:
+    """All columns of numbers of a file, lists spread out under their labels, if they have any.
+
+    Raises:
+        RecordingError: Not a Parquet file, or lists of different lengths.
+    """
+    found: dict[str, Column] = {}
+    try:
+        with open_parquet(path) as file:
+            table = file.read()
+        for name in table.column_names:
+            found.update(spread_list(name, table.column(name), (labels or {}).get(name, ())))
+    except FAILURES as error:
+        raise _not_whole(path, error) from None
+    return {name: one for name, one in found.items() if pa.types.is_floating(one.type) or pa.types.is_integer(one.type)}
 
 
-def _top_names(names: Sequence[str], lists: Mapping[str, Sequence[str]], chosen: Mapping[int, str]) -> list[str]:
-    """The file's own columns that hold the chosen ones, each once."""
-    home = {spread: name for name, members in lists.items() for spread in members}
-    return list(dict.fromkeys(home.get(names[index], names[index]) for index in chosen))
+def _not_whole(path: Path, error: Exception) -> Exception:
+    if isinstance(error, RecordingError):
+        return error
+    return RecordingError(path, f"not a whole Parquet file ({first_line(error)})", "write the file again")
 
 
-def column_numbers(column: pa.ChunkedArray | pa.Array, name: str, where: str | Path) -> Float[Array, " T"]:
+def spread_list(name: str, column: pa.ChunkedArray, labels: Sequence[str] = ()) -> dict[str, Column]:
+    """A column of lists as columns of numbers; any other column as it is.
+
+    Args:
+        name: Its name.
+        column: Lists of the same length; shorter ones lack numbers.
+        labels: What the numbers are called; 0, 1, … if there are not as many.
+    """
+    kind, length = column.type, 0
+    if pa.types.is_fixed_size_list(kind):
+        length = int(kind.list_size)
+    elif pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        length = next((len(one) for chunk in column.chunks for one in chunk if one.is_valid), 0)
+    numeric = length and (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type))
+    if not numeric or length > MOST_PLACES:
+        return {name: column}
+    import pyarrow.compute as pc  # slow to load, and few tables hold lists
+
+    own = labels if len(set(labels)) == length else [str(i) for i in range(length)]
+    return {f"{name}.{label}": pc.list_element(column, i) for i, label in enumerate(own)}
+
+
+def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array, " T"]:
     """A column as float; timestamps and durations become seconds.
 
     Raises:
@@ -102,94 +143,17 @@ def column_numbers(column: pa.ChunkedArray | pa.Array, name: str, where: str | P
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
         # A cast loads all of Arrow's functions, at a tenth of a second.
         # Unsafe, as nanoseconds since 1970 need more than 53 bits: a float rounds them to a quarter of a microsecond.
-        return as_numbers(column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False))
+        column = column if pa.types.is_float64(column.type) else column.cast(pa.float64(), safe=False)
+        parts = [_doubles(chunk) for chunk in (column.chunks if isinstance(column, pa.ChunkedArray) else [column])]
+        parts = [part for part in parts if len(part)]
+        return np.concatenate([np.empty(0), *parts]) if len(parts) != 1 else parts[0]
     except (pa.ArrowException, ValueError, TypeError) as error:
-        raise RecordingError(
-            f"{where}, column {name}", f"holds no numbers ({_first_line(error)})", "write it as numbers"
-        ) from None
+        what = f"holds no numbers ({first_line(error)})"
+        raise RecordingError(f"{where}, column {name}", what, "write it as numbers") from None
 
 
-def read_npz(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
-    """Reads an archive of native columns, or of 2-D arrays `position`, `velocity`, `effort`, … with `joints`.
-
-    Raises:
-        RecordingError: Not an archive, arrays of different lengths, or no names of the joints.
-    """
-    return columns_of(load_npz(path), path, session_file)
-
-
-def columns_of(
-    arrays: Mapping[str, np.ndarray], path: Path, session_file: SessionFile
-) -> tuple[Table, tuple[str, ...]]:
-    """The native columns of named arrays: one a column, or one of all joints a channel, under any names.
-
-    Raises:
-        RecordingError: As `read_npz`.
-    """
-    arrays = spread_joints(arrays, path, always=bool(session_file.columns))
-    names = tuple(arrays)
-    chosen = native_names(names, session_file, path)
-    columns: dict[str, Float[Array, " T"]] = {}
-    for index, native in chosen.items():
-        values = arrays[names[index]]
-        if values.ndim != 1 or values.dtype.kind not in "fiu":
-            raise RecordingError(
-                f"{path}, array {names[index]}",
-                f"has {values.ndim} dimensions of {values.dtype}",
-                "a native column is one-dimensional and holds numbers",
-            )
-        columns[native] = values.astype(float)
-    lengths = {native: len(values) for native, values in columns.items()}
-    if len(set(lengths.values())) > 1:
-        first, *rest = lengths
-        other = next(name for name in rest if lengths[name] != lengths[first])
-        raise RecordingError(
-            path, f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
-        )
-    if columns and not next(iter(lengths.values())):
-        raise RecordingError(path, "has no samples", "give a recording with samples")
-    return screen_cells(columns, path), names
-
-
-def spread_joints(arrays: Mapping[str, np.ndarray], path: Path, always: bool) -> dict[str, np.ndarray]:
-    """Arrays of all joints as columns: native ones where the joints are named, else `position.0` and the like.
-
-    Raises:
-        RecordingError: An array `position` without `joints`, unless `always`.
-    """
-    stacked = "position" in arrays and ("joints" in arrays or not always)
-    return _unstack(arrays, path) if stacked else spread_arrays(arrays)
-
-
-def load_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an archive.
-
-    Raises:
-        RecordingError: Not one of plain arrays.
-    """
-    return read_arrays(path, "write it with numpy.savez", RecordingError)
-
-
-def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """2-D arrays of all joints -> one column a joint and channel."""
-    if "joints" not in arrays:
-        raise RecordingError(path, "has no array joints", "add the names: joints = ['joint_1', …]")
-    joints = [str(name) for name in np.atleast_1d(arrays["joints"])]
-    twice = next((name for name in joints if joints.count(name) > 1), None)
-    if twice is not None:
-        raise RecordingError(f"{path}, array joints", f"names {twice!r} twice", "give each joint one column")
-    columns = {TIME: np.atleast_1d(arrays[TIME])} if TIME in arrays else {}
-    for channel in CHANNELS:
-        if channel not in arrays:
-            continue
-        values = arrays[channel]
-        if values.ndim != 2 or values.shape[1] != len(joints):
-            raise RecordingError(
-                f"{path}, array {channel}", f"has shape {values.shape}", f"make it (samples, {len(joints)} joints)"
-            )
-        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(joints)})
-    return columns
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+def _doubles(chunk: pa.DoubleArray) -> Float[Array, " T"]:
+    """Numbers of a chunk, NaN where there is none. Arrow's own way loads pandas where there is one: half a second."""
+    if chunk.null_count or not len(chunk):
+        return np.asarray(chunk.to_numpy(zero_copy_only=False))
+    return np.frombuffer(chunk.buffers()[1], dtype=float)[chunk.offset : chunk.offset + len(chunk)]

@@ -3,42 +3,54 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
+from ident.arrays import Array, Float
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import Damage, describe_damage, drop_empty
-from ident.recordings.columns import TIME, Table, native_names
-from ident.recordings.dialect import TextLayout, ends_within_cell, sniff
+from ident.recordings.columns import TIME, NamedColumns, Table
+from ident.recordings.dialect import SNIFF_BYTES, TextLayout, ends_within_cell, is_number, sniff, text_lines
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import TelemetryIssue
-from ident.recordings.session_toml import SessionFile
 
+# Columns that hold text in most of so many first rows are no columns of numbers.
+LOOKED_AT = 50
 # What the cells of a time are: numbers, or ISO 8601 without and with a zone.
 CLOCKS = (pa.float64(), pa.timestamp("ns"), pa.timestamp("ns", "UTC"))
 BLOCK_BYTES = 1 << 24  # a thread works on a block; Arrow's default of 1 MB costs more overhead than it balances
 
 
-def read_text_table(path: Path, session_file: SessionFile) -> tuple[Table, tuple[str, ...]]:
-    """Reads the native columns of a text table.
-
-    Args:
-        path: The file.
-        session_file: Names of foreign columns.
-
-    Returns:
-        The table, and the file's own column names.
+def open_text(path: Path) -> NamedColumns:
+    """The columns of a text table.
 
     Raises:
-        RecordingError: The file is empty, has no rows, or lacks a column that session.toml names.
+        RecordingError: The file is empty; when columns are read, that it has no rows.
     """
     layout = sniff(path)
-    chosen = native_names(layout.names, session_file, path)
+
+    def numbers() -> dict[str, Float[Array, " T"]]:
+        with path.open("rb") as stream:
+            head = text_lines(stream.read(SNIFF_BYTES))[layout.first_line :][:LOOKED_AT]
+        rows = [cells for line in head if len(cells := layout.split(line)) == len(layout.names)]
+        filled = [i for i in range(len(layout.names)) if sum(is_number(row[i]) for row in rows) > len(rows) / 2]
+        if not filled:
+            raise RecordingError(path, "has no column of numbers", "give a table of samples")
+        table = _read(path, layout, {i: f"column_{i}/position" for i in filled})
+        # A name that stands twice is no name: its column goes by its number.
+        own = [str(i + 1) if layout.names.count(layout.names[i]) > 1 else layout.names[i] for i in filled]
+        return {name: table.columns[f"column_{i}/position"] for i, name in zip(filled, own, strict=True)}
+
+    return NamedColumns(layout.names, lambda chosen: _read(path, layout, chosen), numbers)
+
+
+def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not chosen:
-        return Table({}), layout.names
+        return Table({})
     data = _content(path, layout)
     columns = None
     for clock in CLOCKS if TIME in chosen.values() else CLOCKS[:1]:
@@ -55,16 +67,15 @@ def read_text_table(path: Path, session_file: SessionFile) -> tuple[Table, tuple
         from ident.recordings.bad_text import read_damaged  # slow to load, and few tables need it
 
         damaged = read_damaged(path, data, layout, chosen)
-        return Table(damaged.columns, (*unused, *damaged.issues)), layout.names
+        return Table(damaged.columns, (*unused, *damaged.issues))
     rows = len(next(iter(columns.values())))
     if not rows:
         raise RecordingError(path, "has a header and no rows", "give a table with samples")
     if ends_within_cell(path, layout):
         damage = Damage(path, "row", (), (), rows, truncated_row=rows)
-        return Table(
-            {name: values[:-1] for name, values in columns.items()}, (*unused, *describe_damage(damage))
-        ), layout.names
-    return Table(columns, unused), layout.names
+        columns = {name: values[:-1] for name, values in columns.items()}
+        unused = (*unused, *describe_damage(damage))
+    return Table(columns, unused)
 
 
 def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
@@ -76,7 +87,7 @@ def _content(path: Path, layout: TextLayout) -> bytes | pa.Buffer:
 
 
 def _read_fast(
-    data: bytes | pa.Buffer, layout: TextLayout, chosen: dict[int, str], clock: pa.DataType
+    data: bytes | pa.Buffer, layout: TextLayout, chosen: Mapping[int, str], clock: pa.DataType
 ) -> dict[str, np.ndarray]:
     """Arrow's own reader, straight to columns of floats; raises `ArrowInvalid` at the first bad cell or row.
 

@@ -10,7 +10,7 @@ import shlex
 from functools import cache
 from pathlib import Path
 
-from ident.errors import RobotError
+from ident.errors import RobotError, first_line
 
 # The name a user types -> path below example-robot-data's robots folder. Any other URDF of the package goes by the
 # name of its file (`tiago_no_hand`).
@@ -110,8 +110,7 @@ def _described(name: str) -> Path:
             raise RobotError(name, lacks, "pip install robot_descriptions") from None
         raise RobotError(name, "robot_descriptions has no such robot", "see its list of names") from None
     except Exception as error:  # git and the network have their own
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise RobotError(name, f"robot_descriptions can't fetch it ({reason})", "give a URDF path") from None
+        raise RobotError(name, f"robot_descriptions can't fetch it ({first_line(error)})", "give a URDF path") from None
     path = getattr(module, "URDF_PATH", None) or getattr(module, "XACRO_PATH", None)
     if path is None:
         raise RobotError(name, "robot_descriptions has it as MJCF only", "give a URDF path")

@@ -1,0 +1,171 @@
+"""Named arrays: NumPy archives, and MATLAB files to version 7.2. An array of two dimensions is as many columns."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import RecordingError, first_line
+from ident.recordings.bad_cells import screen_cells
+from ident.recordings.columns import TIME, NamedColumns, Table, is_native
+from ident.recordings.parquet import MOST_PLACES
+from ident.recordings.recording import CHANNELS
+from ident.safe_read import read_arrays, require_regular, require_unpacked
+
+# Of a MATLAB file: bytes before the first element; kind of a packed one; what is unpacked at a time.
+HEADER, PACKED, BLOCK = 128, 15, 1 << 20
+
+
+def open_arrays(path: Path, always: bool = False) -> NamedColumns:
+    """Native columns, or arrays `position`, `velocity`, `effort`, … of all joints with `joints`; or any names.
+
+    Fields of MATLAB's structs are `struct.field`.
+
+    Args:
+        path: A .npz or .mat file.
+        always: Whether an array `position` without `joints` is as good as one under any other name.
+
+    Raises:
+        RecordingError: Not an archive, or no names of the joints; when columns are read: different lengths.
+    """
+    named = (
+        load_mat(path)
+        if path.suffix.lower() == ".mat"
+        else read_arrays(path, "write it with numpy.savez", RecordingError)
+    )
+    stacked = "position" in named and ("joints" in named or not always)
+    arrays = _unstack(named, path) if stacked else spread_arrays(named)
+    names = tuple(arrays)
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        columns: dict[str, Float[Array, " T"]] = {}
+        for index, native in chosen.items():
+            values = arrays[names[index]]
+            if values.ndim != 1 or values.dtype.kind not in "fiu":
+                what = f"has {values.ndim} dimensions of {values.dtype}"
+                remedy = "a native column is one-dimensional and holds numbers"
+                raise RecordingError(f"{path}, array {names[index]}", what, remedy)
+            columns[native] = values.astype(float)
+        lengths = {native: len(values) for native, values in columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise RecordingError(path, *unequal(lengths))
+        if columns and not next(iter(lengths.values())):
+            raise RecordingError(path, "has no samples", "give a recording with samples")
+        return screen_cells(columns, path)
+
+    def numbers() -> dict[str, Float[Array, " T"]]:
+        return {
+            name: values.astype(float)
+            for name, values in arrays.items()
+            if values.dtype.kind in "fiu" and values.ndim == 1
+        }
+
+    return NamedColumns(names, read, numbers)
+
+
+def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
+    """What is wrong with columns of different lengths, and the remedy."""
+    first, *rest = lengths
+    other = next(name for name in rest if lengths[name] != lengths[first])
+    return f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
+
+
+def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """2-D arrays of all joints -> one column a joint and channel."""
+    if "joints" not in arrays:
+        raise RecordingError(path, "has no array joints", "add the names: joints = ['joint_1', …]")
+    joints = [str(name) for name in np.atleast_1d(arrays["joints"])]
+    twice = next((name for name in joints if joints.count(name) > 1), None)
+    if twice is not None:
+        raise RecordingError(f"{path}, array joints", f"names {twice!r} twice", "give each joint one column")
+    columns = {TIME: np.atleast_1d(arrays[TIME])} if TIME in arrays else {}
+    for channel in (one for one in CHANNELS if one in arrays):
+        values = arrays[channel]
+        if values.ndim != 2 or values.shape[1] != len(joints):
+            remedy = f"make it (samples, {len(joints)} joints)"
+            raise RecordingError(f"{path}, array {channel}", f"has shape {values.shape}", remedy)
+        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(joints)})
+    return columns
+
+
+def spread_arrays(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays of one and two dimensions as columns of equal length; what holds no samples is left out.
+
+    The samples' number is the length that most arrays have along some axis, the longer one counting. Arrays of native
+    names stay as they are.
+    """
+    if not any(values.ndim == 2 for values in arrays.values()):
+        return dict(arrays)
+    numeric = {name: values for name, values in arrays.items() if values.dtype.kind in "fiu"}
+    lengths = Counter(max(values.shape) for values in numeric.values() if values.ndim in (1, 2) and values.size)
+    samples = max(lengths, key=lambda length: (lengths[length], length), default=0)
+    columns: dict[str, np.ndarray] = {}
+    for name, values in arrays.items():
+        if name not in numeric or is_native(name):
+            columns[name] = values
+            continue
+        values = values.T if values.ndim == 2 and values.shape[0] != samples else values
+        if values.ndim == 0 or values.shape[0] != samples or values.ndim > 2:
+            continue
+        if values.ndim == 1 or values.shape[1] == 1:
+            columns[name] = values.reshape(-1)
+        elif values.shape[1] <= MOST_PLACES:
+            columns.update({f"{name}.{i}": values[:, i] for i in range(values.shape[1])})
+    return columns
+
+
+def load_mat(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of a .mat file by their dotted names, without their dimensions of one.
+
+    Raises:
+        RecordingError: Not a MATLAB file, or one of version 7.3, which is HDF5.
+    """
+    from scipy.io import loadmat
+
+    remedy = "write it with save(…, '-v7')"
+    try:
+        _require_elements(path)
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        raise RecordingError(path, "is a MATLAB 7.3 file (HDF5)", remedy) from None
+    except Exception as error:  # zlib, struct, NumPy and the reader each raise their own
+        raise RecordingError(path, f"not a MATLAB file ({first_line(error)})", remedy) from None
+    arrays = {name: np.squeeze(values) for name, values in flatten(content).items()}
+    return {name: values for name, values in arrays.items() if values.ndim}
+
+
+def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
+    """The arrays of nested records by their dotted names."""
+    found: dict[str, np.ndarray] = {}
+    for name, value in record.items():
+        if isinstance(value, Mapping):
+            found.update(flatten(value, f"{prefix}{name}."))
+        elif not name.startswith("__"):
+            found[f"{prefix}{name}"] = np.asarray(value)
+    return found
+
+
+def _require_elements(path: Path) -> None:
+    """Raises ValueError for packed arrays far larger than their file.
+
+    Source: MAT-File Format, "MAT-file data elements": a tag of kind and size; kind 15 is packed by zlib.
+    """
+    size, unpacked = require_regular(path, "give a MATLAB file", RecordingError), 0
+    with path.open("rb") as file:
+        order = "<" if file.read(HEADER)[-2:] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, length = struct.unpack(f"{order}II", tag)
+            end, packed = file.tell() + length, zlib.decompressobj()
+            while kind == PACKED and file.tell() < end and (block := file.read(min(BLOCK, end - file.tell()))):
+                while block:
+                    unpacked += len(packed.decompress(block, BLOCK))
+                    require_unpacked(size, unpacked)
+                    block = packed.unconsumed_tail
+            file.seek(end)

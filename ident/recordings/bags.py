@@ -1,0 +1,286 @@
+"""Bags of ROS 2 and ROS 1 as columns: sensor_msgs/JointState of one topic, or every number of any topics.
+
+Fields of any message are columns `/topic:field.place`; places of an array that belongs to names in the same message
+(`name`, `joint_names`, …) are called by these names. ROS 2 bags that bring the definitions of their messages are read
+whatever these are; others if ROS itself knows the type. ROS 1 bags (`.bag`) always bring them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import RecordingError, first_line
+from ident.recordings.bad_cells import held_columns
+from ident.recordings.columns import TIME, NamedColumns, Table, joint_of
+from ident.recordings.parquet import MOST_PLACES
+from ident.recordings.recording import TelemetryIssue
+from ident.recordings.ros_messages import Bag, Record
+from ident.recordings.session_toml import SessionFile
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+FIELDS = ("position", "velocity", "effort")
+SEPARATOR = ":"
+# Fields that name the places of the arrays beside them.
+NAMING = ("name", "names", "joint_names", "interface_names", "motor_names")
+# A topic is of the joints if it speaks at least this share as often as the most talkative one.
+LEAST_TALK = 0.05
+Columns = dict[str, Float[Array, " T"]]
+
+
+def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColumns:
+    """The joint states of a bag, or the topics that `[columns]` names; all topics without settings.
+
+    Args:
+        path: A bag folder, or a lone .db3, .mcap or .bag file.
+        settings: Names of foreign columns; None where these are to be found out.
+        topic: The topic of the joint states.
+
+    Raises:
+        RecordingError: Not a bag, a damaged one, or no joint states with torque on the topic.
+    """
+    if settings is None:
+        return held_columns(_load_all(path), path)
+    fields = {name: native for name, native in settings.columns.items() if name.startswith("/") and SEPARATOR in name}
+    if not fields:
+        return _open_joint_states(path, topic)
+    wanted = {name.partition(SEPARATOR)[0] for name in settings.columns}
+    torque = {name.partition(SEPARATOR)[0] for name, own in fields.items() if own.endswith(("/effort", "/current"))}
+    columns = join_topics(load_topics(path, wanted), torque or wanted)
+    held = held_columns(columns, path)
+    clock = held.names.index(TIME) if columns else -1
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        """The time of the torque's topic is the run's where no other is named."""
+        return held.read(chosen if TIME in chosen.values() or clock < 0 else {**chosen, clock: TIME})
+
+    return NamedColumns(held.names, read, held.numbers)
+
+
+def _read_messages(
+    path: Path, choose: Callable[[Bag], Sequence[Any]], take: Callable[[Any, int, Record], None]
+) -> None:
+    """Hands out connection, time of receipt [ns] and content of the messages of some connections."""
+    if path.is_file() and path.stat().st_size == 0:
+        raise RecordingError(path, "is empty (0 bytes)", "record the bag again")
+    try:
+        with Bag(path) as bag:
+            chosen = choose(bag)
+            for connection, receipt, message in bag.messages(chosen) if chosen else ():
+                take(connection, receipt, message)
+    except RecordingError:
+        raise
+    except MemoryError:
+        raise RecordingError(path, "a message in it claims to be larger than the memory", "record again") from None
+    except Exception as error:  # sqlite, struct, zstandard, lz4, YAML and the reader each raise their own
+        remedy = "repair it (`ros2 bag reindex`, `mcap recover`) or record again"
+        kind = "ROS 1" if path.suffix.lower() == ".bag" else "ROS 2"
+        raise RecordingError(path, f"not a whole {kind} bag ({first_line(error)})", remedy) from None
+
+
+@dataclass
+class Stream:
+    """The messages that name the same joints: one publisher's."""
+
+    stamps: list[int] = field(default_factory=list)
+    receipts: list[int] = field(default_factory=list)
+    rows: list[Any] = field(default_factory=list)
+
+    def take(self, message: Record, receipt: int, row: Any) -> None:
+        """One more message, with the row that it is in a table."""
+        header = message.get("header")
+        stamp = header.get("stamp", {}) if isinstance(header, dict) else {}
+        self.stamps.append(int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nanosec", 0)))
+        self.receipts.append(receipt)
+        self.rows.append(row)
+
+    @property
+    def time(self) -> Float[Array, " T"]:
+        """Time of the headers [s], or of receipt where no message has one: a single zero may be a clock's start."""
+        return np.array(self.stamps if any(self.stamps) else self.receipts, dtype=np.int64) * 1e-9
+
+
+def _open_joint_states(path: Path, topic: str) -> NamedColumns:
+    """Joints may stand in any order and be spread over messages.
+
+    Those of slower or shifted publishers are interpolated to the fastest one's stamps.
+    """
+
+    def choose(bag: Bag) -> list[Any]:
+        found = [connection for connection in bag.connections if connection.topic == topic]
+        usable = [connection for connection in found if connection.msgtype == JOINT_STATE]
+        if usable:
+            return usable
+        what = f"topic {topic} holds {found[0].msgtype}, not {JOINT_STATE}" if found else f"no topic {topic}"
+        states = sorted({c.topic for c in bag.connections if c.msgtype == JOINT_STATE})
+        if states:
+            raise RecordingError(path, what, f"choose the topic of the joint states: {', '.join(states)}")
+        topics = ", ".join(sorted({c.topic for c in bag.connections})) or "none"
+        raise RecordingError(path, what, f"record {JOINT_STATE}; the topics that are there: {topics}")
+
+    streams: dict[tuple[str, ...], Stream] = defaultdict(Stream)
+
+    def take(_: Any, receipt: int, message: Record) -> None:
+        streams[tuple(message["name"])].take(message, receipt, [message[name] for name in FIELDS])
+
+    _read_messages(path, choose, take)
+    streams.pop((), None)
+    if not streams:
+        raise RecordingError(path, f"no message on {topic}", "give a bag in which the joint states were recorded")
+    columns, issues = _merge(
+        _join_same_joints({key: _to_columns(key, one, path) for key, one in streams.items()}), path
+    )
+    joints = [joint_of(name) for name in columns if name.endswith("/position")]
+    silent = [j for j in joints if f"{j}/effort" not in columns or np.isnan(columns[f"{j}/effort"]).all()]
+    if len(silent) == len(joints):
+        missing = "position" if not joints else "effort"
+        what = f"the messages on {topic} have no {missing}"
+        raise RecordingError(path, what, "let the driver publish position and effort")
+    if silent:  # fingers, say
+        columns = {name: values for name, values in columns.items() if joint_of(name) not in silent}
+        evidence, remedy = f"{path.name}: no effort of {', '.join(silent)}; left out", "record effort of every joint"
+        issues.append(TelemetryIssue("missing_channel", tuple(silent), "note", evidence, remedy))
+    return held_columns(columns, path, tuple(issues))
+
+
+def _to_columns(joints: Sequence[str], stream: Stream, path: Path) -> Columns:
+    """One publisher's messages as columns, its time among them [s]; fields that it leaves empty are left out."""
+    if len(set(joints)) < len(joints):
+        twice = next(joint for joint in joints if list(joints).count(joint) > 1)
+        raise RecordingError(path, f"messages name the joint {twice!r} twice", "correct the publisher")
+    columns, nothing = {TIME: stream.time}, np.full(len(joints), np.nan)
+    for name, values in zip(FIELDS, zip(*stream.rows, strict=True), strict=True):
+        if any(len(row) for row in values):
+            table = np.array([row if len(row) == len(joints) else nothing for row in values])
+            columns.update({f"{joint}/{name}": table[:, index] for index, joint in enumerate(joints)})
+    return columns
+
+
+def _merge(streams: list[Columns], path: Path) -> tuple[Columns, list[TelemetryIssue]]:
+    """Brings all publishers to the time of the one with torque that speaks most often."""
+    torques = [any(name.endswith("/effort") for name in columns) for columns in streams]
+    ranked = sorted(range(len(streams)), key=lambda k: (torques[k], len(streams[k][TIME])), reverse=True)
+    first, *others = (streams[k] for k in ranked)
+    issues, clock, inside = [], first[TIME], np.ones(len(first[TIME]), dtype=bool)
+    for other in others:
+        names = [name for name in other if name != TIME and name not in first]
+        first.update({name: _interpolate(clock, other[TIME], other[name]) for name in names})
+        if not np.array_equal(clock, other[TIME]):
+            joints = tuple(dict.fromkeys(map(joint_of, names)))
+            evidence = f"{path.name}: {', '.join(joints)} come in messages of their own, interpolated"
+            issues.append(TelemetryIssue("jitter", joints, "note", evidence, "none needed"))
+        inside &= (clock >= other[TIME].min()) & (clock <= other[TIME].max())
+    if not inside.any():
+        raise RecordingError(path, "its publishers never speak at the same time", "record all joints together")
+    return {name: values[inside] for name, values in first.items()}, issues
+
+
+def _join_same_joints(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns]:
+    """Messages that name the same joints in another order are one stream."""
+    groups: dict[frozenset[str], list[Columns]] = defaultdict(list)
+    for joints, columns in tables.items():
+        groups[frozenset(joints)].append(columns)
+    joined = []
+    for group in groups.values():
+        common = [name for name in group[0] if all(name in columns for columns in group)]
+        whole = {name: np.concatenate([columns[name] for columns in group]) for name in common}
+        # One publisher's order is kept as it is: time that runs backwards is for the telemetry check to find.
+        order = np.argsort(whole[TIME], kind="stable") if len(group) > 1 else slice(None)
+        joined.append({name: values[order] for name, values in whole.items()})
+    return joined
+
+
+def _interpolate(clock: Float[Array, " T"], time: Float[Array, " S"], values: Float[Array, " S"]) -> Float[Array, " T"]:
+    if np.array_equal(clock, time):
+        return values
+    order = np.argsort(time, kind="stable")
+    return np.interp(clock, time[order], values[order])
+
+
+@dataclass
+class Topic(Stream):
+    """The numbers of one topic: a row a message; only messages with the first one's fields count."""
+
+    names: tuple[str, ...] = ()
+
+
+def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Topic]:
+    """The numbers of some topics, or of all whose messages can be read.
+
+    Raises:
+        RecordingError: Not a bag, or a damaged one.
+    """
+    found: dict[str, Topic] = defaultdict(Topic)
+
+    def choose(bag: Bag) -> list[Any]:
+        return [one for one in bag.connections if wanted is None or one.topic in wanted]
+
+    def take(connection: Any, receipt: int, message: Record) -> None:
+        fields, topic = list(_numbers(message, "", ())), found[connection.topic]
+        names = tuple(name for name, _ in fields)
+        topic.names = topic.names or names
+        if names and names == topic.names:
+            topic.take(message, receipt, [value for _, value in fields])
+
+    _read_messages(path, choose, take)
+    return {name: topic for name, topic in found.items() if topic.names}
+
+
+def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
+    """Every number of a message with its dotted name; headers, texts and large arrays are passed over."""
+    for name in (one for one in message if one in NAMING):
+        values = message[name]
+        if isinstance(values, list) and values and all(isinstance(value, str) for value in values):
+            labels = tuple(values)
+            break
+    for name, value in message.items():
+        if name != "header" and name not in NAMING:
+            yield from _flat(value, f"{prefix}{name}", labels)
+
+
+def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
+    if isinstance(value, np.generic):
+        yield name, float(value)
+    elif isinstance(value, dict):
+        yield from _numbers(value, f"{name}.", labels)
+    elif isinstance(value, np.ndarray | list) and len(value) <= MOST_PLACES:
+        own = labels if len(set(labels)) == len(value) else [str(i) for i in range(len(value))]
+        for label, one in zip(own, value, strict=True):
+            yield from _flat(one, f"{name}.{label}", ())
+
+
+def join_topics(topics: dict[str, Topic], leading: set[str]) -> Columns:
+    """All topics on one clock, that of the most talkative of the leading ones; the others are interpolated.
+
+    Args:
+        topics: Their numbers.
+        leading: Topics whose clock may be taken: those of the torque.
+    """
+    ranked = sorted(topics, key=lambda name: (name in leading, len(topics[name].rows)), reverse=True)
+    if not ranked:
+        return {}
+    clock = topics[ranked[0]].time
+    inside = np.ones(len(clock), dtype=bool)
+    columns: Columns = {TIME: clock}
+    for name in ranked:
+        time, table = topics[name].time, np.array(topics[name].rows)
+        inside &= np.array_equal(time, clock) | ((clock >= time.min()) & (clock <= time.max()))
+        for place, column in enumerate(topics[name].names):
+            columns[f"{name}{SEPARATOR}{column}"] = _interpolate(clock, time, table[:, place])
+    return {name: values[inside] for name, values in columns.items()}
+
+
+def _load_all(path: Path) -> Columns:
+    """All topics that speak about as often as the most talkative one, on its clock."""
+    topics = load_topics(path)
+    if not topics:
+        raise RecordingError(path, "no message in it can be read", "record it with a ROS that writes definitions")
+    most = max(len(topic.rows) for topic in topics.values())
+    kept = {name: topic for name, topic in topics.items() if len(topic.rows) > max(1, LEAST_TALK * most)}
+    return join_topics(kept, set(kept))
