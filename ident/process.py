@@ -15,8 +15,12 @@ from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 from ident.errors import InputError, visible
-from ident.exit_status import SIGNALLED, SYSTEM, USER
 from ident.extras import missing_extra
+
+# Exit statuses; 0 is done, whatever the verdict, and 1 our own fault. The user's input is at fault: one line says what,
+# and the remedy. `ident verify`: a limit is not kept. The system's own faults, a full disk or memory (sysexits.h:
+# EX_IOERR). After a signal: this and its number.
+USER, NOT_PASSED, SYSTEM, SIGNALLED = 2, 3, 74, 128
 
 # What consoles without these characters show instead.
 PLAIN = {"±": "+-", "→": "->", "…": "...", "τ": "tau", "·": "*", "×": "x", "²": "2", "–": "-", "—": "-", "°": "deg"}

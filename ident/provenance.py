@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from ident.records import Record
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -30,7 +32,7 @@ RUN_DIGITS = 12
 
 
 @dataclass(frozen=True)
-class SessionStamp:
+class SessionStamp(Record):
     """One session that a result was made from.
 
     Attributes:
@@ -46,13 +48,9 @@ class SessionStamp:
     last: float | None
     runs: tuple[str, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        told = {"path": self.path, "sha256": self.sha256, "first": self.first, "last": self.last}
-        return {**told, "runs": list(self.runs)}
-
 
 @dataclass(frozen=True)
-class Provenance:
+class Provenance(Record):
     """Where a result comes from.
 
     Attributes:
@@ -66,25 +64,6 @@ class Provenance:
     version: str = field(default_factory=own_version)
     settings: Mapping[str, Any] = field(default_factory=dict)
     sessions: tuple[SessionStamp, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "command": self.command,
-            "version": self.version,
-            "settings": {name: _plain(value) for name, value in self.settings.items()},
-            "sessions": [stamp.to_dict() for stamp in self.sessions],
-        }
-
-
-def _plain(value: Any) -> Any:
-    """A setting as JSON knows it."""
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, Mapping):
-        return {str(name): _plain(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return str(value)
 
 
 def runs_of(stamps: Iterable[SessionStamp]) -> frozenset[str]:

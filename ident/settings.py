@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from ident.records import Record
+
 
 def number(default: float | str | tuple[float, ...], unit: str, meaning: str, source: str) -> Any:
     """A field of `Settings` that says what it is."""
@@ -16,13 +18,8 @@ def number(default: float | str | tuple[float, ...], unit: str, meaning: str, so
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Record):
     """Base of a stage's numbers, and of groups of such stages."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Name and value of every number, group by group, as a result records it."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: one.to_dict() if isinstance(one, Settings) else one for name, one in values.items()}
 
     def describe(self) -> list[dict[str, Any]]:
         """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""

@@ -12,6 +12,7 @@ import numpy as np
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.recordings.save import write_session
+from ident.records import Record
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
@@ -24,7 +25,7 @@ TOO_LITTLE = ("too_few_runs", "insufficient_excitation")
 
 
 @dataclass(frozen=True)
-class JointEffort:
+class JointEffort(Record):
     """What one joint's effort is.
 
     Attributes:
@@ -38,10 +39,6 @@ class JointEffort:
     joint: str
     kind: str
     evidence: str
-
-    def to_dict(self) -> dict[str, str]:
-        """For JSON."""
-        return {"joint": self.joint, "kind": self.kind, "evidence": self.evidence}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import typer
 
 from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Sessions, Topic, app, console
 from ident.errors import visible
-from ident.exit_status import NOT_PASSED
 from ident.files import deliver, write_record
 from ident.outputs import check_outputs
+from ident.process import NOT_PASSED
 from ident.results import Result
 
 Model = Annotated[Path, typer.Argument(help="Folder of a fitted model.", show_default=False)]

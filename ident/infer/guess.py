@@ -8,10 +8,11 @@ from typing import Any
 
 from ident.arrays import Array, Float
 from ident.recordings.recording import Recording
+from ident.records import Record
 
 
 @dataclass(frozen=True)
-class Reason:
+class Reason(Record):
     """Why something was guessed.
 
     Attributes:
@@ -23,10 +24,6 @@ class Reason:
     what: str
     guess: str
     evidence: str
-
-    def to_dict(self) -> dict[str, str]:
-        """For JSON."""
-        return {"what": self.what, "guess": self.guess, "evidence": self.evidence}
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -20,6 +19,7 @@ from ident.arrays import Array, Float
 from ident.monitor.e_process import ChangeBets
 from ident.monitor.figures import UNITS
 from ident.monitor.gain_change import common_scale
+from ident.records import Record
 
 # Chance of any false alarm in an arm's life.
 LEVEL = 0.05
@@ -52,7 +52,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Alarm:
+class Alarm(Record):
     """A figure of an arm that has changed.
 
     Attributes:
@@ -82,10 +82,6 @@ class Alarm:
     scale: float | None = None
     scale_low: float | None = None
     scale_high: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON and for tables."""
-        return dict(vars(self))
 
 
 class _Stream:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import stdtr
 
 from ident.monitor.alarms import Alarm, Point
+from ident.records import Record
 
 # Chance of a false hint in one look at an arm.
 LEVEL = 0.05
@@ -23,7 +23,7 @@ LEAST_OTHERS = 4
 
 
 @dataclass(frozen=True)
-class OddSession:
+class OddSession(Record):
     """A figure that one session alone has.
 
     Attributes:
@@ -41,10 +41,6 @@ class OddSession:
     usual: float
     spread: float
     p_value: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return dict(vars(self))
 
 
 def find_odd_sessions(

@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.errors import RecordingError
+from ident.records import Record
 
 # Per-joint channels of a run, in the order of the native table's columns.
 CHANNELS = (
@@ -30,7 +31,7 @@ Severity = Literal["note", "warning", "fatal"]
 
 
 @dataclass(frozen=True)
-class TelemetryIssue:
+class TelemetryIssue(Record):
     """One finding about a recording's fitness for use.
 
     Attributes:
@@ -46,15 +47,6 @@ class TelemetryIssue:
     severity: Severity
     evidence: str
     remedy: str
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "issue": self.issue,
-            "joints": list(self.joints),
-            "severity": self.severity,
-            "evidence": self.evidence,
-            "remedy": self.remedy,
-        }
 
 
 @dataclass(frozen=True)

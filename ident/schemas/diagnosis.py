@@ -1,4 +1,4 @@
-"""`ident.diagnosis/1`: the file of `ident diagnose --json`."""
+"""`ident.diagnosis/1` and `ident.comparison/1`, with the records that other files share."""
 
 from __future__ import annotations
 
@@ -6,7 +6,28 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.schemas.common import ByJoint, IntervalRecord, IssueRecord, MeanStdRecord, ProvenanceRecord
+from ident.provenance import Provenance
+from ident.recordings.recording import TelemetryIssue
+
+ByJoint = dict[str, float]
+
+
+class IntervalRecord(TypedDict):
+    """A figure with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    open: NotRequired[Literal["low", "high", "both"]]
+
+
+class MeanStdRecord(TypedDict):
+    """Mean and standard deviation over the runs; a single run has none, and the record says so."""
+
+    mean: float
+    std: NotRequired[float | None]
+    std_missing: NotRequired[str]
+
 
 Verdict = Literal["no_gap", "named", "partial", "none_of_catalogue", "not_testable", "refused"]
 AxisName = Literal["speed", "direction", "load", "position", "reversal", "frequency", "time", "temperature", "pose"]
@@ -130,7 +151,7 @@ class DiagnosisRecord(TypedDict):
     robot: str
     joints: list[str]
     session: AmountRecord
-    telemetry: list[IssueRecord]
+    telemetry: list[TelemetryIssue]
     verdict: Verdict
     gap: dict[str, JointGapRecord]
     where: list[PlaceRecord]
@@ -138,7 +159,7 @@ class DiagnosisRecord(TypedDict):
     heldout: HeldoutRecord
     not_testable: list[NotTestableRecord]
     next_experiment: NextExperimentRecord | None
-    provenance: ProvenanceRecord
+    provenance: Provenance
     nearest: NotRequired[dict[str, Any] | None]
     outside_score: NotRequired[float]
     leftover: NotRequired[dict[str, float]]
@@ -150,3 +171,98 @@ class DiagnosisRecord(TypedDict):
     baseline_urdf: NotRequired[dict[str, dict[str, Any]]]
     maps: NotRequired[list[dict[str, Any]]]
     maps_fixed: NotRequired[list[dict[str, Any]]]
+
+
+ChangeVerdict = Literal["no_change", "changed", "changed_unexplained", "not_testable", "refused"]
+
+
+class SideRecord(TypedDict):
+    """One of the two sets."""
+
+    sessions: list[str]
+    runs: int
+    samples: int
+    duration_s: float
+
+
+class ChangeHeldoutRecord(TypedDict):
+    """What a change explains on runs of the later set that the fit never saw."""
+
+    rms_before_Nm: ByJoint
+    rms_after_Nm: ByJoint
+    gain_rms_Nm: float
+    shrink: float
+
+
+class OtherPlaceRecord(TypedDict):
+    """Where a change may sit as well; no joint for what acts on the whole arm."""
+
+    effect: str
+    joint: str | None
+
+
+# `class` is a word of Python's own, so this record is written as a call.
+ChangeRecord = TypedDict(
+    "ChangeRecord",
+    {
+        "effect": str,
+        "joints": list[str],
+        "probability": float,
+        "class": list[str],
+        "class_probability": float,
+        "class_shares": dict[str, float],
+        "action": str,
+        "parameters": dict[str, IntervalRecord],
+        "elsewhere": list[OtherPlaceRecord],
+        "heldout": ChangeHeldoutRecord,
+        "evidence": dict[str, float],
+    },
+)
+
+
+class ComparedHeldoutRecord(TypedDict):
+    """All changes together, on runs of the later set; empty where nothing was fitted."""
+
+    rms_before_Nm: ByJoint
+    rms_after_Nm: ByJoint
+    noise_Nm: ByJoint
+
+
+class StillJointRecord(TypedDict):
+    """A joint that stood still in a set: of its own torque only what exceeds its static friction shows."""
+
+    joint: str
+    when: Literal["before", "after", "before and after"]
+    reason: str
+
+
+class SamplesUsedRecord(TypedDict):
+    """What a joint's samples are to the comparison, as shares: rows in motion, holds, stretches near turns."""
+
+    joint: str
+    in_motion: float
+    at_rest: float
+    holds: int
+    turning: float
+    left_out: float
+    why: str
+
+
+class ArmComparisonRecord(TypedDict):
+    """What changed between two sets of recordings of one arm: figures are after minus before."""
+
+    schema: Literal["ident.comparison/1"]
+    robot: str
+    joints: list[str]
+    before: SideRecord
+    after: SideRecord
+    telemetry: list[TelemetryIssue]
+    verdict: ChangeVerdict
+    changes: list[ChangeRecord]
+    heldout: ComparedHeldoutRecord
+    friction_run_spread: ByJoint
+    not_testable: list[NotTestableRecord]
+    provenance: Provenance
+    samples_used: NotRequired[list[SamplesUsedRecord]]
+    still: NotRequired[list[StillJointRecord]]
+    reservations: NotRequired[list[dict[str, Any]]]

@@ -8,20 +8,20 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ident.errors import InputError
-from ident.schemas.closing import CloseRecord
-from ident.schemas.comparison import ArmComparisonRecord
-from ident.schemas.daily import NewSessionRecord, WatchRecord
-from ident.schemas.diagnosis import DiagnosisRecord
-from ident.schemas.models import (
+from ident.schemas.diagnosis import ArmComparisonRecord, DiagnosisRecord
+from ident.schemas.records import (
+    CloseRecord,
     DemoRecord,
     EvaluationRecord,
     EvaluationsRecord,
     FitRecord,
+    NewSessionRecord,
+    RangesRecord,
+    ServoRecord,
     TelemetryRecord,
     ViewRecord,
+    WatchRecord,
 )
-from ident.schemas.ranges import RangesRecord
-from ident.schemas.servo import ServoRecord
 from ident.schemas.simulators import BlindRecord, ExportRecord, PatchRecord, SimulationRecord, VerificationRecord
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -62,4 +62,4 @@ def make_schema(name: str, records: Mapping[str, Any] = RECORDS, command: str = 
     short = short.rpartition(".")[2]
     if short not in records:
         raise InputError(command, f"there is no result file {name!r}", f"give one of: {', '.join(sorted(records))}")
-    return {"$schema": DIALECT, **TypeAdapter(records[short]).json_schema()}
+    return {"$schema": DIALECT, **TypeAdapter(records[short]).json_schema(mode="serialization")}

@@ -6,7 +6,8 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.schemas.common import IntervalRecord, ProvenanceRecord
+from ident.provenance import Provenance
+from ident.schemas.diagnosis import IntervalRecord
 
 
 class PatchedEffectRecord(TypedDict):
@@ -31,7 +32,7 @@ class PatchRecord(TypedDict):
     effects: list[PatchedEffectRecord]
     told: list[str]
     structure: dict[str, dict[str, Any]]
-    provenance: ProvenanceRecord
+    provenance: Provenance
     heldout: NotRequired[dict[str, Any]]
     written: NotRequired[dict[str, str]]
     merged: NotRequired[dict[str, Any]]
@@ -47,7 +48,7 @@ class ExportRecord(TypedDict):
     changed_links: list[str]
     left_out: list[str]
     loaded_back: dict[str, dict[str, Any]]
-    provenance: ProvenanceRecord
+    provenance: Provenance
     merged: NotRequired[dict[str, Any]]
     torque_rmse_Nm: NotRequired[dict[str, dict[str, float]]]
     heldout: NotRequired[dict[str, Any]]
@@ -75,7 +76,7 @@ class VerificationRecord(TypedDict):
     passed: bool
     in_sample: bool
     checks: list[CheckRecord]
-    provenance: ProvenanceRecord
+    provenance: Provenance
 
 
 class SimulatedRecord(TypedDict):
@@ -98,7 +99,7 @@ class SimulationRecord(TypedDict):
     robot: str
     joints: list[str]
     sessions: list[SimulatedRecord]
-    provenance: ProvenanceRecord
+    provenance: Provenance
 
 
 class BlindOutcomeRecord(TypedDict):
@@ -137,4 +138,4 @@ class BlindRecord(TypedDict):
     seconds_per_case: float | None
     outcomes: list[BlindOutcomeRecord]
     run: dict[str, Any]
-    provenance: ProvenanceRecord
+    provenance: Provenance

@@ -6,7 +6,7 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.schemas.common import ProvenanceRecord
+from ident.provenance import Provenance
 
 
 class EnergyRecord(TypedDict):
@@ -38,7 +38,7 @@ class ResultRecord(TypedDict):
     starts: list[dict[str, Any]]
     history: list[list[float]]
     notes: list[str]
-    provenance: ProvenanceRecord
+    provenance: Provenance
     energy_J: NotRequired[EnergyRecord]
     duration_s: NotRequired[float]
     peak_torque_share: NotRequired[list[float]]
@@ -74,7 +74,7 @@ class ComparisonRecord(TypedDict):
     at_seconds: float
     summary: list[dict[str, Any]]
     results: list[ResultRecord]
-    provenance: ProvenanceRecord
+    provenance: Provenance
 
 
 class ExcitationRecord(TypedDict):
@@ -103,7 +103,7 @@ class ExcitationRecord(TypedDict):
     evaluations: int
     seconds: float
     seed: int
-    provenance: ProvenanceRecord
+    provenance: Provenance
 
 
 RECORDS: dict[str, Any] = {"comparison": ComparisonRecord, "excite": ExcitationRecord, "result": ResultRecord}
