@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.bounds import LARGEST_TORQUE_SHARE
-from ident.effects.effect_info import Expression, Range, exactly_as
+from ident.effects.effect_info import Expression, Range
 from ident.effects.friction import LEAST_TOP_SPEED
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval
 from ident.effects.states import StatesEffect
@@ -106,5 +107,5 @@ class NonlinearViscousFriction(StatesEffect):
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and figures["exponent"] == 2.0:
-            return exactly_as("second coefficient of damping")
+            return replace(self.formats[form], answer="yes", words="second coefficient of damping")
         return super().expressed(form, figures)

@@ -30,10 +30,12 @@ class Expression:
     Attributes:
         answer: `yes`: it states the same law; `approximate`: something near; `no`: it has no words for it.
         words: The place in the format, or the reason.
+        part: Which part of the file carries it, as its writer calls it; "" for none.
     """
 
     answer: Answer
     words: str
+    part: str = ""
 
     def to_dict(self) -> dict[str, str]:
         return {"expressed": self.answer, "how": self.words}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.effect_info import Expression, Range, nearly_as
+from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import is_near, near_one_pose, rated_torque, sampled_states
 
@@ -150,7 +151,8 @@ class TorqueSaturation(Effect):
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and abs(figures["lost"] - 1.0) > FLAT:
-            return nearly_as("cutoff of the motor's force sensor: flat from the limit on, without the bend before it")
+            words = "cutoff of the motor's force sensor: flat from the limit on, without the bend before it"
+            return replace(self.formats[form], answer="approximate", words=words)
         return super().expressed(form, figures)
 
 

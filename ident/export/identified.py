@@ -79,6 +79,11 @@ class Change:
         """Whether it is one of the log alone."""
         return self.kind is not None and self.kind.of_the_log
 
+    def part(self, form: str) -> str:
+        """Which part of a file (`urdf`, `mjcf`) carries it, as its row says; "" for none."""
+        expression = None if self.kind is None else self.kind.formats.get(form)
+        return expression.part if expression else ""
+
     @property
     def of_the_bodies(self) -> bool:
         """Whether it goes with the arm's bodies, gravity or zeros: then it is no joint's own."""
@@ -137,7 +142,7 @@ class IdentifiedArm:
         def errors(tuned: Array) -> Float[Array, "n 10"]:
             wrong = np.zeros((nominal.n, 10))
             for change in changes:
-                if change.effect == "link_inertial_error":
+                if change.part("urdf") == "inertial":
                     wrong[change.joint] += link_change(numbers[change.joint] + tuned[change.joint], change.values)
             return wrong
 

@@ -77,11 +77,11 @@ class WrittenFile:
         if any(express(change, self.form).answer == "approximate" for change in changes):
             return None
         model = self.load()
-        if any(change.effect == "joint_elasticity" for change in changes):
+        if any(change.part(self.form) == "second joint" for change in changes):
             return {"loads": True, "torque_difference_Nm": None}
         q, dq, ddq = random_states(self.arm, np.random.default_rng(seed))
         # Link errors are in the bodies already.
-        instant = in_module([c for c in changes if c.effect not in ("torque_delay", "link_inertial_error")])
+        instant = in_module([c for c in changes if c.part(self.form) not in ("delay", "inertial")])
         moving = MovingArm(describe_arm(self.stated.body(self.arm)), self.stated.losses, q, dq, ddq)
         plain = moving.rigid + self.stated.losses.torque(dq, ddq, moving.direction)
         wanted = read_log(instant, plain + acting_torque(instant, moving), 0.0)

@@ -57,7 +57,7 @@ def write_mjcf(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> str:
         parent = _add_body(parent, arm, j, joints[j])
         _add_shapes(parent, shapes.get(j + 1, []))
     for change in changes:
-        if change.effect == "payload":
+        if change.part("mjcf") == "load":
             parent = _add_payload(parent, payload_parameters(change.values))
     _add_drives(root, joints)
     ET.indent(root)
@@ -72,7 +72,7 @@ def gravity_of(arm: ArmModel, changes: Sequence[Change]) -> Float[Array, " 3"]:
     """Gravity in the arm's base, turned by a named tilt [m/s²]."""
     gravity = np.array(arm.model.gravity.linear)
     for change in changes:
-        if change.effect == "gravity_misalignment":
+        if change.part("mjcf") == "level":
             gravity = turned_gravity(gravity, change.values)
     return gravity
 

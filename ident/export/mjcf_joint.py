@@ -61,7 +61,7 @@ def joint_elements(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> 
         losses: Its losses.
         changes: Identified effects.
     """
-    delay = max(sum(change.values["delay_s"] for change in changes if change.effect == "torque_delay"), 0.0)
+    delay = max(sum(change.values["delay_s"] for change in changes if change.part("mjcf") == "delay"), 0.0)
     return tuple(_elements(arm, losses, j, [c for c in changes if c.joint == j], delay) for j in range(arm.n))
 
 
@@ -72,22 +72,22 @@ def _elements(arm: ArmModel, losses: Losses, j: int, changes: Sequence[Change], 
     joint: dict[str, str] = {}
     sensor, spring = _late(delay), dict[str, str]()
     for change in changes:
-        effect, p = change.effect, change.values
-        if effect == "torque_gain_error":
+        part, p = change.part("mjcf"), change.values
+        if part == "gain":
             gain = 1.0 / (1.0 + p["gain"])
-        elif effect == "torque_offset":
+        elif part == "bias":
             bias -= p["offset_Nm"]
-        elif effect == "torque_saturation":
+        elif part == "cutoff":
             sensor["cutoff"] = repr(p["limit_Nm"])
-        elif effect == "encoder_offset":
+        elif part == "zero":
             zero -= p["offset_rad"]  # qpos is the logged angle, the true one is qpos − ref
-        elif effect == "spring_torque":
+        elif part == "spring":
             rest, stiffness = spring_at_rest(p)
             joint |= {"springref": repr(rest), "stiffness": _text(stiffness)}
-        elif effect == "nonlinear_viscous_friction":
-            more, curve = fit_polynomial(partial(friction_over_speed, effect, p), _top_speed(arm, j))
+        elif part == "curve":
+            more, curve = fit_polynomial(partial(friction_over_speed, change.effect, p), _top_speed(arm, j))
             dry, damping = dry + more, damping + curve
-        elif effect == "joint_elasticity":
+        elif part == "second joint":
             spring = {"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])}
     own = {"armature": repr(float(losses.motor_inertia[j])), "damping": _text(damping), "frictionloss": repr(dry)}
     joint = {**own, "solreffriction": f"{CONSTRAINT_TIME!r} 1", **joint, **_limits(arm, j, zero)}

@@ -31,14 +31,12 @@ from ident.robot.arm import ArmModel
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.
 WRITTEN = ("armature", "damping", "frictionloss", "springref", "stiffness")
-# Effects of which such an edit says nothing, and why.
+# Parts of which such an edit says nothing, and why.
 LEFT_OUT = {
-    "joint_elasticity": "an elastic gear needs a second joint",
-    "encoder_offset": "a shifted zero would move the ranges, keyframes and actuators of the file",
-    "torque_gain_error": "the file's actuators are left as they are",
-    "torque_offset": "the file's actuators are left as they are",
-    "torque_delay": "the file's sensors are left as they are",
-    "torque_saturation": "the file's sensors are left as they are",
+    "second joint": "an elastic gear needs a second joint",
+    "zero": "a shifted zero would move the ranges, keyframes and actuators of the file",
+    **dict.fromkeys(("gain", "bias"), "the file's actuators are left as they are"),
+    **dict.fromkeys(("delay", "cutoff"), "the file's sensors are left as they are"),
 }
 STATES = 50
 
@@ -94,7 +92,7 @@ def merge_mjcf(
     match = match_file(nominal, model, source)
     links = np.array(arm.inertial_parameters).reshape(-1, 10)
     for change in changes:
-        if change.effect == "payload":
+        if change.part("mjcf") == "load":
             links[-1] += payload_parameters(change.values)
     _write_joints(root, match, arm, losses, changes)
     _write_links(root, match, model, links, arm, source)
@@ -104,7 +102,7 @@ def merge_mjcf(
     text = ET.tostring(root, encoding="unicode") + "\n"
     with atomic_write(out) as part:
         part.write_text(text, encoding="utf-8")
-    told = tuple(f"{one.effect}: {LEFT_OUT[one.effect]}" for one in changes if one.effect in LEFT_OUT)
+    told = tuple(f"{one.effect}: {LEFT_OUT[part]}" for one in changes if (part := one.part("mjcf")) in LEFT_OUT)
     whole = arm.with_inertial_parameters(links.ravel()).with_gravity(gravity_of(arm, changes))
     _point_to_meshes(root, folders, here, None)
     far = _difference(ET.tostring(root, encoding="unicode"), match, whole, losses, bool(changes))
@@ -170,7 +168,7 @@ def _hanging(model: mujoco.MjModel, data: mujoco.MjData, body: int, own: set[int
 
 def _write_gravity(root: ET.Element, match: Match, arm: ArmModel, changes: Sequence[Change]) -> None:
     """A named tilt turns the file's gravity."""
-    if all(change.effect != "gravity_misalignment" for change in changes):
+    if all(change.part("mjcf") != "level" for change in changes):
         return
     option = root.find("option")
     if option is None:

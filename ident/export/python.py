@@ -19,6 +19,7 @@ from ident import laws
 from ident.arrays import Float
 from ident.effects import base
 from ident.errors import InputError
+from ident.export.templates import fill
 from ident.laws.acting import KNOWN
 from ident.laws.chain import Arm, Array
 from ident.laws.motion import Losses
@@ -28,77 +29,6 @@ from ident.robot.arm import ArmModel
 
 # Files of `ident.laws` in their order.
 PARTS = ("chain", "motion", "sensing", "friction", "bodies", "elastic", "acting")
-HEADER = '''"""Torque that the named effects add to a model of the robot called ROBOT. NumPy only.
-
-extra_torque(q, dq, ddq, interval)      what the log reads beyond `modelled_torque`
-missing_torque("urdf", q, dq, ddq, …)   what the motors deliver beyond the model in robot.urdf ("mjcf": robot.xml)
-log_of_torque(tau, interval)       what the log reads of a joint torque
-torque_of_log(log, interval)       joint torque behind a log
-
-Arrays are (T, n), joints in the order of JOINTS, SI units; one state may be given as (n,). A torque is what the motor
-must deliver: a simulator applies it with the sign reversed (MuJoCo: data.qfrc_applied[:] = -missing_torque("mjcf", …)).
-`interval` is the sampling interval of an even run; laws with a memory need it, dry friction that turns round over a
-displacement too. `slip` is the direction of sliding in [-1, 1], where it is known better than from the run; single
-states take tanh(dq / v0). `warmth` goes from 0 (cold) to 1 (as warm as the diagnosed session became), (T, n) where
-joints differ.
-
-Written by `ident patch`; patch.json beside this file says what the figures leave open.
-"""
-
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from math import ceil
-from typing import Any
-
-import numpy as np
-'''
-CALLS = '''
-def _motion(q, dq, ddq, interval, slip, warmth):
-    states = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (q, dq, ddq))
-    return MovingArm(ARM, LOSSES, *states, interval, None if slip is None else np.atleast_2d(slip), warmth)
-
-
-def modelled_torque(q, dq, ddq, interval=0.0, slip=None):
-    """Rigid torque and losses of the tuned arm, without the effects [N m]."""
-    motion = _motion(q, dq, ddq, interval, slip, 0.5)
-    return (motion.rigid + LOSSES.torque(motion.dq, motion.ddq, motion.direction)).reshape(np.shape(q))
-
-
-def extra_torque(q, dq, ddq, interval=0.0, slip=None, warmth=0.5):
-    """What the log reads beyond `modelled_torque`, all effects together [N m]."""
-    motion = _motion(q, dq, ddq, interval, slip, warmth)
-    model = motion.rigid + LOSSES.torque(motion.dq, motion.ddq, motion.direction)
-    log = read_log(EFFECTS, model + acting_torque(EFFECTS, motion), interval)
-    return (log - model).reshape(np.shape(q))
-
-
-def missing_torque(file, q, dq, ddq, interval=0.0, slip=None, warmth=0.5):
-    """What the motors deliver beyond the model of a file, "urdf" or "mjcf" [N m].
-
-    The effects that the file has no words for, and the difference between the losses and links that go with them and
-    those that are in the file.
-    """
-    motion = _motion(q, dq, ddq, interval, slip, warmth)
-    outside = [effect for k, effect in enumerate(EFFECTS) if k not in IN_FILE[file]]
-    torque = acting_torque(outside, motion) + LOSSES.torque(motion.dq, motion.ddq, motion.direction)
-    torque -= FILE_LOSSES[file].torque(motion.dq, motion.ddq, motion.direction)
-    if FILE_LINKS[file] is not None:
-        torque += motion.rigid - rigid_torque(ARM, motion.q, motion.dq, motion.ddq, links=np.array(FILE_LINKS[file]))
-    return torque.reshape(np.shape(q))
-
-
-def log_of_torque(torque, interval=0.0):
-    """What the log reads of a joint torque: the named gain, offset, delay and flat tops [N m]."""
-    return read_log(EFFECTS, np.atleast_2d(torque), interval).reshape(np.shape(torque))
-
-
-def torque_of_log(log, interval=0.0):
-    """Joint torque behind a log [N m]."""
-    return undo_log(EFFECTS, np.atleast_2d(log), interval).reshape(np.shape(log))
-'''
 
 
 def describe_arm(arm: ArmModel) -> Arm:
@@ -152,7 +82,6 @@ def write_module(
     more = [inspect.getsource(one).strip() for one in COLUMNS.values() if one.__module__.split(".")[-1] not in PARTS]
     columns = [*more, f"COLUMNS = {{{named}}}"]
     parts = [*map(_body, PARTS[:-1]), *columns, _body(PARTS[-1]), *(_own_law(kind) for kind in own.values())]
-    body = "\n\n\n".join(parts)
     held = ", ".join(f"{name!r}: {_call('Losses', one.losses)}" for name, one in files.items())
     shared = {name: list(one.effects) for name, one in files.items()}
     links = ", ".join(f"{name!r}: {_plain(one.links)}" for name, one in files.items())
@@ -167,7 +96,7 @@ def write_module(
         f"FILE_LOSSES = {{{held}}}",
         f"# Links of the files, where they are others than those of ARM.\nFILE_LINKS = {{{links}}}",
     ]
-    return f"{HEADER}\n{body}\n\n\n" + "\n".join(numbers) + "\n\n" + CALLS
+    return fill("torque_model.py.txt", {"LAWS": "\n\n\n".join(parts), "NUMBERS": "\n".join(numbers)})
 
 
 def _body(part: str) -> str:

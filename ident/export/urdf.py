@@ -46,11 +46,12 @@ def write_urdf(arm: ArmModel, losses: Losses, links: Float[Array, "n 10"], chang
         if np.any(links[j]):
             _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
     for change in changes:
-        if change.effect == "payload":
+        part = change.part("urdf")
+        if part == "load":
             _add_payload(root, arm.links[-1], change.values)
-        elif change.effect == "gravity_misalignment":
+        elif part == "level":
             _tilt_base(root, change.values)
-        elif change.effect == "encoder_offset":
+        elif part == "zero":
             _turn_joint(joints[arm.joint_names[change.joint]], change.values["offset_rad"])
     root.insert(0, ET.Comment(NOTE))
     ET.indent(root)

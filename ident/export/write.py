@@ -271,7 +271,7 @@ class _Files:
         )
 
     def _in_file(self, owners: Sequence[Change], stated: Stated) -> InFile:
-        errors = [change for change in stated.changes if change.effect == "link_inertial_error"]
+        errors = [change for change in stated.changes if change.part("urdf") == "inertial"]
         links = stated.links - (self.identified.links.named if errors else 0.0)
         same = np.allclose(links, self.identified.links.tuned, atol=1e-12)
         numbers = None if same else self.nominal.inertial_parameters.reshape(-1, 10) + links
