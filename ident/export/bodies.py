@@ -37,6 +37,11 @@ class Links:
     missed: float
     mended: tuple[str, ...] = ()
 
+    @classmethod
+    def unchanged(cls, n: int) -> Links:
+        """The URDF's own."""
+        return cls(freeze(np.zeros((n, 10))), freeze(np.zeros((n, 10))), 0.0)
+
     @property
     def total(self) -> Float[Array, "n 10"]:
         """Both changes."""

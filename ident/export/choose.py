@@ -8,18 +8,18 @@ is never written; of the others the one whose worst joint, in torque, energy or 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.export.formats import Stated
+from ident.export.identified import IdentifiedArm
 from ident.export.loading import FILE_OF, WrittenFile
-from ident.export.measure import MEASURES, Gap, Recorded, measure_gap
+from ident.export.measure import MEASURES, Gap, measure_gap
 from ident.laws.motion import Losses
-from ident.robot.arm import ArmModel
+from ident.motion.motion import Motion
 
 # One file is worse than another beyond this ratio of their errors: less is chance, and the simulators' own steps.
 WORTH = 1.01
@@ -44,7 +44,7 @@ class Chosen:
         worse: Joints at which another candidate is nearer in some measure, with the largest ratio.
     """
 
-    stated: Stated
+    stated: IdentifiedArm
     bodies: str
     joints: tuple[str, ...]
     gaps: Mapping[str, Gap]
@@ -71,23 +71,23 @@ class Chosen:
         return lines
 
 
-def choose(form: str, arm: ArmModel, options: Mapping[str, Stated], runs: Sequence[Recorded], folder: Path) -> Chosen:
+def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motion], folder: Path) -> Chosen:
     """The nearest candidate of a format.
 
     Args:
         form: `urdf` or `mjcf`.
-        arm: The arm as its URDF describes it.
         options: What each candidate would hold; the first is what none may be worse than.
         runs: Recordings that no candidate was fitted to.
         folder: A scratch folder.
     """
-    payload, n = runs[0].motion.payload, arm.n
+    payload, names_of = runs[0].payload, next(iter(options.values())).nominal.joint_names
+    n = len(names_of)
     found: dict[tuple[str, tuple[str, ...]], Gap] = {}
 
     def measure(bodies: str, joints: tuple[str, ...]) -> Gap:
         key = bodies, joints
         if key not in found:
-            file = WrittenFile.write(form, folder, arm, mix(options, *key))
+            file = WrittenFile.write(form, folder, mix(options, *key))
             found[key] = measure_gap(file.load(payload), runs)
         return found[key]
 
@@ -103,12 +103,12 @@ def choose(form: str, arm: ArmModel, options: Mapping[str, Stated], runs: Sequen
     fit = [key for key, gap in found.items() if _ratios(gap, least).max() <= WORTH]
     bodies, joints = min(fit, key=lambda key: _rank(found[key], bound))
     ratios = _ratios(found[bodies, joints], bound).max(axis=0)
-    worse = {name: float(ratio) for name, ratio in zip(arm.joint_names, ratios, strict=True) if ratio > WORTH}
+    worse = {name: float(ratio) for name, ratio in zip(names_of, ratios, strict=True) if ratio > WORTH}
     gaps = {name: gap for name, gap in alone.items() if name != "after"} | {"after": found[bodies, joints]}
     return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse)
 
 
-def mix(options: Mapping[str, Stated], bodies: str, joints: Sequence[str]) -> Stated:
+def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:
     """The bodies of one candidate, with the losses and laws of one at each joint."""
     losses = Losses(
         *(
@@ -119,7 +119,7 @@ def mix(options: Mapping[str, Stated], bodies: str, joints: Sequence[str]) -> St
     changes = [change for change in options[bodies].changes if change.of_the_bodies]
     for j, name in enumerate(joints):
         changes += [c for c in options[name].changes if c.joint == j and not c.of_the_bodies]
-    return Stated(options[bodies].links, losses, tuple(changes))
+    return replace(options[bodies], losses=losses, changes=tuple(changes))
 
 
 def _ratios(gap: Gap, bound: Mapping[str, Array]) -> Float[Array, "m n"]:

@@ -7,17 +7,17 @@ import re
 import numpy as np
 
 from ident.arrays import Array
+from ident.export.identified import IdentifiedArm
 from ident.export.python import describe_arm
 from ident.export.templates import fill
-from ident.laws.motion import Losses
-from ident.robot.arm import ArmModel
 
 
-def write_cpp(arm: ArmModel, losses: Losses) -> str:
+def write_cpp(identified: IdentifiedArm) -> str:
     """The header's text: Newton and Euler's recursion in the joints' own frames, as in `ident.laws.chain`.
 
     Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
     """
+    arm, losses = identified.whole, identified.losses
     chain, space = describe_arm(arm), "arm_" + re.sub(r"\W", "_", arm.name, flags=re.ASCII)
     rows = []
     for j in range(arm.n):

@@ -8,12 +8,12 @@ what its formats are; what it doesn't speak of is friction.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import nnls
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.effects.effect_info import Expression, exactly_as, nearly_as, not_at_all
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.python import describe_arm
@@ -56,27 +56,8 @@ def express(change: Change, form: str) -> Expression:
     return nearly_as(effect.left_open) if effect.left_open else exactly_as("the law")
 
 
-@dataclass(frozen=True, eq=False)
-class Stated:
-    """What a file of a format holds of an identified arm.
-
-    Attributes:
-        links: Change of each link's inertial numbers against the URDF, shape (n, 10).
-        losses: Losses of each joint, with what stands in for effects that the format has no words for.
-        changes: Effects that the format has words for.
-    """
-
-    links: Float[Array, "n 10"]
-    losses: Losses
-    changes: tuple[Change, ...]
-
-    def body(self, arm: ArmModel) -> ArmModel:
-        """The nominal arm with these links."""
-        return arm.with_inertial_parameters(arm.inertial_parameters + self.links.ravel())
-
-
-def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> Stated:
-    """What a file holds of an identified arm.
+def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> IdentifiedArm:
+    """What a file holds of an identified arm: effects that it has words for, losses that stand in for the others.
 
     Args:
         identified: The arm.
@@ -85,7 +66,7 @@ def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> Stat
     """
     said = tuple(c for c in identified.changes if form in LOADED and express(c, form).answer != "no")
     unsaid = [c for c in stood_in(identified.changes, form) if c.has_law]
-    return Stated(identified.links.total, stand_in(identified, unsaid, runs), said)
+    return replace(identified, losses=stand_in(identified, unsaid, runs), changes=said)
 
 
 def stood_in(changes: Iterable[Change], form: str) -> list[Change]:

@@ -151,9 +151,8 @@ class IdentifiedArm:
     @classmethod
     def as_urdf(cls, nominal: ArmModel) -> IdentifiedArm:
         """The URDF as it is: its bodies, damping and friction."""
-        plain = Tuning.none(nominal.n)
-        stated = replace(plain.losses, viscous=nominal.model.damping, coulomb=nominal.model.friction)
-        return cls.tuned_to(nominal, Tuning(stated, plain.links))
+        losses = Tuning.none(nominal.n).losses
+        return cls.with_losses(nominal, replace(losses, viscous=nominal.model.damping, coulomb=nominal.model.friction))
 
     @classmethod
     def of_model(cls, model: HybridModel, nearest: bool = False) -> IdentifiedArm:
@@ -181,6 +180,11 @@ class IdentifiedArm:
         widths = np.where(loss.transition_speed > 0.0, loss.transition_speed, SHARPEST)
         losses = Losses(loss.motor_inertia, loss.viscous, loss.coulomb, widths, np.zeros(n))
         return cls(nominal, losses, links, tuple(_of_law(law, nominal.joint_names) for law in model.named))
+
+    @classmethod
+    def with_losses(cls, nominal: ArmModel, losses: Losses) -> IdentifiedArm:
+        """The URDF's bodies with losses, and no effect."""
+        return cls(nominal, losses, Links.unchanged(nominal.n))
 
     @property
     def tuned(self) -> ArmModel:

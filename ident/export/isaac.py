@@ -10,19 +10,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.export.identified import IdentifiedArm
 from ident.export.templates import fill
-from ident.laws.motion import Losses
-from ident.robot.arm import ArmModel
 
 
-def write_isaac(arm: ArmModel, losses: Losses, delay: tuple[float, float] = (0.0, 0.0)) -> str:
-    """The module's text.
-
-    Args:
-        arm: The arm.
-        losses: Its losses.
-        delay: Interval of the command's delay [s].
-    """
+def write_isaac(identified: IdentifiedArm) -> str:
+    """The module's text; its delay is none, as no recording tells of a command's."""
+    arm, losses = identified.whole, identified.losses
     names = arm.joint_names
     actuator = {
         "armature": losses.motor_inertia,
@@ -39,7 +33,6 @@ def write_isaac(arm: ArmModel, losses: Losses, delay: tuple[float, float] = (0.0
     renamed = {f"actuator_{key}": values for key, values in limits.items()}
     marks = {
         "ROBOT": ascii(arm.name),
-        "DELAY": repr(tuple(map(float, delay))),
         "JOINTS": ascii(list(names)),
         "ACTUATOR": _tables(names, actuator),
         "LIMITS": _tables(names, limits),

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array
-from ident.export.formats import Stated, express
-from ident.export.identified import in_module
+from ident.export.formats import express
+from ident.export.identified import IdentifiedArm, in_module
 from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.export.mjcf import write_mjcf
 from ident.export.python import describe_arm
@@ -41,32 +41,27 @@ class WrittenFile:
     Attributes:
         form: `urdf` or `mjcf`.
         folder: Where it lies.
-        arm: The arm as its URDF describes it, locked joints locked.
         stated: What the file holds.
     """
 
     form: str
     folder: Path
-    arm: ArmModel
-    stated: Stated
+    stated: IdentifiedArm
 
     @classmethod
-    def write(cls, form: str, folder: Path, arm: ArmModel, stated: Stated) -> WrittenFile:
+    def write(cls, form: str, folder: Path, stated: IdentifiedArm) -> WrittenFile:
         """Writes the file into a folder."""
         folder.mkdir(exist_ok=True)
-        if form == "urdf":
-            text = write_urdf(arm, stated.losses, stated.links, stated.changes)
-        else:
-            text = write_mjcf(stated.body(arm), stated.losses, stated.changes)
+        text = write_urdf(stated) if form == "urdf" else write_mjcf(stated)
         (folder / FILE_OF[form]).write_text(text, encoding="utf-8")
-        return cls(form, folder, arm, stated)
+        return cls(form, folder, stated)
 
     def load(self, payload: Payload | None = None) -> LoadedModel:
         """The file in its simulator."""
-        path = self.folder / FILE_OF[self.form]
+        path, arm = self.folder / FILE_OF[self.form], self.stated.nominal
         if self.form == "mjcf":
-            return LoadedMjcf(path, self.arm.joint_names, payload)
-        return LoadedUrdf(path, tuple(self.arm.locked_joints), self.stated.losses, payload)
+            return LoadedMjcf(path, arm.joint_names, payload)
+        return LoadedUrdf(path, tuple(arm.locked_joints), self.stated.losses, payload)
 
     def check(self, seed: int = 0) -> dict[str, Any] | None:
         """Largest difference of the loaded file from its bodies, losses and laws, evaluated at random states [N m].
@@ -79,10 +74,10 @@ class WrittenFile:
         model = self.load()
         if any(change.part(self.form) == "second joint" for change in changes):
             return {"loads": True, "torque_difference_Nm": None}
-        q, dq, ddq = random_states(self.arm, np.random.default_rng(seed))
+        q, dq, ddq = random_states(self.stated.nominal, np.random.default_rng(seed))
         # Link errors are in the bodies already.
         instant = in_module([c for c in changes if c.part(self.form) not in ("delay", "inertial")])
-        moving = MovingArm(describe_arm(self.stated.body(self.arm)), self.stated.losses, q, dq, ddq)
+        moving = MovingArm(describe_arm(self.stated.whole), self.stated.losses, q, dq, ddq)
         plain = moving.rigid + self.stated.losses.torque(dq, ddq, moving.direction)
         wanted = read_log(instant, plain + acting_torque(instant, moving), 0.0)
         # States that lie for ever apart: no delay reaches from one to the next.

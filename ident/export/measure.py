@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Float
 from ident.export.loaded import LoadedModel
 from ident.laws.sensing import shifted
 from ident.motion.motion import Motion
@@ -59,32 +58,6 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
-    """A run that files are measured on, with what of it all of them are compared with.
-
-    Attributes:
-        motion: The run.
-    """
-
-    motion: Motion
-
-    @cached_property
-    def log(self) -> Float[Array, "t n"]:
-        """The measured torque through the run's filter [N m]."""
-        return self.motion.tau_filtered
-
-    @cached_property
-    def settled(self) -> Bool[Array, "t n"]:
-        """Where each joint slides."""
-        return self.motion.settled
-
-    @cached_property
-    def travel(self) -> Float[Array, "t n"]:
-        """What each joint moves from sample to sample of the filtered signals [rad]."""
-        return self.motion.interval * self.motion.lowpass.factor * self.motion.dq[self.motion.coarse]
-
-
-@dataclass(frozen=True, eq=False)
 class Helper:
     """A written module, loaded from its file, that stands in for what a file lacks.
 
@@ -106,20 +79,20 @@ class Helper:
         return np.asarray(self.module.missing_torque(self.file, *states), dtype=float)
 
 
-def measure_gap(model: LoadedModel, runs: Sequence[Recorded], helper: Helper | None = None) -> Gap:
+def measure_gap(model: LoadedModel, runs: Sequence[Motion], helper: Helper | None = None) -> Gap:
     """All distances of a loaded file from recordings, alone or with a module's help."""
-    n = runs[0].motion.n
+    n = runs[0].n
     squares, counts, work = np.zeros(n), np.zeros(n), np.zeros(n)
     ends: list[Array] = []
     each = max(1, MOST_WINDOWS // len(runs))
-    for run in runs:
-        motion = run.motion
+    for motion in runs:
         missing = helper.missing(motion) if helper else np.zeros_like(motion.q)
-        left = run.log - motion.filtered(predict_log(model, motion, helper, missing))
-        left = np.where(run.settled, left, 0.0)
+        left = motion.tau_filtered - motion.filtered(predict_log(model, motion, helper, missing))
+        left = np.where(motion.settled, left, 0.0)
         squares += np.sum(left**2, axis=0)
-        counts += run.settled.sum(axis=0)
-        work += np.sum(left * run.travel, axis=0) ** 2
+        counts += motion.settled.sum(axis=0)
+        travel = motion.interval * motion.lowpass.factor * motion.dq[motion.coarse]  # from sample to sample [rad]
+        work += np.sum(left * travel, axis=0) ** 2
         ends.append(_roll_run(model, motion, helper, missing, each))
     missed = np.concatenate(ends, axis=1)
     windows = missed.shape[1]

@@ -20,39 +20,33 @@ from scipy.spatial.transform import Rotation
 from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.export.bodies import about_centre
-from ident.export.identified import Change
-from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements
+from ident.export.identified import IdentifiedArm
+from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements, numbers
 from ident.export.urdf import NOTE, PAYLOAD, PAYLOAD_RADIUS
 from ident.laws.bodies import payload_parameters, turned_gravity
-from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
 # Below this a principal moment is that of a body without extent [kg m²].
 LEAST_MOMENT = 1e-9
 
 
-def write_mjcf(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> str:
-    """The patched MJCF.
-
-    Args:
-        arm: The arm with its patched link inertias.
-        losses: Losses of each joint.
-        changes: Named effects; link errors are in the arm already.
-    """
+def write_mjcf(identified: IdentifiedArm) -> str:
+    """The patched MJCF."""
+    arm, changes = identified.whole, identified.changes
     root = ET.Element("mujoco", model=arm.name)
     root.append(ET.Comment(NOTE))
     ET.SubElement(root, "compiler", angle="radian", balanceinertia="true", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=_text(gravity_of(arm, changes))
+        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=numbers(gravity_of(identified))
     )
     parent = ET.SubElement(root, "worldbody")
     shapes, hulls = _shapes(arm)
     if hulls:
         assets = ET.SubElement(root, "asset")
         for name, corners in hulls.items():
-            ET.SubElement(assets, "mesh", name=name, vertex=_text(corners.reshape(-1)))
+            ET.SubElement(assets, "mesh", name=name, vertex=numbers(corners.reshape(-1)))
     _add_shapes(parent, shapes.get(0, []))
-    joints = joint_elements(arm, losses, changes)
+    joints = joint_elements(identified)
     for j in range(arm.n):
         parent = _add_body(parent, arm, j, joints[j])
         _add_shapes(parent, shapes.get(j + 1, []))
@@ -64,14 +58,10 @@ def write_mjcf(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _text(values: Sequence[float] | Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
-def gravity_of(arm: ArmModel, changes: Sequence[Change]) -> Float[Array, " 3"]:
-    """Gravity in the arm's base, turned by a named tilt [m/s²]."""
-    gravity = np.array(arm.model.gravity.linear)
-    for change in changes:
+def gravity_of(identified: IdentifiedArm) -> Float[Array, " 3"]:
+    """Gravity in the arm's base, turned by a tilt that was identified [m/s²]."""
+    gravity = np.array(identified.nominal.model.gravity.linear)
+    for change in identified.changes:
         if change.part("mjcf") == "level":
             gravity = turned_gravity(gravity, change.values)
     return gravity
@@ -84,12 +74,11 @@ def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, " 4"]:
 
 def _add_body(parent: ET.Element, arm: ArmModel, j: int, own: JointElements) -> ET.Element:
     placement = arm.model.jointPlacements[j + 1]
-    body = ET.SubElement(
-        parent, "body", name=arm.links[j], pos=_text(placement.translation), quat=_text(quaternion(placement.rotation))
-    )
+    place = {"pos": numbers(placement.translation), "quat": numbers(quaternion(placement.rotation))}
+    body = ET.SubElement(parent, "body", {"name": arm.links[j], **place})
     ET.SubElement(body, "inertial", inertial_attributes(arm.inertial_parameters[10 * j : 10 * j + 10]))
     sliding = bool(arm.sliding_joints[j])
-    common = {"type": "slide" if sliding else "hinge", "axis": _text(arm.joint_axes[j])}
+    common = {"type": "slide" if sliding else "hinge", "axis": numbers(arm.joint_axes[j])}
     ET.SubElement(body, "joint", {"name": arm.joint_names[j], **common, **own.joint})
     if own.spring:
         ET.SubElement(body, "joint", {"name": own.spring_name, **common, **own.spring})
@@ -102,10 +91,10 @@ def inertial_attributes(link: Float[Array, " 10"]) -> dict[str, str]:
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return {
-        "pos": _text(centre),
-        "quat": _text(quaternion(axes)),
+        "pos": numbers(centre),
+        "quat": numbers(quaternion(axes)),
         "mass": repr(max(mass, LEAST_MOMENT)),
-        "diaginertia": _text(np.maximum(moments, LEAST_MOMENT)),
+        "diaginertia": numbers(np.maximum(moments, LEAST_MOMENT)),
     }
 
 
@@ -114,7 +103,7 @@ def _add_payload(parent: ET.Element, link: Float[Array, " 10"]) -> ET.Element:
     mass = float(link[0])
     moment = repr(mass * PAYLOAD_RADIUS**2)
     ET.SubElement(
-        body, "inertial", pos=_text(link[1:4] / mass), mass=repr(mass), diaginertia=f"{moment} {moment} {moment}"
+        body, "inertial", pos=numbers(link[1:4] / mass), mass=repr(mass), diaginertia=f"{moment} {moment} {moment}"
     )
     return parent
 
@@ -141,7 +130,7 @@ def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, F
             hulls[f"hull_{number}"] = corners[ConvexHull(corners).vertices]
             size = {"type": "mesh", "mesh": f"hull_{number}"}
         if size is not None:
-            pose = {"pos": _text(item.placement.translation), "quat": _text(quaternion(item.placement.rotation))}
+            pose = {"pos": numbers(item.placement.translation), "quat": numbers(quaternion(item.placement.rotation))}
             found.setdefault(int(item.parentJoint), []).append({**size, **pose})
     return found, hulls
 
@@ -150,10 +139,10 @@ def _size(shape: Any) -> dict[str, str] | None:
     """A primitive's type and size; None for what is none."""
     kind = type(shape).__name__.lower()
     if kind == "box":
-        return {"type": kind, "size": _text(shape.halfSide)}
+        return {"type": kind, "size": numbers(shape.halfSide)}
     if kind in ("cylinder", "capsule"):
-        return {"type": kind, "size": _text([shape.radius, shape.halfLength])}
-    return {"type": kind, "size": _text([shape.radius])} if kind == "sphere" else None
+        return {"type": kind, "size": numbers([shape.radius, shape.halfLength])}
+    return {"type": kind, "size": numbers([shape.radius])} if kind == "sphere" else None
 
 
 def _add_shapes(body: ET.Element, shapes: Sequence[dict[str, str]]) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ident.arrays import Array, Float
-from ident.export.identified import Change
+from ident.export.identified import IdentifiedArm
 from ident.laws.friction import JointStates
-from ident.laws.motion import Losses
 from ident.laws.table import COLUMNS
 from ident.robot.arm import ArmModel
 
@@ -53,48 +52,45 @@ class JointElements:
         return f"{self.name}{SPRING_SUFFIX}"
 
 
-def joint_elements(arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> tuple[JointElements, ...]:
-    """Elements of every joint.
+def joint_elements(identified: IdentifiedArm) -> tuple[JointElements, ...]:
+    """Elements of every joint: its losses, its limits, and its effects on top."""
+    arm, losses = identified.nominal, identified.losses
+    late = [change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay"]
+    found = []
+    for j, name in enumerate(arm.joint_names):
+        own = JointElements(name, {}, {"gear": repr(1.0), "gaintype": "fixed", "gainprm": "1"}, _late(sum(late)), {})
+        dry, damping = float(losses.coulomb[j]), np.array([losses.viscous[j], 0.0, 0.0])
+        zero = 0.0
+        for change in identified.changes:
+            part, p = change.part("mjcf"), change.values
+            if change.joint == j and part == "curve":
+                more, curve = fit_polynomial(partial(friction_over_speed, change.effect, p), _top_speed(arm, j))
+                dry, damping = dry + more, damping + curve
+            elif change.joint == j:
+                zero -= (
+                    p["offset_rad"] if part == "zero" else 0.0
+                )  # qpos is the logged angle, the true one is qpos − ref
+                _add_part(own, part, p)
+        friction = {"damping": numbers(damping), "frictionloss": repr(dry), "solreffriction": f"{CONSTRAINT_TIME!r} 1"}
+        plain = {"armature": repr(float(losses.motor_inertia[j])), **friction}
+        own.joint.update({**plain, **own.joint, **_limits(arm, j, zero)})
+        found.append(own)
+    return tuple(found)
 
-    Args:
-        arm: The arm.
-        losses: Its losses.
-        changes: Identified effects.
-    """
-    delay = max(sum(change.values["delay_s"] for change in changes if change.part("mjcf") == "delay"), 0.0)
-    return tuple(_elements(arm, losses, j, [c for c in changes if c.joint == j], delay) for j in range(arm.n))
 
-
-def _elements(arm: ArmModel, losses: Losses, j: int, changes: Sequence[Change], delay: float) -> JointElements:
-    """Elements of one joint: its losses, its limits, and its effects on top."""
-    dry, damping = float(losses.coulomb[j]), np.array([losses.viscous[j], 0.0, 0.0])
-    gain, bias, zero = 1.0, 0.0, 0.0
-    joint: dict[str, str] = {}
-    sensor, spring = _late(delay), dict[str, str]()
-    for change in changes:
-        part, p = change.part("mjcf"), change.values
-        if part == "gain":
-            gain = 1.0 / (1.0 + p["gain"])
-        elif part == "bias":
-            bias -= p["offset_Nm"]
-        elif part == "cutoff":
-            sensor["cutoff"] = repr(p["limit_Nm"])
-        elif part == "zero":
-            zero -= p["offset_rad"]  # qpos is the logged angle, the true one is qpos − ref
-        elif part == "spring":
-            rest, stiffness = spring_at_rest(p)
-            joint |= {"springref": repr(rest), "stiffness": _text(stiffness)}
-        elif part == "curve":
-            more, curve = fit_polynomial(partial(friction_over_speed, change.effect, p), _top_speed(arm, j))
-            dry, damping = dry + more, damping + curve
-        elif part == "second joint":
-            spring = {"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])}
-    own = {"armature": repr(float(losses.motor_inertia[j])), "damping": _text(damping), "frictionloss": repr(dry)}
-    joint = {**own, "solreffriction": f"{CONSTRAINT_TIME!r} 1", **joint, **_limits(arm, j, zero)}
-    motor = {"gear": repr(gain), "gaintype": "fixed", "gainprm": "1"}
-    if bias:
-        motor |= {"biastype": "affine", "biasprm": f"{bias!r} 0 0"}
-    return JointElements(arm.joint_names[j], joint, motor, sensor, spring)
+def _add_part(own: JointElements, part: str, p: Mapping[str, float]) -> None:
+    """Writes one effect's part of a joint's elements."""
+    if part == "gain":
+        own.motor["gear"] = repr(1.0 / (1.0 + p["gain"]))
+    elif part == "bias":
+        own.motor.update({"biastype": "affine", "biasprm": f"{-p['offset_Nm']!r} 0 0"})
+    elif part == "cutoff":
+        own.sensor["cutoff"] = repr(p["limit_Nm"])
+    elif part == "spring":
+        rest, stiffness = spring_at_rest(p)
+        own.joint.update({"springref": repr(rest), "stiffness": numbers(stiffness)})
+    elif part == "second joint":
+        own.spring.update({"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])})
 
 
 def _late(delay: float) -> dict[str, str]:
@@ -115,7 +111,8 @@ def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:
     return found
 
 
-def _text(values: Sequence[float] | Array) -> str:
+def numbers(values: Sequence[float] | Array) -> str:
+    """Numbers of an attribute, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.export.bodies import moved
-from ident.export.identified import Change
+from ident.export.identified import IdentifiedArm
 from ident.export.mjcf import gravity_of, inertial_attributes
-from ident.export.mjcf_joint import joint_elements
+from ident.export.mjcf_joint import joint_elements, numbers
 from ident.export.mjcf_match import Match, match_file
 from ident.files import atomic_write
 from ident.laws.bodies import payload_parameters
@@ -30,7 +30,7 @@ from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.
-WRITTEN = ("armature", "damping", "frictionloss", "springref", "stiffness")
+WRITTEN = frozenset({"armature", "damping", "frictionloss", "springref", "stiffness"})
 # Parts of which such an edit says nothing, and why.
 LEFT_OUT = {
     "second joint": "an elastic gear needs a second joint",
@@ -65,48 +65,50 @@ class Merged:
         }
 
 
-def merge_mjcf(
-    source: Path,
-    out: Path,
-    nominal: ArmModel,
-    arm: ArmModel,
-    losses: Losses,
-    changes: Sequence[Change] = (),
-    placed: Path | None = None,
-) -> Merged:
+def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path | None = None) -> Merged:
     """Writes a copy of an MJCF with what was identified.
 
     Args:
         source: The user's file; it is left as it is.
         out: The copy; paths of its meshes point to where they are.
-        nominal: The arm as its URDF has it.
-        arm: The same with identified inertias.
-        losses: Its losses.
-        changes: Named effects; link errors are in the arm already.
+        identified: The arm.
         placed: Where the copy will lie in the end, if `out` is only where it is put together.
 
     Raises:
         InputError: The file can't be read, is of another arm, or what hangs on a link weighs more than was identified.
     """
     root, model = _open(source)
-    match = match_file(nominal, model, source)
+    arm, changes = identified.whole, identified.changes
+    match = match_file(identified.nominal, model, source)
     links = np.array(arm.inertial_parameters).reshape(-1, 10)
-    for change in changes:
-        if change.part("mjcf") == "load":
-            links[-1] += payload_parameters(change.values)
-    _write_joints(root, match, arm, losses, changes)
+    links[-1] += sum(payload_parameters(one.values) for one in changes if one.part("mjcf") == "load")
+    elements = {one.get("name"): one for one in root.iter("joint")}
+    for name, own in zip(match.joints, joint_elements(identified), strict=True):
+        for key in WRITTEN & own.joint.keys():
+            elements[name].set(key, own.joint[key])
     _write_links(root, match, model, links, arm, source)
-    _write_gravity(root, match, arm, changes)
-    folders, here = _asset_folders(root), Path(source).parent
-    _point_to_meshes(root, folders, here, (placed or out).parent)
+    if any(change.part("mjcf") == "level" for change in changes):
+        _child(root, "option").set("gravity", numbers(match.base_turn @ gravity_of(identified)))
+    compiler, here = _child(root, "compiler"), Path(source).parent
+    folders = {key: compiler.get(key, compiler.get("assetdir", "")) for key in ("meshdir", "texturedir")}
+    _point_to_meshes(compiler, folders, here, (placed or out).parent)
     text = ET.tostring(root, encoding="unicode") + "\n"
     with atomic_write(out) as part:
         part.write_text(text, encoding="utf-8")
-    told = tuple(f"{one.effect}: {LEFT_OUT[part]}" for one in changes if (part := one.part("mjcf")) in LEFT_OUT)
-    whole = arm.with_inertial_parameters(links.ravel()).with_gravity(gravity_of(arm, changes))
-    _point_to_meshes(root, folders, here, None)
-    far = _difference(ET.tostring(root, encoding="unicode"), match, whole, losses, bool(changes))
+    told = tuple(f"{one.effect}: {LEFT_OUT[said]}" for one in changes if (said := one.part("mjcf")) in LEFT_OUT)
+    whole = arm.with_inertial_parameters(links.ravel()).with_gravity(gravity_of(identified))
+    _point_to_meshes(compiler, folders, here, None)
+    far = _difference(ET.tostring(root, encoding="unicode"), match, whole, identified.losses, bool(changes))
     return Merged(text, dict(zip(arm.joint_names, match.joints, strict=True)), told, far)
+
+
+def _child(root: ET.Element, tag: str) -> ET.Element:
+    """An element of the file, made at its head if it is not there."""
+    found = root.find(tag)
+    if found is None:
+        found = ET.Element(tag)
+        root.insert(0, found)
+    return found
 
 
 def _open(source: Path) -> tuple[ET.Element, mujoco.MjModel]:
@@ -119,15 +121,6 @@ def _open(source: Path) -> tuple[ET.Element, mujoco.MjModel]:
     except (OSError, ET.ParseError, ValueError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(source, f"can't be read as MJCF ({reason})", "give a file that MuJoCo loads") from None
-
-
-def _write_joints(root: ET.Element, match: Match, arm: ArmModel, losses: Losses, changes: Sequence[Change]) -> None:
-    """Sets what was identified of each joint."""
-    elements = {one.get("name"): one for one in root.iter("joint")}
-    for name, one in zip(match.joints, joint_elements(arm, losses, changes), strict=True):
-        for key in WRITTEN:
-            if key in one.joint:
-                elements[name].set(key, one.joint[key])
 
 
 def _write_links(
@@ -166,30 +159,8 @@ def _hanging(model: mujoco.MjModel, data: mujoco.MjData, body: int, own: set[int
     return total
 
 
-def _write_gravity(root: ET.Element, match: Match, arm: ArmModel, changes: Sequence[Change]) -> None:
-    """A named tilt turns the file's gravity."""
-    if all(change.part("mjcf") != "level" for change in changes):
-        return
-    option = root.find("option")
-    if option is None:
-        option = ET.Element("option")
-        root.insert(0, option)
-    option.set("gravity", " ".join(repr(float(value)) for value in match.base_turn @ gravity_of(arm, changes)))
-
-
-def _asset_folders(root: ET.Element) -> dict[str, str]:
-    """Where a file's meshes and textures lie, as it says itself."""
-    compiler = root.find("compiler")
-    said = {} if compiler is None else dict(compiler.attrib)
-    return {key: said.get(key, said.get("assetdir", "")) for key in ("meshdir", "texturedir")}
-
-
-def _point_to_meshes(root: ET.Element, folders: Mapping[str, str], here: Path, there: Path | None) -> None:
+def _point_to_meshes(compiler: ET.Element, folders: Mapping[str, str], here: Path, there: Path | None) -> None:
     """Makes a copy of the file find meshes and textures: from another folder, or from anywhere."""
-    compiler = root.find("compiler")
-    if compiler is None:
-        compiler = ET.Element("compiler")
-        root.insert(0, compiler)
     for key, folder in folders.items():
         place = here.resolve() / folder
         compiler.set(key, str(place) if there is None else os.path.relpath(place, there.resolve()))

@@ -19,11 +19,11 @@ from ident import laws
 from ident.arrays import Float
 from ident.effects import base
 from ident.errors import InputError
+from ident.export.identified import IdentifiedArm
 from ident.export.templates import fill
 from ident.laws.acting import KNOWN
 from ident.laws.chain import Arm, Array
 from ident.laws.motion import Losses
-from ident.laws.sensing import Effect
 from ident.laws.table import COLUMNS
 from ident.robot.arm import ArmModel
 
@@ -61,22 +61,15 @@ class InFile:
     links: Float[Array, "n 10"] | None = None
 
 
-def write_module(
-    arm: ArmModel,
-    losses: Losses,
-    effects: Sequence[Effect],
-    files: Mapping[str, InFile],
-    kinds: Sequence[base.Effect] = (),
-) -> str:
-    """The module's text.
+def write_module(identified: IdentifiedArm, files: Mapping[str, InFile]) -> str:
+    """The module's text: the tuned arm without the effects, its losses, and the effects whose law is known.
 
     Args:
-        arm: The tuned arm, without the effects.
-        losses: Its losses, tuned together with the effects.
-        effects: The effects whose law is known.
+        identified: The arm; effects outside the catalogue bring their law along.
         files: What `urdf` and `mjcf` hold.
-        kinds: The effects themselves: those outside the catalogue bring their law along.
     """
+    arm, losses, effects = identified.tuned, identified.losses, identified.effects
+    kinds = [change.kind for change in identified.changes if change.has_law and change.kind is not None]
     own = {kind.id: kind for kind in kinds if kind.id not in KNOWN}
     named = ", ".join(f"{name!r}: {name}" for name in COLUMNS)
     more = [inspect.getsource(one).strip() for one in COLUMNS.values() if one.__module__.split(".")[-1] not in PARTS]

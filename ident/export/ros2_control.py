@@ -10,6 +10,7 @@ import json
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.export.identified import IdentifiedArm
 from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 
@@ -19,8 +20,9 @@ POSES = 400
 UNLIMITED = 1e6
 
 
-def write_limits(arm: ArmModel, losses: Losses) -> str:
+def write_limits(identified: IdentifiedArm) -> str:
     """YAML text: a file of parameters for any node, `joint_limits` with one table a joint."""
+    arm, losses = identified.whole, identified.losses
     acceleration = allowed_acceleration(arm, losses)
     lines = [
         "# Positions, speeds and efforts are the URDF's. The acceleration is what the identified arm's effort limit",

@@ -7,14 +7,14 @@ no place, stands in the parameter file.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.export.bodies import about_centre, moved
-from ident.export.identified import Change
-from ident.laws.motion import Losses
+from ident.export.identified import IdentifiedArm
+from ident.export.mjcf_joint import numbers
 from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
@@ -29,15 +29,9 @@ MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 ENTRIES = (np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2]))
 
 
-def write_urdf(arm: ArmModel, losses: Losses, links: Float[Array, "n 10"], changes: Sequence[Change]) -> str:
-    """The patched URDF.
-
-    Args:
-        arm: The arm that was diagnosed; its source file is edited where there is one.
-        losses: Losses of each joint; those that the URDF already states are replaced.
-        links: Change of each link's inertial numbers.
-        changes: Named effects.
-    """
+def write_urdf(identified: IdentifiedArm) -> str:
+    """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
+    arm, losses, links = identified.nominal, identified.losses, identified.links.total
     root = _parse(arm)
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     bodies = {link.get("name"): link for link in root.findall("link")}
@@ -45,7 +39,7 @@ def write_urdf(arm: ArmModel, losses: Losses, links: Float[Array, "n 10"], chang
         _set_dynamics(joints[name], float(losses.viscous[j]), float(losses.coulomb[j]))
         if np.any(links[j]):
             _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
-    for change in changes:
+    for change in identified.changes:
         part = change.part("urdf")
         if part == "load":
             _add_payload(root, arm.links[-1], change.values)
@@ -62,10 +56,6 @@ def _parse(arm: ArmModel) -> ET.Element:
     text = arm.source.read_text(encoding="utf-8") if arm.source is not None else arm.urdf
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     return ET.fromstring(text, parser=parser)
-
-
-def _text(values: Sequence[float] | Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def _child(element: ET.Element, tag: str) -> ET.Element:
@@ -137,7 +127,7 @@ def _ten_numbers(inertial: ET.Element) -> Float[Array, " 10"]:
 
 def _set_inertial(inertial: ET.Element, mass: float, centre: Array, inertia: Float[Array, "3 3"]) -> None:
     origin = _child(inertial, "origin")
-    origin.set("xyz", _text(centre))
+    origin.set("xyz", numbers(centre))
     origin.set("rpy", "0 0 0")
     _child(inertial, "mass").set("value", repr(mass))
     moments = _child(inertial, "inertia")
@@ -166,7 +156,7 @@ def _fix(root: ET.Element, name: str, parent: str, child: str, turn: Float[Array
     joint = ET.SubElement(root, "joint", name=name, type="fixed")
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-    ET.SubElement(joint, "origin", xyz="0 0 0", rpy=_text(matrix_to_rpy(turn)))
+    ET.SubElement(joint, "origin", xyz="0 0 0", rpy=numbers(matrix_to_rpy(turn)))
 
 
 def _turn_joint(joint: ET.Element, offset: float) -> None:
@@ -176,9 +166,9 @@ def _turn_joint(joint: ET.Element, offset: float) -> None:
     turn = rpy_to_matrix(read_vector(origin, "rpy"))
     if joint.get("type") == "prismatic":
         place = read_vector(origin, "xyz") + offset * turn @ axis / np.linalg.norm(axis)
-        origin.set("xyz", _text(place))
+        origin.set("xyz", numbers(place))
     else:
-        origin.set("rpy", _text(matrix_to_rpy(turn @ rotation_about(axis, offset))))
+        origin.set("rpy", numbers(matrix_to_rpy(turn @ rotation_about(axis, offset))))
     limit = joint.find("limit")
     for key in ("lower", "upper"):
         if limit is not None and limit.get(key) is not None:

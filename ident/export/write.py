@@ -8,8 +8,10 @@ from __future__ import annotations
 import json
 import tempfile
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,6 @@ from ident.export.formats import (
     FORMATS,
     LOADED,
     Run,
-    Stated,
     express,
     recorded_runs,
     state_arm,
@@ -32,13 +33,12 @@ from ident.export.formats import (
 from ident.export.identified import Change, Diagnosed, IdentifiedArm
 from ident.export.isaac import write_isaac
 from ident.export.loading import FILE_OF, WrittenFile, load_module, random_states
-from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, Recorded, measure_gap
-from ident.export.mjcf_merge import Merged, merge_mjcf
+from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, measure_gap
+from ident.export.mjcf_merge import merge_mjcf
 from ident.export.parameters import write_parameters
 from ident.export.python import InFile, write_module
 from ident.export.ros2_control import write_limits
 from ident.files import atomic_folder
-from ident.laws.motion import Losses
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
 from ident.provenance import Provenance, files_of, runs_of
@@ -57,6 +57,8 @@ FILES = {
     "ros2_control": "joint_limits.yaml",
     "cpp": "torque_model.hpp",
 }
+WRITERS = {"isaaclab": write_isaac, "ros2_control": write_limits, "cpp": write_cpp}
+NOT_TUNED = "not in the diagnosis: losses and tuned inertias are zero"
 # Less of the tuned torque than this is not worth a word.
 LEAST_MISSED = 0.005
 # What the candidates are, in a record.
@@ -92,12 +94,9 @@ def write_patch(
     Raises:
         InputError: Another robot's diagnosis, or the folder holds something else.
     """
-    options = diagnosed.candidates(robot)
-    origin = provenance or Provenance("ident patch")
-    seen = diagnosed.runs & runs_of(origin.sessions)
-    tuned = "tuned" if diagnosed.has_baseline else "not in the diagnosis: losses and tuned inertias are zero"
-    with atomic_folder(out, PATCH_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
-        arm = _Files(options, tuple(motions), folder, Path(scratch))
+    options, origin = diagnosed.candidates(robot), provenance or Provenance("ident patch")
+    seen = bool(diagnosed.runs & runs_of(origin.sessions))
+    with _Files.into_folder(options, motions, out, PATCH_KIND) as arm:
         arm.write_loaded(LOADED)
         arm.write("parameters.toml", write_parameters(options["after"], options["tuned"].losses))
         arm.write("extra_torque.py", arm.module())
@@ -108,23 +107,21 @@ def write_patch(
             "joints": list(arm.nominal.joint_names),
             "diagnosis": diagnosed.path.name,
             "verdict": diagnosed.verdict,
-            "baseline": tuned,
+            "baseline": "tuned" if diagnosed.has_baseline else NOT_TUNED,
             "files": list(PATCH_FILES),
             "effects": [_describe(change) for change in diagnosed.changes],
             "told": told,
             "structure": arm.structure(),
         }
         if into is not None:
-            merged = arm.merge(into, out)
-            record |= {"merged": merged.to_dict(), "files": [*PATCH_FILES, MERGED]}
-            told += [f"{MERGED}: left out {one}" for one in merged.left_out]
+            record |= {"merged": arm.merge(into), "files": [*PATCH_FILES, MERGED]}
+            told += [f"{MERGED}: left out {one}" for one in record["merged"]["left_out"]]
         if motions:
-            record |= arm.measured("extra_torque.py", in_sample=bool(seen))
+            record |= arm.measured("extra_torque.py", in_sample=seen)
             told += arm.choice_in_words()
             if seen:
                 told.append("measured on recordings that the diagnosis was made from: nothing is held out")
-        record["provenance"] = origin.to_dict()
-        arm.write("patch.json", json.dumps(record, indent=1) + "\n")
+        arm.write_record("patch.json", record, origin)
     return record
 
 
@@ -159,19 +156,15 @@ def write_export(
         raise InputError("--format", f"{unknown[0]!r} is unknown", f"use one of: {', '.join(FILES)}")
     after = IdentifiedArm.of_model(model, nearest)
     options = {"before": IdentifiedArm.as_urdf(model.nominal), "after": after}
-    with atomic_folder(out, EXPORT_KIND) as folder, tempfile.TemporaryDirectory() as scratch:
-        arm = _Files(options, tuple(motion.select(model.joint_names) for motion in motions), folder, Path(scratch))
+    motions = [motion.select(model.joint_names) for motion in motions]
+    with _Files.into_folder(options, motions, out, EXPORT_KIND) as arm:
         arm.write_loaded([name for name in LOADED if name in formats])
-        texts = {
-            "toml": lambda: write_parameters(after, estimates=model.figures),
-            "python": arm.module,
-            "isaaclab": lambda: write_isaac(after.whole, arm.plain_losses()),
-            "ros2_control": lambda: write_limits(after.whole, arm.plain_losses()),
-            "cpp": lambda: write_cpp(after.whole, arm.plain_losses()),
-        }
+        texts = {"toml": lambda: write_parameters(after, estimates=model.figures), "python": arm.module}
         for name in formats:
             if name in texts:
                 arm.write(FILES[name], texts[name]())
+            elif name in WRITERS:
+                arm.write(FILES[name], WRITERS[name](arm.plain))
         left_out = _left_out(model)
         record: dict[str, Any] = {
             "schema": EXPORT,
@@ -180,21 +173,20 @@ def write_export(
             "files": [FILES[name] for name in formats],
             "changed_links": list(after.links.mended),
             "left_out": left_out,
-            "loaded_back": {**arm.structure(), **_read_back(folder, formats, after)},
+            "loaded_back": {**arm.structure(), **_read_back(arm.folder, formats, after)},
         }
         if into is not None:
-            record["merged"] = arm.merge(into, out).to_dict()
+            record["merged"] = arm.merge(into)
             record["files"].append(MERGED)
         if motions and arm.chosen:
-            helper = FILES["python"] if "python" in formats else None
-            record |= arm.measured(helper, _is_seen(model, origin))
+            seen = origin is not None and bool(files_of(model.provenance) & runs_of(origin.sessions))
+            record |= arm.measured(FILES["python"] if "python" in formats else None, seen)
             record["torque_rmse_Nm"] = {
                 form: {"before": one.gaps["before"].rms, "after": one.gaps["after"].rms}
                 for form, one in arm.chosen.items()
             }
             left_out += arm.choice_in_words()
-        record["provenance"] = (origin or Provenance("ident export")).to_dict()
-        arm.write("export.json", json.dumps(record, indent=1) + "\n")
+        arm.write_record("export.json", record, origin or Provenance("ident export"))
     return record
 
 
@@ -220,27 +212,47 @@ class _Files:
     """The files of an identified arm while they are written.
 
     Attributes:
-        options: What could be written; the last is the arm with all that was identified.
+        options: What could be written; `after` is the arm with all that was identified.
         motions: Recordings that decide which of them is.
-        folder: Where the files go.
+        folder: Where the files are put together.
+        out: Where they will lie.
         scratch: For candidates.
     """
 
     options: Mapping[str, IdentifiedArm]
-    motions: tuple[Motion, ...]
+    motions: Sequence[Motion]
     folder: Path
+    out: Path
     scratch: Path
+
+    @classmethod
+    @contextmanager
+    def into_folder(
+        cls, options: Mapping[str, IdentifiedArm], motions: Sequence[Motion], out: Path, kind: str
+    ) -> Iterator[_Files]:
+        """The files of a folder that appears whole or not at all."""
+        with atomic_folder(out, kind) as folder, tempfile.TemporaryDirectory() as scratch:
+            yield cls(options, motions, folder, out, Path(scratch))
 
     def __post_init__(self) -> None:
         self.identified = self.options["after"]
         self.nominal = self.identified.nominal
         self.runs: list[Run] = recorded_runs(self.motions) or [usual_run(self.nominal, self.identified.changes)]
-        self.recorded = [Recorded(motion) for motion in self.motions]
         self.written: dict[str, WrittenFile] = {}
         self.chosen: dict[str, Chosen] = {}
 
+    @cached_property
+    def plain(self) -> IdentifiedArm:
+        """What a format states that knows no effect."""
+        return state_arm(self.identified, "losses", self.runs)
+
     def write(self, name: str, text: str) -> None:
         (self.folder / name).write_text(text, encoding="utf-8")
+
+    def write_record(self, name: str, record: dict[str, Any], origin: Provenance) -> None:
+        """The record of all files, the last of them."""
+        record["provenance"] = origin.to_dict()
+        self.write(name, json.dumps(record, indent=1) + "\n")
 
     def write_loaded(self, forms: Sequence[str]) -> None:
         """The files of simulators: where there are recordings, the best of the candidates on them."""
@@ -248,41 +260,30 @@ class _Files:
             stated = state_arm(self.identified, form, self.runs)
             if self.motions:
                 others = {name: state_arm(one, form, self.runs) for name, one in self.options.items()}
-                self.chosen[form] = choose(form, self.nominal, others, self.recorded, self.scratch / form)
+                self.chosen[form] = choose(form, others, self.motions, self.scratch / form)
                 stated = self.chosen[form].stated
-            self.written[form] = WrittenFile.write(form, self.folder, self.nominal, stated)
-
-    def plain_losses(self) -> Losses:
-        """Losses of a format that knows no effect."""
-        return state_arm(self.identified, "losses", self.runs).losses
+            self.written[form] = WrittenFile.write(form, self.folder, stated)
 
     def module(self) -> str:
         """The Python module, which says what the simulators' files lack."""
         owners = [change for change in self.identified.changes if change.has_law]
         files = {form: self._in_file(owners, self.written[form].stated) for form in self.written}
-        usual = InFile((), self.plain_losses())
-        kinds = [change.kind for change in owners if change.kind is not None]
-        return write_module(
-            self.identified.tuned,
-            self.identified.losses,
-            self.identified.effects,
-            {form: files.get(form, usual) for form in LOADED},
-            kinds,
-        )
+        usual = InFile((), self.plain.losses)
+        return write_module(self.identified, {form: files.get(form, usual) for form in LOADED})
 
-    def _in_file(self, owners: Sequence[Change], stated: Stated) -> InFile:
+    def _in_file(self, owners: Sequence[Change], stated: IdentifiedArm) -> InFile:
         errors = [change for change in stated.changes if change.part("urdf") == "inertial"]
-        links = stated.links - (self.identified.links.named if errors else 0.0)
+        links = stated.links.total - (self.identified.links.named if errors else 0.0)
         same = np.allclose(links, self.identified.links.tuned, atol=1e-12)
         numbers = None if same else self.nominal.inertial_parameters.reshape(-1, 10) + links
         return InFile([k for k, one in enumerate(owners) if one in stated.changes], stated.losses, numbers)
 
-    def merge(self, into: Path, out: Path) -> Merged:
-        """A copy of the user's own MJCF with what was identified."""
-        stated = self.written["mjcf"].stated if "mjcf" in self.written else None
-        stated = stated or state_arm(self.identified, "mjcf", self.runs)
-        body = stated.body(self.nominal)
-        return merge_mjcf(into, self.folder / MERGED, self.nominal, body, stated.losses, stated.changes, out / MERGED)
+    def merge(self, into: Path) -> dict[str, Any]:
+        """A copy of the user's own MJCF with what was identified, and what is to be said of it."""
+        stated = (
+            self.written["mjcf"].stated if "mjcf" in self.written else state_arm(self.identified, "mjcf", self.runs)
+        )
+        return merge_mjcf(into, self.folder / MERGED, stated, self.out / MERGED).to_dict()
 
     def structure(self) -> dict[str, Any]:
         """How near each loaded file is to what it should hold."""
@@ -299,7 +300,7 @@ class _Files:
                 break
             helper = Helper(loaded, form)
             model = self.written[form].load(self.motions[0].payload)
-            gaps[form]["after_with_module"] = measure_gap(model, self.recorded, helper)
+            gaps[form]["after_with_module"] = measure_gap(model, self.motions, helper)
         rms = {form: {when: gap.rms for when, gap in one.items()} for form, one in gaps.items()}
         heldout = {
             "best": {form: min(one, key=one.__getitem__) for form, one in rms.items()},
@@ -316,11 +317,6 @@ class _Files:
     def choice_in_words(self) -> list[str]:
         joints = self.nominal.joint_names
         return [line for form, one in self.chosen.items() for line in one.in_words(form, joints)]
-
-
-def _is_seen(model: HybridModel, origin: Provenance | None) -> bool:
-    """Whether a recording is one that a model was fitted on."""
-    return origin is not None and bool(files_of(model.provenance) & runs_of(origin.sessions))
 
 
 def _describe(change: Change) -> dict[str, Any]:

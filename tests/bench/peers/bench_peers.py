@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arrays import Array
+from ident.export.identified import IdentifiedArm
 from ident.export.mjcf import write_mjcf
 from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
@@ -190,7 +191,8 @@ def _mjcf(recorded: Recorded, place: Path) -> Path:
     whole = ArmModel.load(recorded.urdf)
     arm = whole if whole.joint_names == recorded.joints else whole.keeping(recorded.joints)
     path = place / "arm.xml"
-    path.write_text(write_mjcf(arm, Losses(*np.zeros((3, arm.n)), np.full(arm.n, 1e-6), np.zeros(arm.n)), ()))
+    losses = Losses(*np.zeros((3, arm.n)), np.full(arm.n, 1e-6), np.zeros(arm.n))
+    path.write_text(write_mjcf(IdentifiedArm.with_losses(arm, losses)))
     return path
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.export.bodies import moved
-from ident.export.identified import Diagnosed
+from ident.export.bodies import Links, moved
+from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.mjcf import write_mjcf
 from ident.export.mjcf_match import match_joints
 from ident.export.mjcf_merge import merge_mjcf
@@ -33,9 +33,15 @@ def arm() -> ArmModel:
     return ArmModel.load("tm5-900")
 
 
+def changed(arm: ArmModel, other: ArmModel) -> IdentifiedArm:
+    """An arm that was identified as another, with losses."""
+    links = (other.inertial_parameters - arm.inertial_parameters).reshape(-1, 10)
+    return IdentifiedArm(arm, SOME, Links(links, 0.0 * links, 0.0))
+
+
 def foreign_file(arm: ArmModel, folder: Path, hand_kg: float = 0.0) -> Path:
     """The arm as somebody else wrote it: other names, turned base, shifted frame, mesh, servo, comment, a hand."""
-    root = ET.fromstring(write_mjcf(arm, NONE, ()))
+    root = ET.fromstring(write_mjcf(IdentifiedArm.with_losses(arm, NONE)))
     for tag in ("actuator", "sensor"):
         root.remove(root.find(tag))
     world = root.find("worldbody")
@@ -86,7 +92,7 @@ def test_the_torque_is_the_identified_arms_and_the_rest_is_the_users(arm: ArmMod
     source = foreign_file(arm, tmp_path / "mine")
     before = source.read_text()
     (tmp_path / "out").mkdir()
-    merged = merge_mjcf(source, tmp_path / "out/robot.xml", arm, heavier(arm), SOME)
+    merged = merge_mjcf(source, tmp_path / "out/robot.xml", changed(arm, heavier(arm)))
     assert merged.torque_difference < 1e-6
     assert merged.joints["joint_2"] == "servo/joint_2"
     assert source.read_text() == before
@@ -106,13 +112,13 @@ def test_what_hangs_on_a_link_keeps_its_own_inertia(arm: ArmModel, tmp_path: Pat
     links = np.array(heavier(arm).inertial_parameters).reshape(-1, 10)
     links[5] += moved(np.array([0.6, 0, 0, 0, 2e-3, 0, 2e-3, 0, 0, 2e-3]), np.eye(3), np.array([0.0, 0.0, 0.1]))
     identified = arm.with_inertial_parameters(links.ravel())
-    merged = merge_mjcf(source, tmp_path / "robot.xml", arm, identified, SOME)
+    merged = merge_mjcf(source, tmp_path / "robot.xml", changed(arm, identified))
     assert merged.torque_difference < 1e-6
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
     assert model.body("hand").mass[0] == pytest.approx(0.2)
     heavy = foreign_file(arm, tmp_path / "heavy", hand_kg=9.0)
     with pytest.raises(InputError, match="what hangs on body 'link_6'"):
-        merge_mjcf(heavy, tmp_path / "none.xml", arm, identified, SOME)
+        merge_mjcf(heavy, tmp_path / "none.xml", changed(arm, identified))
     assert not (tmp_path / "none.xml").exists()
 
 
@@ -126,7 +132,7 @@ def test_a_file_of_something_else_is_refused(arm: ArmModel, tmp_path: Path) -> N
     ):
         source.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=what):
-            merge_mjcf(source, tmp_path / "robot.xml", arm, arm, SOME)
+            merge_mjcf(source, tmp_path / "robot.xml", changed(arm, arm))
 
 
 def test_another_sign_and_another_length_are_refused_with_the_joint(arm: ArmModel, tmp_path: Path) -> None:
@@ -136,14 +142,14 @@ def test_another_sign_and_another_length_are_refused_with_the_joint(arm: ArmMode
     joint.set("axis", " ".join(str(-float(part)) for part in joint.get("axis").split()))
     tree.write(source)
     with pytest.raises(InputError, match="joint_4 it moves otherwise"):
-        merge_mjcf(source, tmp_path / "robot.xml", arm, arm, SOME)
+        merge_mjcf(source, tmp_path / "robot.xml", changed(arm, arm))
     other = foreign_file(arm, tmp_path / "longer")
     tree = ET.parse(other)
     body = next(one for one in tree.iter("body") if one.get("name") == "link_4")
     body.set("pos", " ".join(str(1.1 * float(part)) for part in body.get("pos").split()))
     tree.write(other)
     with pytest.raises(InputError, match="moves otherwise"):
-        merge_mjcf(other, tmp_path / "robot.xml", arm, arm, SOME)
+        merge_mjcf(other, tmp_path / "robot.xml", changed(arm, arm))
 
 
 def test_names_match_by_their_ends_or_not_at_all() -> None:

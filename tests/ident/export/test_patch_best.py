@@ -4,13 +4,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.export.bodies import Links
 from ident.export.choose import choose, mix
-from ident.export.formats import Stated
-from ident.export.measure import Recorded
+from ident.export.identified import IdentifiedArm
+from ident.export.mjcf import write_mjcf
 from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions
@@ -25,12 +27,13 @@ def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ident.export.measure.MOST_WINDOWS", 6)
 
 
-def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None) -> Stated:
+def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None) -> IdentifiedArm:
     """Links that are heavier by a share, and dry friction of one joint or of all."""
     arm = ArmModel.load("tm5-900")
     level = np.full(6, 4.0)
     level[slice(None) if joint is None else joint] = coulomb
-    return Stated(heavier * arm.inertial_parameters.reshape(6, 10), replace(LOSSES, coulomb=level), ())
+    links = heavier * arm.inertial_parameters.reshape(6, 10)
+    return IdentifiedArm(arm, replace(LOSSES, coulomb=level), Links(links, 0.0 * links, 0.0))
 
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])
@@ -42,13 +45,12 @@ def stated(coulomb: float = 4.0, heavier: float = 0.0, joint: int | None = None)
         {"before": stated(heavier=0.3), "tuned": stated(6.0), "after": stated(8.0, joint=2)},
     ],
 )
-def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, Stated], tmp_path: Path) -> None:
+def test_the_nearest_is_written_joint_by_joint(form: str, options: dict[str, IdentifiedArm], tmp_path: Path) -> None:
     """Law: on runs of a known arm its own bodies are taken, and at each joint the friction that is nearest."""
     arm = ArmModel.load("tm5-900")
     law: LAW = lambda q, dq, ddq: arm.inverse_dynamics(q, dq, ddq) + LOSSES.torque(dq, ddq, np.tanh(dq / 0.01))  # noqa: E731
-    runs = [Recorded(motion) for motion in made_motions(arm, law, [3], duration=4.0)]
-    found = choose(form, arm, options, runs, tmp_path / "scratch")
-    np.testing.assert_array_equal(found.stated.links, 0.0)
+    found = choose(form, options, made_motions(arm, law, [3], duration=4.0), tmp_path / "scratch")
+    np.testing.assert_array_equal(found.stated.links.total, 0.0)
     np.testing.assert_array_equal(found.stated.losses.coulomb, 4.0)
     for gap in found.gaps.values():
         assert np.all(found.gaps["after"].torque <= 1.01 * gap.torque + 1e-6)
@@ -60,20 +62,13 @@ def test_a_mixture_has_one_candidates_bodies_and_each_joints_own_losses() -> Non
     options = {"before": stated(1.0, heavier=0.1), "after": stated(2.0)}
     found = mix(options, "before", ("before", "after", "before", "after", "after", "before"))
     np.testing.assert_array_equal(found.losses.coulomb, [1, 2, 1, 2, 2, 1])
-    np.testing.assert_array_equal(found.links, options["before"].links)
+    np.testing.assert_array_equal(found.links.total, options["before"].links.total)
 
 
 def test_meshes_are_kept_as_hulls() -> None:
     """The MJCF of an arm of meshes loads, and has a geom a mesh, where the mesh is."""
-    import mujoco
-    import numpy as np
-
-    from ident.export.mjcf import write_mjcf
-    from ident.laws.motion import Losses
-
     arm = ArmModel.load("ur10")
-    zero = np.zeros(arm.n)
-    model = mujoco.MjModel.from_xml_string(write_mjcf(arm, Losses(zero, zero, zero, np.full(arm.n, 0.01), zero), ()))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(IdentifiedArm.as_urdf(arm)))
     assert model.ngeom == len(arm.geometry.geometryObjects)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -15,7 +15,7 @@ from ident.effects.added_body import PLACE
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
 from ident.errors import InputError
-from ident.export.bodies import nearest_bodies
+from ident.export.bodies import Links, nearest_bodies
 from ident.export.formats import state_arm, usual_run
 from ident.export.identified import Change, Diagnosed, IdentifiedArm, Tuning
 from ident.export.loaded import LoadedMjcf
@@ -53,7 +53,8 @@ def test_a_change_larger_than_the_link_takes_from_what_hangs_on_it(taken_kg: flo
     changes = np.zeros((arm.n, 10))
     changes[-1] = last * (taken_kg / last[0])
     none = np.zeros(arm.n)
-    text = write_urdf(arm, Losses(none, none, none, none, none), changes, ())
+    links = Links(changes, 0.0 * changes, 0.0)
+    text = write_urdf(IdentifiedArm(arm, Losses(none, none, none, none, none), links))
     again = ArmModel.from_urdf(text, arm.source)
     np.testing.assert_allclose(again.inertial_parameters, arm.inertial_parameters + changes.ravel(), atol=1e-9)
 
