@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ident.errors import InputError as InputError
     from ident.model.hybrid import FitOptions as FitOptions
     from ident.model.hybrid import HybridModel as HybridModel
+    from ident.progress import listening as listening
     from ident.recordings.recording import Recording as Recording
     from ident.recordings.recording import Session as Session
     from ident.robot.arm import ArmModel as ArmModel
@@ -55,6 +56,7 @@ _HOMES = {
     "fit": "ident.api.fitting",
     "fit_hybrid": "ident.api.fitting",
     "inspect": "ident.api.inspecting",
+    "listening": "ident.progress",
     "new": "ident.api.starting",
     "open_sessions": "ident.sessions",
     "patch": "ident.api.patching",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from ident.errors import ModelError
 from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
+from ident.progress import step
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.sessions import Opened, Robot, Sources, open_sessions
@@ -29,7 +29,6 @@ def fit_hybrid(
     topic: str = TOPIC,
     session_file: str | Path | None = None,
     cutoff: float | None = None,
-    progress: Callable[[int, int, float], None] | None = None,
     checkpoint: Path | None = None,
     named: str | Path | None = None,
 ) -> FitResults:
@@ -42,7 +41,6 @@ def fit_hybrid(
         topic: Topic of bags.
         session_file: A session.toml for folders that can't hold one.
         cutoff: Corner of the common filter [Hz].
-        progress: Called after each joint, or epoch, of the net.
         checkpoint: Folder in which the net's training may stop and go on.
         named: JSON of a diagnosis whose laws of joints are to be part of the model.
 
@@ -56,7 +54,7 @@ def fit_hybrid(
         opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept, motion=options.motion)
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
     data = opened.data_records()
-    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, progress, checkpoint, laws)
+    found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, step, checkpoint, laws)
     accepted = [issue.to_dict() for issue in opened.issues if issue.issue in options.accept]
     model = replace(found.model, provenance={**found.model.provenance, "accepted": accepted})
     found = replace(found, model=model)

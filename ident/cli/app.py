@@ -26,7 +26,7 @@ from ident.errors import InputError, plural
 from ident.files import deliver, write_record
 from ident.outputs import SESSION_KIND, absolute, check_outputs
 from ident.process import run_command
-from ident.show.console import LadderTable, print_effort, print_issues, progress_bar
+from ident.show.console import LadderTable, print_effort, print_issues, progress_line
 
 
 @app.command()
@@ -128,8 +128,8 @@ def fit(
     opened = open_sessions(sessions, robot, topic, session_file, cutoff, accept=options.accept, motion=options.motion)
     print_issues(console, opened.issues)
     checkpoint = absolute(out).with_name(absolute(out).name + ".training")
-    with progress_bar(console, "residual net") as progress:
-        results = fit_hybrid(opened, options=options, progress=progress, checkpoint=checkpoint, named=named)
+    with progress_line(console, "fit"):
+        results = fit_hybrid(opened, options=options, checkpoint=checkpoint, named=named)
 
     def show() -> None:
         console.print(results.summary(), soft_wrap=True)
@@ -215,10 +215,11 @@ def diagnose(
     chosen = USUAL if settings is None else read_settings(settings)
     options = DiagnoseOptions(model, catalogue, cutoff, seed, topic, session_file, accept or (), chosen)
     looks = None
-    if until is None:
-        examined = examine(sessions, robot, options)
-    else:
-        examined, looks = examine_until(until, sessions, robot, options)
+    with progress_line(console, "diagnose"):
+        if until is None:
+            examined = examine(sessions, robot, options)
+        else:
+            examined, looks = examine_until(until, sessions, robot, options)
     diagnosis, analysis, loaded = examined.diagnosis, examined.analysis, examined.model
     record = {**diagnosis.to_dict(), **({} if looks is None else {"until": looks.to_dict()})}
 

@@ -12,6 +12,7 @@ from ident.cli.shared import Cutoff, JsonFile, Robot, SessionFile, Topic, app, c
 from ident.errors import InputError
 from ident.files import atomic_folder, deliver, write_record
 from ident.outputs import check_outputs
+from ident.show.console import progress_line
 
 KIND = "comparison"
 
@@ -40,9 +41,10 @@ def compare(
     earlier, later = split_sets(before, after)
     read = [*earlier, *later, robot, session_file]
     check_outputs(read, {"--html": html, "--json": json_file}, {"--out": (out, KIND)})
-    found = compare_sets(
-        list(earlier), list(later), robot, cutoff=cutoff, seed=seed, topic=topic, session_file=session_file
-    )
+    with progress_line(console, "compare"):
+        found = compare_sets(
+            list(earlier), list(later), robot, cutoff=cutoff, seed=seed, topic=topic, session_file=session_file
+        )
     record = found.to_dict()
 
     def write_folder() -> None:

@@ -12,7 +12,8 @@ from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console
 from ident.errors import InputError, visible
 from ident.files import deliver, write_record
 from ident.outputs import SESSION_KIND, check_outputs
-from ident.show.console import print_issues, progress_bar
+from ident.progress import stage, step
+from ident.show.console import print_issues, progress_line
 
 
 @app.command()
@@ -84,7 +85,8 @@ def watch(
     shown = ""
     while True:
         try:
-            with progress_bar(console, "sessions", "") as progress:
+            with progress_line(console, "watch"):
+                stage("sessions")
                 found = look(
                     folder,
                     store,
@@ -95,7 +97,7 @@ def watch(
                     settle=settle,
                     workers=workers,
                     scheduler=scheduler,
-                    progress=lambda done, total: progress(done, total, 0.0),
+                    progress=step,
                 )
         except NoSession as error:
             if once:

@@ -12,10 +12,11 @@ from ident.api.diagnosing import diagnose
 from ident.model.evaluation import Evaluation, evaluate
 from ident.model.hybrid import MODEL_KIND, FitOptions, HybridModel, fit_hybrid
 from ident.outputs import check_outputs
+from ident.progress import step
 from ident.provenance import Provenance
 from ident.robot.names import data_path
 from ident.sessions import Opened, open_sessions
-from ident.show.console import LadderTable, print_issues, progress_bar
+from ident.show.console import LadderTable, print_issues, progress_line
 from ident.show.report import write_diagnosis_report, write_evaluation_report
 from ident.show.terminal import print_diagnosis
 from ident.show.timeline import write_timeline
@@ -76,7 +77,8 @@ def run_demo(out: Path, logs: Path | None, console: Console) -> dict[str, Any]:
 
 def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
     """Diagnoses a session whose cause is withheld, in an envelope beside it."""
-    diagnosis = diagnose(session, "tm5-900")
+    with progress_line(console, f"diagnose {session.name}"):
+        diagnosis = diagnose(session, "tm5-900")
     console.print(f"\nWhat is wrong with the arm of {session.name}?")
     print_diagnosis(console, diagnosis)
     record = diagnosis.to_dict()
@@ -89,8 +91,8 @@ def _fit(opened: Opened, sessions: tuple[str, ...], name: str, console: Console,
     motions = [motion for session, group in opened.groups if session in sessions for motion in group]
     records = [record for record in opened.data_records() if record["session"] in sessions]
     options = FitOptions(links=links, inertia="consistent" if links == 6 else "nominal")
-    with progress_bar(console, f"fit on {name}") as progress:
-        return fit_hybrid(motions, opened.arm, options, records, progress).model
+    with progress_line(console, f"fit on {name}"):
+        return fit_hybrid(motions, opened.arm, options, records, step).model
 
 
 def _print(results: list[Evaluation], console: Console) -> None:

@@ -13,9 +13,10 @@ from ident.cli.shared import JsonFile, app, console
 from ident.errors import InputError, plural
 from ident.files import deliver, write_record
 from ident.outputs import SESSION_KIND, check_outputs
+from ident.progress import stage, step
 from ident.provenance import Provenance
 from ident.results import Result
-from ident.show.console import progress_bar
+from ident.show.console import progress_line
 
 
 @app.command()
@@ -67,11 +68,12 @@ def simulate(
     if plan is not None:
         given = (read_plan(plan, ArmModel.load(robot)),) * runs
     total = runs if given is None else len(given)
-    with progress_bar(console, "simulation", "") as progress:
-        finished = count()
+    with progress_line(console, "simulate"):
+        finished = count(1)
+        stage("running the arm")
 
         def tell() -> None:
-            progress(next(finished) + 1, total, 0.0)
+            step(next(finished), total)
 
         if recipe is not None:
             written = run_recipe(recipe, out)
@@ -152,11 +154,11 @@ def blind(
         oracle=oracle,
         edit=edit,
     )
-    with progress_bar(console, "blind check", "") as progress:
+    with progress_line(console, "blind"):
         report: Result = (run_blind if semi_real is None else partial(check_on_real, semi_real))(
             options,
             lambda line: console.print(line, soft_wrap=True, highlight=False),
-            lambda step, done, total: progress(done, total, 0.0),
+            lambda words, done, total: stage(words, done / max(total, 1)),
         )
 
     def show() -> None:

@@ -47,6 +47,7 @@ from ident.effects.base import Effect, SessionContext
 from ident.model.linearisation import LEAST_MOVING
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded
+from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
@@ -88,14 +89,17 @@ def diagnose(
         settings: The numbers by which it decides.
     """
     still = [j for j in range(arm.n) if sum(int(motion.moving[:, j].sum()) for motion in few(motions)) < LEAST_MOVING]
+    stage("tuning the arm", 0.2, 0.35)
     baseline = fit_baseline(motions, arm, inertia_share, settings.regression, still)
     session = build_session(baseline, motions, common_clock)
     leftover = leftover_torque(session)
     screened = [effect.screened(session, leftover) for effect in catalogue]
     layout = build_layout(session, baseline.base.rank, screened, beside=(HeldFriction(),))
+    stage("torques of every law", 0.35, 0.6)
     evidence = gather(session, baseline, layout, rest=True).with_dwells()
     prior = Prior.of(evidence, baseline.prior)
     evidence = evidence.with_dispersion(measure_dispersion(session, baseline, evidence, prior))
+    stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
     sure = settle(first, session, baseline)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
@@ -104,6 +108,7 @@ def diagnose(
     gram = evidence.gram()
     before, after = project(gram, evidence, prior), project(gram, evidence, prior, groups)
     fixed = project(gram, evidence, search.fixed.prior)
+    stage("what is left, and what could have been seen", 0.9, 1.0)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
     beside = _beside_discrepancy(session, baseline, search, found, estimates, settings)
     steady = [item.without_friction_level(evidence.spread) for item in series]

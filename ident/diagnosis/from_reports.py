@@ -21,6 +21,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import hold, within_band
 from ident.motion.settings import MotionSettings
+from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -54,6 +55,7 @@ def diagnose_reports(
         RecordingError: The sessions have different joints, or no run is long enough.
     """
     heard = _Heard()
+    stage("reading, checking, smoothing", 0.0, 0.2)
     motions = hold(_prepare_in_turn(reports, heard, cutoff, settings.motion))
     if cutoff is None:
         motions = within_band(motions)

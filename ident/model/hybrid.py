@@ -26,6 +26,7 @@ from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
 from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.progress import stage
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
@@ -349,6 +350,7 @@ def fit_hybrid(
     if options.links == LUMPED:
         motions = select_joints(motions, nominal.joint_names)
     shaft = Shaft.parse(options.coupling, nominal.joint_names) if options.coupling else None
+    stage("inertias and losses", 0.0, 0.5)
     how = HowToIdentify(options.inertia, options.offset, options.robust, shaft)
     found, named = identify_named(motions, nominal, how, named or NamedLaws())
     arm, loss = found.inertia.arm, found.loss
@@ -359,6 +361,7 @@ def fit_hybrid(
 
     net = None
     if options.net != "none":
+        stage("residual net", 0.5, 1.0)
         net = fit_net_of_arm(few(motions), arm, known, options.net, options.seed, progress, checkpoint)
     model = HybridModel(
         robot=robot,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,9 +11,11 @@ from typing import TYPE_CHECKING
 from rich.console import Console, ConsoleOptions
 from rich.measure import Measurement
 from rich.table import Table
+from rich.text import Text
 
 from ident.console import styled
 from ident.errors import plural, visible
+from ident.progress import listening
 from ident.show.palette import rung_name
 
 if TYPE_CHECKING:  # a help text needs none of them
@@ -22,6 +25,8 @@ if TYPE_CHECKING:  # a help text needs none of them
 
 # As wide as a table would like to be [columns].
 WIDEST = 10_000
+# In a log lines are so far apart [s]; from so long on, time is told in minutes [s].
+BETWEEN_LINES, LONG = 5.0, 120.0
 COLOURS = {"fatal": "red", "warning": "yellow", "note": "dim"}
 
 
@@ -86,29 +91,38 @@ def print_effort(console: Console, effort: Sequence[JointEffort]) -> None:
 
 
 @contextmanager
-def progress_bar(console: Console, label: str, figure: str = "error") -> Iterator[Callable[[int, int, float], None]]:
-    """Lends a callback (done, total, figure): a bar on a terminal, a plain line at every tenth elsewhere."""
+def progress_line(console: Console, job: str, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Shows how far a job has come: one line, rewritten, on a terminal; elsewhere now and then a line.
 
-    def tail(value: float) -> str:
-        return f", {figure} {value:.4f}" if figure else ""
+    Args:
+        console: Where.
+        job: What the job is called.
+        clock: The time [s].
+    """
+    shown = [clock()]
+
+    def log(stage: str, share: float, left: float | None) -> None:
+        if clock() - shown[0] >= BETWEEN_LINES:
+            shown[0] = clock()
+            console.print(progress_words(job, stage, share, left), soft_wrap=True)
 
     if not console.is_terminal:
-        said = [-1]
-
-        def line(done: int, total: int, error: float) -> None:
-            if 10 * done // total > said[0]:
-                said[0] = 10 * done // total
-                console.print(f"{label}: {done} of {total}{tail(error)}")
-
-        yield line
+        with listening(log, clock):
+            yield
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # slow to load
+    from rich.live import Live  # slow to load
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}"))
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        task = progress.add_task(label, total=None)
+    with Live(console=console, transient=True, auto_refresh=False) as live:
 
-        def bar(done: int, total: int, error: float) -> None:
-            progress.update(task, completed=done, total=total, description=f"{label}{tail(error)}")
+        def rewrite(stage: str, share: float, left: float | None) -> None:
+            words = Text(progress_words(job, stage, share, left), no_wrap=True, overflow="ellipsis")
+            live.update(words, refresh=True)
 
-        yield bar
+        with listening(rewrite, clock):
+            yield
+
+
+def progress_words(job: str, stage: str, share: float, left: float | None) -> str:
+    """Such as: `diagnose: 40 %, searching, 12 s left`."""
+    ends = "" if left is None else f", {left:.0f} s left" if left < LONG else f", {left / 60.0:.0f} min left"
+    return f"{job}: {100.0 * share:.0f} %{', ' if stage else ''}{stage}{ends}"

@@ -8,11 +8,11 @@ from typing import Any
 
 from ident.api.diagnosing import Catalogue, gather_effects
 from ident.diagnosis.result import Diagnosis
+from ident.progress import stage, step
 from ident.provenance import Provenance
 from ident.sessions import Robot, load_robot
 from plan.experiment import design
 from plan.experiment.around import surroundings_of
-from plan.experiment.design import Tell
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
 from plan.geometry.tool import place_payload
@@ -32,7 +32,6 @@ def excite(
     scene: str | Path | None = None,
     floor: str = "0",
     top_speed: float | None = None,
-    progress: Tell | None = None,
 ) -> Excitation:
     """The motion that tells two effects apart, in the fewest minutes.
 
@@ -49,7 +48,6 @@ def excite(
         scene: Scene file: obstacles, floor, what is carried, limits; its task is left aside.
         floor: Height of the floor above the base [m], or `none`; a scene's own floor counts instead.
         top_speed: Top speed of every joint [deg/s].
-        progress: Called after each evaluation.
 
     Raises:
         InputError: Unknown effects or joint, or a diagnosis of another arm.
@@ -61,7 +59,8 @@ def excite(
     record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else diagnosis
     question = ask(arm, separate, joint, record, gather_effects(catalogue))
     kind: Any = shapes
-    found = design.excite(arm, question, minutes, evaluations, seed, progress, kind, around)
+    stage("searching motions")
+    found = design.excite(arm, question, minutes, evaluations, seed, step, kind, around)
     settings = {
         "robot": arm.name,
         "separate": separate,

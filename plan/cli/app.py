@@ -14,6 +14,7 @@ from ident.cli.shared import JsonFile, console, make_app
 from ident.files import write_record
 from ident.outputs import check_outputs
 from ident.process import run_command
+from ident.show.console import progress_line
 from plan.show.console import print_comparison, print_result, progress_bar
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
@@ -198,7 +199,7 @@ def excite(
     from plan.experiment.result import MOTION_KIND
 
     check_outputs([robot, diagnosis, catalogue, scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
-    with progress_bar(console, "excite") as progress:
+    with progress_line(console, "excite"):
         found = find_motion(
             robot,
             separate=separate,
@@ -212,7 +213,6 @@ def excite(
             scene=scene,
             floor=floor,
             top_speed=top_speed,
-            progress=progress,
         )
     if out is not None:
         found.write(out)

@@ -36,6 +36,7 @@ from ident.diagnosis.selection.settings import SelectionSettings
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Interval
 from ident.motion.motion import Motion
+from ident.progress import stage
 from ident.robot.arm import ArmModel
 
 # The URDF's error where it is right within its tolerance: what is seen with such a one alone is told so.
@@ -100,6 +101,7 @@ def compare(
         settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
+    stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
     first = replace(build_design(before, after, arm, still=still), doubt=doubt)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
@@ -111,10 +113,12 @@ def compare(
         )
     selection = replace(settings.selection, family_error=ALARM)
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
+    stage("searching what changed", 0.5, 0.8)
     told = _tell(first, seed, selection, sessions)
     if any(one.group.effect.id in BODIES for one in told.estimates):
         first = _with_places(first, told, before, after, arm)
         told = _tell(first, seed, selection, sessions)
+    stage("where a body is", 0.8, 1.0)
     second = refine_bodies(first, told.estimates, before, after, arm)
     if second is not None:
         told = _refined(second, told, selection, sessions)

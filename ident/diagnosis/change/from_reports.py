@@ -14,6 +14,7 @@ from ident.errors import RecordingError
 from ident.motion.motion import Motion, no_motion
 from ident.motion.out_of_core import choose_runs, within_band
 from ident.motion.settings import FOR_DIAGNOSIS
+from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -40,6 +41,7 @@ def compare_reports(
     Raises:
         RecordingError: The sessions have different joints, or no run of a set is long enough.
     """
+    stage("smoothing", 0.0, 0.1)
     reports = [*before, *after]
     issues = tuple(as_compared(issue, before, after) for report in reports for issue in report.issues)
     sides = _side(before), _side(after)

@@ -44,6 +44,7 @@ from ident.diagnosis.regression.rows import Rows, compute_rows
 from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSettings
 from ident.effects.base import SessionContext
 from ident.model.linearisation import LEAST_MOVING
+from ident.progress import step
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,6 +259,7 @@ def gather(
             batch = [rows]
         for part in batch:
             sums.add(part)
+            step(part.run + 1, len(session.runs))
             if level is not None:
                 motion = session.runs[part.run].motion
                 held_rows.append(dwell_rows(motion, part.tables, level, sums.whitening.of_mean, part.blocks))

@@ -1,0 +1,76 @@
+"""Laws of progress: who listens hears stages, a share that grows to one and the time that is left; nobody else hears."""
+
+from __future__ import annotations
+
+import io
+from itertools import count, pairwise
+
+import pytest
+from rich.console import Console
+
+from ident import diagnose
+from ident.progress import listening, stage, step
+from ident.robot.names import data_path
+from ident.show.console import BETWEEN_LINES, progress_line
+
+
+def test_time_left_is_what_an_even_pace_leaves() -> None:
+    seconds = iter(range(100))
+    heard: list[tuple[str, float, float | None]] = []
+    with listening(lambda *told: heard.append(told), lambda: float(next(seconds))):
+        stage("first", 0.0, 0.5)
+        step(1, 2)
+        stage("second", 0.5, 1.0)
+        step(4, 4)
+    # The clock is looked at once to begin, and once a report.
+    assert heard == [("first", 0.0, None), ("first", 0.25, 6.0), ("second", 0.5, 3.0), ("second", 1.0, 0.0)]
+
+
+def test_nobody_hears_what_is_not_listened_to() -> None:
+    heard: list[str] = []
+    with listening(lambda words, *_: heard.append(words)):
+        pass
+    stage("alone")
+    step(1, 2)
+    assert heard == []
+
+
+def test_another_job_begins_its_time_anew() -> None:
+    seconds = iter(range(100))
+    left: list[float | None] = []
+    with listening(lambda *told: left.append(told[2]), lambda: float(next(seconds))):
+        stage("one", 0.9)
+        stage("two", 0.0)
+        step(1, 2)
+    assert left[-1] == pytest.approx(2.0)
+
+
+def test_a_diagnosis_reports_shares_that_grow() -> None:
+    shares: list[float] = []
+    with listening(lambda _, share, __: shares.append(share)):
+        diagnose(data_path("logs/tm5_900/sealed_1"), "tm5-900")
+    assert len(shares) > 5
+    assert all(before <= after for before, after in pairwise(shares))
+    assert 0.0 == shares[0] < shares[-1] <= 1.0
+
+
+def test_a_log_gets_whole_lines_some_seconds_apart() -> None:
+    out, seconds = io.StringIO(), count()
+    with progress_line(Console(file=out), "fit", lambda: float(next(seconds))):
+        for k in range(100):
+            stage("net", k / 100)
+    lines = out.getvalue().splitlines()
+    assert 5 <= len(lines) <= 200 / BETWEEN_LINES
+    assert all(line.startswith("fit: ") and line.endswith(" left") for line in lines[3:])
+
+
+def test_a_terminal_gets_one_line_that_is_gone_at_the_end() -> None:
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=True, width=30)
+    with progress_line(console, "diagnose"):
+        for k in range(4):
+            stage("a stage of very many words that no line holds", k / 4)
+    shown = out.getvalue()
+    assert "diagnose: 75 %" in shown
+    assert shown.count("\n") <= 1
+    assert shown.endswith("\x1b[2K")
