@@ -62,16 +62,3 @@ def lumping_table(arm: ArmModel, step_deg: float = 5.0) -> list[Breakage]:
             )
         )
     return rows
-
-
-def print_table(rows: list[Breakage]) -> str:
-    """The table in text."""
-    lines = [
-        f"{'wrist':<9}{'G2, G3 off [N m]':>17}{'M11 factor':>12}{'at q2, q3 [deg]':>17}{'M12':>8}{'M13':>8}  [kg m²]"
-    ]
-    for row in rows:
-        at = f"{row.m11_at_deg[0]:.0f}, {row.m11_at_deg[1]:.0f}"
-        lines.append(
-            f"{row.posture:<9}{row.gravity:>17.2f}{row.m11_ratio:>12.2f}{at:>17}{row.m12:>8.3f}{row.m13:>8.3f}"
-        )
-    return "\n".join(lines)
