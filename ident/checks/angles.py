@@ -8,9 +8,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
-from ident.checks.filtered_run import filter_run
-from ident.checks.report import in_runs, joints_at
-from ident.checks.velocities import compare_velocities
+from ident.checks.filtered_run import compare_velocities, filter_run
+from ident.checks.report import Findings, joints_at
 from ident.recordings.blocks import cut_before
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -48,7 +47,10 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     suspects = turning & ((far > FARTHEST_RAD) | (fast > FASTEST_RAD_S))
     if not suspects.any():
         return session, []
-    converted = scale_angles(session, math.radians(1.0), turning, _velocity_too(session))
+    found = compare_velocities(session)
+    # Whether the velocities are in the positions' unit.
+    alike = found is None or not found.moving.any() or float(np.median(found.slope[found.moving])) > 0.1
+    converted = scale_angles(session, math.radians(1.0), turning, alike)
     as_radians, as_degrees = (0.0, 0.0) if arm is None else [explained_by_model(s, arm) for s in (session, converted)]
     tells = max(as_degrees, as_radians) > MODEL_TELLS
     if tells and as_degrees > as_radians + 0.1:
@@ -77,12 +79,6 @@ def _speed(run: Recording) -> Float[Array, " n"]:
     return np.percentile(np.minimum(short[1:-1], wide), 99, axis=0)
 
 
-def _velocity_too(session: Session) -> bool:
-    """Whether the velocities are in the positions' unit."""
-    found = compare_velocities(session)
-    return found is None or not found.moving.any() or float(np.median(found.slope[found.moving])) > 0.1
-
-
 def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"], derivatives: bool = True) -> Session:
     """Multiplies positions of some joints, and their derivatives or not."""
     scale = np.where(columns, factor, 1.0)
@@ -96,30 +92,19 @@ def scale_angles(session: Session, factor: float, columns: Bool[Array, " n"], de
 
 def mend_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops rows in which a position leaves its neighbours for one sample."""
-    runs, told, joints = [], [], set()
+    found = Findings(session)
     for run in session.runs:
         wild = find_spikes(run.position)
         rows: Bool[Array, " T"] = np.asarray(wild.any(axis=1))
         # Many such rows are no hiccup but a channel that can't be trusted; the velocity check will tell.
-        if not rows.any() or rows.mean() > 0.01:
-            runs.append(run)
-            continue
-        first = int(np.flatnonzero(rows)[0])
-        joints |= set(np.flatnonzero(wild.any(axis=0)).tolist())
-        told.append(
-            (
-                run.name,
-                f"position leaves its neighbours for one sample {rows.sum()} times, first at {run.time[first]:.3f} s",
-            )
-        )
-        runs.append(run.at(~rows))
-    if not told:
-        return session, []
-    evidence = in_runs(session, told) + "; these rows are dropped"
-    issue = TelemetryIssue(
-        "garbage_cells", joints_at(session, joints), "note", evidence, "none needed; look at the logger"
-    )
-    return session.replace(runs=runs), [issue]
+        if rows.any() and rows.mean() <= 0.01:
+            first = run.time[int(np.flatnonzero(rows)[0])]
+            what = f"position leaves its neighbours for one sample {rows.sum()} times, first at {first:.3f} s"
+            found.note(run, what, np.flatnonzero(wild.any(axis=0)))
+            run = run.at(~rows)
+        found.runs.append(run)
+    ending = "; these rows are dropped"
+    return found.left(), found.issues("garbage_cells", "note", ending, "none needed; look at the logger")
 
 
 def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
@@ -138,28 +123,20 @@ def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
 
 def mend_wraps(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
     """Unwraps joints whose position jumps by a turn."""
-    turning = revolute(session, arm)
-    runs, told, joints = [], [], set()
+    turning, found = revolute(session, arm), Findings(session)
     for run in session.runs:
         unwrapped, wraps = unwrap(run.position, turning)
-        if not wraps.any():
-            runs.append(run)
-            continue
-        columns = np.flatnonzero(wraps)
-        joints |= set(columns.tolist())
-        changes = {"position": _within_limits(unwrapped, arm)}
-        if run.position_command is not None:
-            command, _ = unwrap(run.position_command, turning)
-            # The command follows the position: it starts in the same turn.
-            changes["position_command"] = command + TURN * np.round((changes["position"][0] - command[0]) / TURN)
-        told.append((run.name, f"{run.joints[columns[0]]} jumps by a turn {wraps[columns[0]]} times"))
-        runs.append(run.replace(**changes))
-    if not told:
-        return session, []
-    evidence = in_runs(session, told) + "; unwrapped"
-    return session.replace(runs=runs), [
-        TelemetryIssue("position_wraps", joints_at(session, joints), "note", evidence, "none needed")
-    ]
+        if wraps.any():
+            columns = np.flatnonzero(wraps)
+            changes = {"position": _within_limits(unwrapped, arm)}
+            if run.position_command is not None:
+                command, _ = unwrap(run.position_command, turning)
+                # The command follows the position: it starts in the same turn.
+                changes["position_command"] = command + TURN * np.round((changes["position"][0] - command[0]) / TURN)
+            found.note(run, f"{run.joints[columns[0]]} jumps by a turn {wraps[columns[0]]} times", columns)
+            run = run.replace(**changes)
+        found.runs.append(run)
+    return found.left(), found.issues("position_wraps", "note", "; unwrapped", "none needed")
 
 
 def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Array, "T n"], Array]:
@@ -186,36 +163,30 @@ def _within_limits(q: Float[Array, "T n"], arm: ArmModel | None) -> Float[Array,
 
 
 def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
-    """Parts runs where a position jumps farther than any arm moves: samples are missing, whatever the stamps say."""
-    runs, told, joints, broken = [], [], set(), []
+    """Parts runs where a position jumps farther than any arm moves: samples are missing, whatever the stamps say.
+
+    A few jumps part a run; many make its positions none.
+    """
+    parted, broken = Findings(session), Findings(session)
     for run in session.runs:
         steps = np.abs(np.diff(run.position, axis=0))
         jumps = (steps > FASTEST_RAD_S * np.maximum(np.diff(run.time), 0.0)[:, None]) & (steps > SPIKE_RAD)
-        rows = np.flatnonzero(jumps.any(axis=1))
+        rows, columns = np.flatnonzero(jumps.any(axis=1)), np.flatnonzero(jumps.any(axis=0))
         if not len(rows):
-            runs.append(run)
+            parted.runs.append(run)
             continue
         column = int(np.argmax(steps[rows[0]]))
-        joints |= set(np.flatnonzero(jumps.any(axis=0)).tolist())
         words = f"{run.joints[column]} jumps by {steps[rows[0], column]:.2f} rad at {run.time[rows[0]]:.3f} s"
         if len(rows) > max(MOST_JUMPS * len(run), 1):
-            broken.append((run.name, f"{words} and {len(rows) - 1} times more, farther than any arm moves"))
-            runs.append(run)
-            continue
-        told.append((run.name, words))
-        runs.extend(piece for piece in cut_before(run, rows + 1) if filter_run(piece) is not None)
-    return (session.replace(runs=runs) if runs else session), _tell_jumps(session, joints, told, broken)
-
-
-def _tell_jumps(
-    session: Session, joints: set[int], told: list[tuple[str, str]], broken: list[tuple[str, str]]
-) -> list[TelemetryIssue]:
-    """A few jumps part a run; many make its positions none."""
-    if broken:
-        remedy = "repair the channel and record again, or leave the run out"
-        return [TelemetryIssue("garbage_cells", joints_at(session, joints), "fatal", in_runs(session, broken), remedy)]
-    if not told:
-        return []
-    evidence = in_runs(session, told) + "; parted there"
-    remedy = "look for lost samples, or for an encoder that was set anew during the run"
-    return [TelemetryIssue("time_gap", joints_at(session, joints), "warning", evidence, remedy)]
+            broken.note(run, f"{words} and {len(rows) - 1} times more, farther than any arm moves", columns)
+            parted.runs.append(run)
+        else:
+            parted.note(run, words, columns)
+            parted.runs += [piece for piece in cut_before(run, rows + 1) if filter_run(piece) is not None]
+    broken.columns |= parted.columns
+    remedy = "repair the channel and record again, or leave the run out"
+    lost = "look for lost samples, or for an encoder that was set anew during the run"
+    issues = broken.issues("garbage_cells", "fatal", "", remedy)
+    return (parted.left() if parted.runs else session), issues or parted.issues(
+        "time_gap", "warning", "; parted there", lost
+    )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.report import in_runs, joints_at
+from ident.checks.report import Findings, joints_at
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 
 # A stuck channel repeats one value for this long, and this many samples, while its joint moves.
@@ -35,33 +37,27 @@ COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the samples in which a position or torque is frozen, and velocities that are."""
-    runs, told, joints, lost = [], [], set(), 0
+    found, lost = Findings(session), 0
     coarse = is_coarse(np.concatenate([run.effort for run in session.runs]))
     for run in session.runs:
-        frozen = stuck_positions(run) | (stuck_efforts(run) & ~coarse)
+        positions = stuck_positions(run)
+        frozen = positions | (stuck_efforts(run) & ~coarse)
         rows = frozen.any(axis=1)
-        if not rows.any():
-            runs.append(run)
-            continue
-        columns = np.flatnonzero(frozen.any(axis=0))
-        joints |= set(columns.tolist())
-        first = int(np.flatnonzero(rows)[0])
-        lost += int(rows.sum())
-        channel = "position" if stuck_positions(run)[first].any() else "effort"
-        where = run.joints[int(np.argmax(frozen[first]))]
-        told.append(
-            (run.name, f"{channel} of {where} is frozen from {run.time[first]:.3f} s, {rows.sum()} samples in all")
-        )
+        if rows.any():
+            first = int(np.flatnonzero(rows)[0])
+            lost += int(rows.sum())
+            channel = "position" if positions[first].any() else "effort"
+            where = f"{channel} of {run.joints[int(np.argmax(frozen[first]))]}"
+            what = f"{where} is frozen from {run.time[first]:.3f} s, {rows.sum()} samples in all"
+            found.note(run, what, np.flatnonzero(frozen.any(axis=0)))
         if not rows.all():
-            runs.append(run.at(~rows))
-    issues = []
-    if told:
-        broken = lost > MOST_LOST * session.samples
-        evidence = in_runs(session, told) + ("" if broken else "; these samples are dropped")
-        remedy = "repair the channel and record again, or leave the run out" if broken else "look at the driver"
-        severity: Severity = "fatal" if broken else "warning"
-        issues.append(TelemetryIssue("stuck_channel", joints_at(session, joints), severity, evidence, remedy))
-        session = session if broken else session.replace(runs=runs)
+            found.runs.append(run.at(~rows) if rows.any() else run)
+    if lost > MOST_LOST * session.samples:
+        remedy = "repair the channel and record again, or leave the run out"
+        issues = found.issues("stuck_channel", "fatal", "", remedy)
+    else:
+        issues = found.issues("stuck_channel", "warning", "; these samples are dropped", "look at the driver")
+        session = found.left()
     session, velocities = _drop_stuck_velocity(session)
     return session, issues + velocities
 
@@ -102,7 +98,12 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
         if not len(long):
             continue
         usual_step = float(np.percentile(np.abs(np.diff(q)), 99)) if len(q) > 2 else 0.0
-        usual_lag = _usual_lag(run, joint, long)
+        moves, usual_lag = np.ones(len(run), dtype=bool), 0.0
+        for first, last in long:
+            moves[first : last + 1] = False
+        if run.position_command is not None and moves.any():
+            # How far the joint stays behind its command in nearly all samples in which it does not stand.
+            usual_lag = float(np.quantile(np.abs(run.position_command - run.position)[moves, joint], LAG_SHARE))
         for first, last in long:
             stretch = slice(first, last + 1)
             travel = _hidden_travel(run, joint, stretch, usual_lag)
@@ -110,17 +111,6 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
             if travel > HIDDEN_TRAVEL or jump > max(JUMP_STEPS * usual_step, JUMP_RAD):
                 frozen[stretch, joint] = True
     return frozen
-
-
-def _usual_lag(run: Recording, joint: int, held: Int[Array, "h 2"]) -> float:
-    """How far a joint stays behind its command in nearly all samples in which it does not stand."""
-    if run.position_command is None:
-        return 0.0
-    moves = np.ones(len(run), dtype=bool)
-    for first, last in held:
-        moves[first : last + 1] = False
-    lag = np.abs(run.position_command[moves, joint] - run.position[moves, joint])
-    return float(np.quantile(lag, LAG_SHARE)) if len(lag) else 0.0
 
 
 def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float) -> float:
@@ -155,8 +145,9 @@ def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
 
 def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Velocities are not needed: where one is frozen, all are left out."""
-    told, joints = [], set()
+    found = Findings(session)
     for run in session.runs:
+        found.runs.append(run.replace(velocity=None))
         if run.velocity is None:
             continue
         for joint in range(len(run.joints)):
@@ -164,35 +155,27 @@ def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue
                 travel = run.position[last, joint] - run.position[first, joint]
                 claimed = run.velocity[first, joint] * (run.time[last] - run.time[first])
                 if abs(travel - claimed) > max(HIDDEN_TRAVEL, 0.5 * abs(travel)):
-                    joints.add(joint)
-                    told.append((run.name, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s"))
-    if not told:
-        return session, []
-    evidence = in_runs(session, told) + "; velocities are not used"
-    issue = TelemetryIssue("stuck_channel", joints_at(session, joints), "warning", evidence, "look at the driver")
-    return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]
+                    found.note(run, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s", [joint])
+    ending = "; velocities are not used"
+    return found.left(), found.issues("stuck_channel", "warning", ending, "look at the driver")
 
 
 def check_clipping(session: Session) -> list[TelemetryIssue]:
     """Finds torques that are cut off at a constant value while the joint moves."""
-    told, joints, clipped = [], set(), 0
+    found, clipped = Findings(session), 0
     for run in session.runs:
         if len(run) < STUCK_SAMPLES:
             continue
         # At rest a torque may hold any value; only moving samples can show a flat top.
         moving = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1) > HIDDEN_TRAVEL
-        for joint in range(len(run.joints)):
-            for sign in (1.0, -1.0):
-                count, level = flat_top(sign * run.effort[moving, joint])
-                if count:
-                    clipped += count
-                    joints.add(joint)
-                    told.append((run.name, f"{run.joints[joint]} stays at {sign * level:.4g} N m for {count} samples"))
-    if not told:
-        return []
-    evidence = in_runs(session, told) + f"; {clipped / session.samples:.1%} of the samples"
+        for joint, sign in product(range(len(run.joints)), (1.0, -1.0)):
+            count, level = flat_top(sign * run.effort[moving, joint])
+            if count:
+                clipped += count
+                found.note(run, f"{run.joints[joint]} stays at {sign * level:.4g} N m for {count} samples", [joint])
+    ending = f"; {clipped / session.samples:.1%} of the samples"
     remedy = "raise the limit of the channel or the drive, or record slower motion"
-    return [TelemetryIssue("clipped_effort", joints_at(session, joints), "warning", evidence, remedy)]
+    return found.issues("clipped_effort", "warning", ending, remedy)
 
 
 def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:

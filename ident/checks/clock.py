@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.report import in_runs
+from ident.checks.report import Findings
 from ident.recordings.blocks import cut_before
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 
@@ -26,37 +26,31 @@ EVEN_CLOCK_GAIN, EVEN_CLOCK_OFF = 4.0, 2.0
 
 def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops repeated and late rows, and parts runs where the clock restarts inside a file."""
+    dropped, restarted, fatal = Findings(session), Findings(session), Findings(session)
     runs: list[Recording] = []
-    dropped, restarted, fatal = [], [], []
     for run in session.runs:
         kept, late = drop_late_rows(run)
-        restarts = np.flatnonzero(np.diff(run.time) < 0)
+        steps = np.diff(run.time)
+        restarts = np.flatnonzero(steps < 0)
+        shortest = int(np.diff([0, *(restarts + 1), len(run)]).min())
         if not late:
             runs.append(run)
         elif late <= FEW_ROWS * len(run) or _repeats(run).sum() == late:
-            dropped.append((run.name, f"{late} of {len(run)} rows are repeated or late in time, dropped"))
+            dropped.note(run, f"{late} of {len(run)} rows are repeated or late in time, dropped")
             runs.append(kept)
-        elif 0 < len(restarts) <= MOST_RESTARTS and _shortest_piece(run, restarts) >= SHORTEST_PIECE:
-            restarted.append(
-                (run.name, f"time falls back {len(restarts)} times, first after {run.time[restarts[0]]:.3f} s")
-            )
-            runs.extend(_cut(run, restarts + 1))
+        elif 0 < len(restarts) <= MOST_RESTARTS and shortest >= SHORTEST_PIECE:
+            first = run.time[restarts[0]]
+            restarted.note(run, f"time falls back {len(restarts)} times, first after {first:.3f} s")
+            runs += _cut(run, restarts + 1)
         else:
-            share = np.mean(np.diff(run.time) <= 0)
-            fatal.append((run.name, f"{share:.0%} of the time steps are zero or negative"))
+            fatal.note(run, f"{np.mean(steps <= 0):.0%} of the time steps are zero or negative")
             runs.append(kept)
-    issues = []
-    if dropped:
-        issues.append(TelemetryIssue("time_not_increasing", (), "note", in_runs(session, dropped), "none needed"))
-    if restarted:
-        evidence = in_runs(session, restarted) + "; parted there, the pieces are taken as independent"
-        issues.append(
-            TelemetryIssue("time_not_increasing", (), "warning", evidence, "record each run to a file of its own")
-        )
-    if fatal:
-        remedy = "log the time of measurement in full resolution, or give sample_rate_hz in session.toml without a time"
-        issues.append(TelemetryIssue("time_not_increasing", (), "fatal", in_runs(session, fatal), remedy))
-    return session.replace(runs=runs, common_clock=session.common_clock and not restarted), issues
+    name, parted = "time_not_increasing", "; parted there, the pieces are taken as independent"
+    issues = dropped.issues(name, "note", "", "none needed")
+    issues += restarted.issues(name, "warning", parted, "record each run to a file of its own")
+    remedy = "log the time of measurement in full resolution, or give sample_rate_hz in session.toml without a time"
+    issues += fatal.issues(name, "fatal", "", remedy)
+    return session.replace(runs=runs, common_clock=session.common_clock and not restarted.told), issues
 
 
 def drop_late_rows(run: Recording) -> tuple[Recording, int]:
@@ -77,10 +71,6 @@ def _repeats(run: Recording) -> Bool[Array, " T"]:
     return np.concatenate([[False], (whole[1:] == whole[:-1]).all(axis=1)])
 
 
-def _shortest_piece(run: Recording, restarts: Array) -> int:
-    return int(np.diff([0, *(restarts + 1), len(run)]).min())
-
-
 def _cut(run: Recording, rows: Array) -> list[Recording]:
     return [drop_late_rows(piece)[0] for piece in cut_before(run, rows)]
 
@@ -90,88 +80,67 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
 
     A clock that is set while recording goes from seconds since power-on, or zero, to seconds since 1970.
     """
-    runs: list[Recording] = []
-    told = []
+    found = Findings(session)
     for run in session.runs:
         steps = np.diff(run.time)
         usual = float(np.median(steps)) if len(steps) else 0.0
         jumps = np.flatnonzero(steps > max(JUMP_INTERVALS * usual, JUMP_RUNS * usual * len(run)))
         if not len(jumps) or usual <= 0.0:
-            runs.append(run)
+            found.runs.append(run)
             continue
         pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= SHORTEST_PIECE]
         lost = len(run) - sum(map(len, pieces))
         left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
-        told.append((run.name, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}"))
-        runs.extend(pieces)
-    if not told:
-        return session, []
-    few = sum(map(len, runs)) >= (1.0 - FEW_ROWS) * session.samples
-    severity: Severity = "fatal" if not runs else "note" if few else "warning"
-    issue = TelemetryIssue("clock_jump", (), severity, in_runs(session, told), "set the clock before recording")
-    return session.replace(runs=runs or session.runs), [issue]
+        found.note(run, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}")
+        found.runs += pieces
+    few = sum(map(len, found.runs)) >= (1.0 - FEW_ROWS) * session.samples
+    severity: Severity = "fatal" if not found.runs else "note" if few else "warning"
+    issues = found.issues("clock_jump", severity, "", "set the clock before recording")
+    return (found.left() if found.runs else session), issues
 
 
 def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Parts runs where samples are missing for longer than motion can be interpolated."""
-    runs: list[Recording] = []
-    told = []
+    found = Findings(session)
     for run in session.runs:
         steps = np.diff(run.time)
         limit = max(GAP_INTERVALS * float(np.median(steps)), GAP_S) if len(steps) else np.inf
         gaps = np.flatnonzero(steps > limit)
         if not len(gaps):
-            runs.append(run)
+            found.runs.append(run)
             continue
         pieces = [p for p in _cut(run, gaps + 1) if p.duration >= SHORTEST_PIECE_S and len(p) >= SHORTEST_PIECE]
         lost = 1.0 - sum(map(len, pieces)) / len(run)
         longest = gaps[np.argmax(steps[gaps])]
         what = f"{len(gaps)} gaps, the longest {steps[longest]:.3f} s after {run.time[longest]:.3f} s; parted there"
-        told.append((run.name, what + (f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else "")))
-        runs.extend(pieces)
-    if not told:
-        return session, []
-    if not runs:
-        evidence = in_runs(session, told) + "; nothing long enough is left"
-        return session, [TelemetryIssue("time_gap", (), "fatal", evidence, "record without pauses")]
-    lost_share = 1.0 - sum(map(len, runs)) / session.samples
-    severity: Severity = "note" if lost_share <= 0.1 else "warning"
-    issue = TelemetryIssue("time_gap", (), severity, in_runs(session, told), "none needed; look for lost messages")
-    return session.replace(runs=runs), [issue]
+        found.note(run, what + (f", {lost:.0%} of the samples in pieces too short for use" if lost > 0 else ""))
+        found.runs += pieces
+    if not found.runs:
+        return session, found.issues("time_gap", "fatal", "; nothing long enough is left", "record without pauses")
+    few = sum(map(len, found.runs)) >= 0.9 * session.samples
+    return found.left(), found.issues(
+        "time_gap", "note" if few else "warning", "", "none needed; look for lost messages"
+    )
 
 
 def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Tells uneven sampling; where only the stamps are uneven and not the sampling, evens them out."""
-    runs: list[Recording] = []
-    told: list[tuple[float, str, str]] = []
-    mended: list[tuple[float, str, str]] = []
+    told, mended, runs = Findings(session), Findings(session), list[Recording]()
+    worst: dict[str, float] = {}
     for run in session.runs:
         steps = np.diff(run.time)
-        if len(steps) < SHORTEST_PIECE:
-            runs.append(run)
-            continue
-        low, middle, high = np.percentile(steps, [1, 50, 99])
-        if high - low <= JITTER * middle:
-            runs.append(run)
-            continue
-        what = f"intervals of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} ms, median {middle * 1e3:.1f} ms"
-        even = even_clock(run)
-        (told if even is None else mended).append((float(steps.max()), run.name, what))
-        runs.append(run if even is None else run.replace(time=even))
-    issues = []
-    for found, ending, remedy in (
-        (told, "the stamps are used as they are", "none needed"),
-        (
-            mended,
-            "positions fit an even clock better, which replaces the stamps",
-            "stamp samples when measured",
-        ),
-    ):
-        if found:
-            worst_first = [(name, what) for _, name, what in sorted(found, reverse=True)]
-            evidence = f"{in_runs(session, worst_first)}; {ending}"
-            issues.append(TelemetryIssue("jitter", (), "note", evidence, remedy))
-    return session.replace(runs=runs), issues
+        low, middle, high = np.percentile(steps, [1, 50, 99]) if len(steps) >= SHORTEST_PIECE else (0.0, 0.0, 0.0)
+        if high - low > JITTER * middle:
+            what = f"intervals of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} ms, median {middle * 1e3:.1f} ms"
+            even, worst[run.name] = even_clock(run), float(steps.max())
+            (told if even is None else mended).note(run, what)
+            run = run if even is None else run.replace(time=even)
+        runs.append(run)
+    for one in (told, mended):
+        one.told.sort(key=lambda seen: worst[seen[0]], reverse=True)
+    issues = told.issues("jitter", "note", "; the stamps are used as they are", "none needed")
+    evened = "; positions fit an even clock better, which replaces the stamps"
+    return session.replace(runs=runs), issues + mended.issues("jitter", "note", evened, "stamp samples when measured")
 
 
 def even_clock(run: Recording) -> Float[Array, " T"] | None:

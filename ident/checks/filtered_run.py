@@ -1,4 +1,7 @@
-"""The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out."""
+"""The motion and torque of a run as the checks see them: evenly sampled, low-passed without phase, thinned out.
+
+And how its measured velocity goes with its positions' derivative.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float
 from ident.motion.butterworth import design_lowpass
 from ident.motion.zero_phase import filter_both_ways
-from ident.recordings.recording import Recording
+from ident.recordings.recording import Recording, Session
 
 # Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.
 CUTOFF_HZ = 5.0
@@ -22,6 +25,8 @@ LEAST_SAMPLES = 30
 FILTER_ORDER = 4
 # Samples by which both ends are extended: three times the filter's own.
 PADDING = 3 * (FILTER_ORDER + 1)
+# A joint's velocity is compared where it moves: at rest both are noise. [rad/s]
+MOVING_RAD_S = 0.02
 # An even grid is at most so many times as long as the samples that it is made of.
 MOST_GRID = 100.0
 # Half a dozen checks ask for the same motion of a run, which never changes: it is kept for as long as the run is.
@@ -89,3 +94,26 @@ def _filter(run: Recording, cutoff: float) -> FilteredRun | None:
     keep = slice(edge, len(grid) - edge, step)
     measured = None if run.velocity is None else smooth(run.velocity)[keep]
     return FilteredRun(run.name, grid[keep], q[keep], dq[keep], ddq[keep], smooth(run.effort)[keep], measured)
+
+
+@dataclass(frozen=True, eq=False)
+class Velocities:
+    """Measured velocity = slope · derivative of position, per joint, where it moves."""
+
+    moving: Bool[Array, " n"]
+    slope: Float[Array, " n"]
+    correlation: Float[Array, " n"]
+
+
+def compare_velocities(session: Session) -> Velocities | None:
+    """Slope and correlation over all runs; None where no velocity was measured."""
+    motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
+    motions = [motion for motion in motions if motion.dq_measured is not None]
+    if not motions:
+        return None
+    derived = np.concatenate([motion.dq for motion in motions])
+    measured = np.concatenate([motion.dq_measured for motion in motions if motion.dq_measured is not None])
+    xx, xy, yy = (derived**2).mean(axis=0), (derived * measured).mean(axis=0), (measured**2).mean(axis=0)
+    # A wrong time base scales the derivative, so moving is told by either of the two.
+    moving = np.maximum(np.sqrt(xx), np.sqrt(yy)) > MOVING_RAD_S
+    return Velocities(moving, xy / np.maximum(xx, 1e-300), xy / np.sqrt(np.maximum(xx * yy, 1e-300)))

@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
+from ident.checks.filtered_run import Velocities, compare_velocities
 from ident.checks.report import joints_at
-from ident.checks.velocities import Velocities, compare_velocities
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 

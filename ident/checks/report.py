@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import RecordingError
-from ident.recordings.recording import Session, Severity, TelemetryIssue
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
 from ident.recordings.save import write_session
 from ident.records import Record
 from ident.results import Result
@@ -161,13 +161,42 @@ def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:
     return tuple(session.joints[column] for column in sorted(set(columns)))
 
 
-def in_runs(session: Session, told: Sequence[tuple[str, str]]) -> str:
-    """Evidence of several runs in one line: the first one's, and in how many more it was seen.
+class Findings:
+    """What a check sees run by run, and the runs that it leaves.
 
-    Args:
-        session: The session.
+    Attributes:
+        session: What is checked.
+        runs: The runs that are left.
         told: (run, what was seen), the most telling first.
+        columns: Of the joints concerned.
     """
-    run, what = told[0]
-    others = len({name for name, _ in told}) - 1
-    return f"{run}: {what}" + (f"; also in {others} of the other {len(session.runs) - 1} runs" if others else "")
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.runs: list[Recording] = []
+        self.told: list[tuple[str, str]] = []
+        self.columns: set[int] = set()
+
+    def note(self, run: Recording, what: str, columns: Iterable[int] = ()) -> None:
+        """Something seen in a run, at some joints."""
+        self.told.append((run.name, what))
+        self.columns.update(int(column) for column in columns)
+
+    def issues(self, issue: str, severity: Severity, ending: str, remedy: str) -> list[TelemetryIssue]:
+        """All that was seen as one issue, in one line: the first run's, and in how many more; none if nothing was.
+
+        Args:
+            issue, severity, remedy: As of `TelemetryIssue`.
+            ending: What is done about it, after the evidence.
+        """
+        if not self.told:
+            return []
+        run, what = self.told[0]
+        others = len({name for name, _ in self.told}) - 1
+        also = f"; also in {others} of the other {len(self.session.runs) - 1} runs" if others else ""
+        evidence = f"{run}: {what}{also}{ending}"
+        return [TelemetryIssue(issue, joints_at(self.session, self.columns), severity, evidence, remedy)]
+
+    def left(self) -> Session:
+        """The session of the runs that are left; as it was where nothing was seen."""
+        return self.session.replace(runs=self.runs) if self.told else self.session

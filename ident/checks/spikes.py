@@ -11,10 +11,9 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.angles import SPIKE_RAD, TURN, WRAP_REST
-from ident.checks.far_cells import GAP, WIDE_GAP, find_far
-from ident.checks.report import in_runs, joints_at
+from ident.checks.report import Findings
 from ident.compiled import compiled
-from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+from ident.recordings.recording import Session, Severity, TelemetryIssue
 
 # Encoder ticks of many turns stay below, and any angle, torque, current or temperature, in whatever unit.
 ABSURD = 1e12
@@ -33,6 +32,13 @@ TREMBLE = 0.02
 SLOW_S = 0.025
 # More rows than this are no hiccup: the channel can't be trusted.
 MOST_ROWS = 0.02
+# How many times farther out than all else a cell must lie. Torques, speeds and positions of 82 clean sessions, five of
+# them of real arms, stay below 1.25, temperatures in whole steps below 2. Where samples are rare, or steps coarse, more
+# is asked.
+GAP, WIDE_GAP = 3.0, 10.0
+# A joint whose torque is friction alone jumps from rest to its level, and one at rest has next to no reach of its own:
+# distances below what the other joints keep this share of their samples within are nothing.
+REACH_SHARE = 0.95
 # Commands may leap: nobody but the checks of `ident.checks.channels` reads them.
 WATCHED = ("effort", "position", "velocity", "current", "acceleration", "temperature")
 # Nobody needs these: where they are broken they are left out, and the session is used without them.
@@ -41,16 +47,11 @@ OPTIONAL = ("velocity", "acceleration", "temperature")
 
 def mend_absurd(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the rows with a cell that no arm can have had, time included."""
-    wild = [_absurd(run) for run in session.runs]
+    wild = []
+    for run in session.runs:
+        far = [np.abs(values) > ABSURD for values in run.channels().values()]
+        wild.append(np.any(far, axis=0) | (np.abs(run.time) > ABSURD_TIME)[:, None])
     return _drop(session, wild, "garbage_cells", "cells beyond any figure of an arm", "")
-
-
-def _absurd(run: Recording) -> Bool[Array, "T n"]:
-    found = np.zeros(run.position.shape, dtype=bool)
-    found |= (np.abs(run.time) > ABSURD_TIME)[:, None]
-    for values in run.channels().values():
-        found |= np.abs(values) > ABSURD
-    return found
 
 
 def mend_channel_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -67,6 +68,35 @@ def mend_channel_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]
         session, found = _drop(session, wild, issue, f"{channel} leaves the samples around it", channel)
         issues += found
     return session, issues
+
+
+def find_far(runs: list[Float[Array, "T n"]], gap: float = GAP, floor: float = 0.0) -> list[Bool[Array, "T n"]]:
+    """Which cells of a channel lie far from all else, by run, however many they are.
+
+    A motion, a torque or a temperature comes to a value through those on the way. Walking outwards from a channel's
+    median, sample by sample in order of distance, the first stretch without any sample that is several times as wide as
+    all that lies within parts the channel from what is not its own. Half of the samples may be bad.
+
+    Args:
+        runs: The channel.
+        gap: How many times the reach of all that lies within the stretch must span.
+        floor: Reach below which nothing is far, in the channel's unit.
+    """
+    whole = np.concatenate(runs)
+    if len(whole) < 3:
+        return [np.zeros(values.shape, dtype=bool) for values in runs]
+    middle = np.median(whole, axis=0)
+    reach = np.abs(whole - middle)
+    usual = np.quantile(reach, REACH_SHARE, axis=0)
+    limit, half = np.full(len(middle), np.inf), len(whole) // 2
+    for joint in range(len(middle)):
+        least = max(float((np.delete(usual, joint) if len(usual) > 1 else usual).max()), floor)
+        ranked = np.sort(reach[:, joint])
+        # Where the channel ends: before the first empty stretch beyond half of the samples.
+        empty = ranked[half + 1 :] > gap * np.maximum(ranked[half:-1], least)
+        if least > 0.0 and empty.any():
+            limit[joint] = ranked[half + int(np.argmax(empty))]
+    return [np.abs(values - middle) > limit for values in runs]
 
 
 def find_wild(
@@ -139,29 +169,24 @@ def _drop(
     session: Session, wild: list[Bool[Array, "T n"]], issue: str, words: str, channel: str
 ) -> tuple[Session, list[TelemetryIssue]]:
     """Drops rows with wild cells, and tells; where there are too many, refuses."""
-    runs, told, joints, lost = [], [], set(), 0
+    found, lost = Findings(session), 0
     for run, mask in zip(session.runs, wild, strict=True):
         rows = np.asarray(mask.any(axis=1))
-        if not rows.any():
-            runs.append(run)
-            continue
-        first = int(np.flatnonzero(rows)[0])
-        joint = int(np.argmax(mask[first]))
-        joints |= set(np.flatnonzero(mask.any(axis=0)).tolist())
-        lost += int(rows.sum())
-        seen = f", {run.channels()[channel][first, joint]:.4g}" if channel else ""
-        told.append((run.name, f"{words} in {rows.sum()} rows, first of {run.joints[joint]} in row {first + 1}{seen}"))
-        runs.append(run.at(~rows))
-    if not told:
-        return session, []
-    broken = lost > max(MOST_ROWS * session.samples, 1)
-    if broken and channel in OPTIONAL:
-        evidence = in_runs(session, told) + f"; {channel} is not used"
-        remedy = f"repair {channel} to have it used"
-        told_one = TelemetryIssue(issue, joints_at(session, joints), "warning", evidence, remedy)
-        return session.replace(runs=[run.replace(**{channel: None}) for run in session.runs]), [told_one]
-    severity: Severity = "fatal" if broken else "note" if lost < 0.001 * session.samples else "warning"
-    ending = "" if broken else "; these rows are dropped"
-    remedy = "repair the channel and record again, or leave it out" if broken else "none needed; look at the logger"
-    issues = [TelemetryIssue(issue, joints_at(session, joints), severity, in_runs(session, told) + ending, remedy)]
-    return session.replace(runs=runs), issues
+        if rows.any():
+            first = int(np.flatnonzero(rows)[0])
+            joint = int(np.argmax(mask[first]))
+            lost += int(rows.sum())
+            seen = f", {run.channels()[channel][first, joint]:.4g}" if channel else ""
+            what = f"{words} in {rows.sum()} rows, first of {run.joints[joint]} in row {first + 1}{seen}"
+            found.note(run, what, np.flatnonzero(mask.any(axis=0)))
+            run = run.at(~rows)
+        found.runs.append(run)
+    if lost <= max(MOST_ROWS * session.samples, 1):
+        severity: Severity = "note" if lost < 0.001 * session.samples else "warning"
+        remedy = "none needed; look at the logger"
+        return found.left(), found.issues(issue, severity, "; these rows are dropped", remedy)
+    if channel in OPTIONAL:
+        found.runs = [run.replace(**{channel: None}) for run in session.runs]
+        issues = found.issues(issue, "warning", f"; {channel} is not used", f"repair {channel} to have it used")
+        return found.left(), issues
+    return found.left(), found.issues(issue, "fatal", "", "repair the channel and record again, or leave it out")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.checks.effort import SignedFit, States, collect_states, fit_signed
+from ident.checks.filtered_run import compare_velocities
 from ident.checks.settings import USUAL_EFFORT
-from ident.checks.velocities import compare_velocities
 from ident.infer.by_data import follow
 from ident.infer.guess import Reason, Signals
 from ident.infer.names import words_of
