@@ -23,7 +23,7 @@ KNOWN = {effect.id: effect for effect in CATALOGUE}
 # Beyond these a URDF is wrong rather than imprecise: that links weigh something else is then true [1], [m].
 WRONG_LINK_ERROR, WRONG_COM_M = 0.08, 0.008
 # Names that are true of an arm whose URDF is wrong, whatever else was hidden in it.
-EXCUSED_BY_URDF = ("link_inertial_error", "payload")
+EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.body)
 
 
 @dataclass(frozen=True)

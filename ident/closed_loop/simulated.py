@@ -11,7 +11,7 @@ from ident.arrays import Array, Float
 from ident.closed_loop.warmth import NO_WARMTH, Warmth, put_on_a_clock
 from ident.export.law_model import SimulatorModel
 from ident.recordings.recording import Session
-from ident.simulation.causes import CATALOGUE, find_cause
+from ident.simulation.causes import ALIKE, CATALOGUE, EVENTS, find_cause
 from ident.simulation.hardware import Hardware
 from ident.simulation.record import Channels, draw_pauses, no_progress, record_runs
 from ident.simulation.request import EffectRequest
@@ -21,13 +21,6 @@ from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 # The arm rests and cools while the diagnosis thinks [s].
 REST_S = 600.0
-# Effects that no simulator of the arm can hold: a push that came once.
-EVENTS = frozenset({"external_contact"})
-# Effects whose torques are one and the same: with both, no truth could be told from another.
-ALIKE = (
-    frozenset({"torque_offset", "asymmetric_friction"}),
-    frozenset({"torque_gain_error", "payload", "link_inertial_error"}),
-)
 # Feedback of the controller that is tried [rad/s]: soft, as where people are near; a stiff loop would hide the model.
 TRACKING_BANDWIDTH = 20.0
 

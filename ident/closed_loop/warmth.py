@@ -21,7 +21,7 @@ from ident.effects.hysteresis_thermal import warm_up
 from ident.export.law_model import LawModel, SimulatorModel
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
-THERMAL, CONSTANT = "thermal_friction", "time_constant_s"
+CONSTANT = "time_constant_s"
 # A joint of which nobody knows how warm it is.
 HALF_WARM = 0.5
 # Heat of less than this is none [J].
@@ -90,8 +90,8 @@ class Warmth:
     def learnt(cls, model: LawModel, runs: Sequence[TimedRun]) -> Warmth:
         """Of a model, from the runs that its laws were learnt from."""
         found = []
-        for effect, joint, figures in model.effects:
-            if effect != THERMAL or CONSTANT not in figures:
+        for _, joint, figures in model.effects:
+            if CONSTANT not in figures:
                 continue
             courses, last = _courses(WarmJoint(joint, figures[CONSTANT]), model, runs)
             coldest, warmest = min(c.min() for c in courses), max(c.max() for c in courses)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext, Variant
-from ident.effects.effect_info import Doubt, Expression, Interval, Range, Typical, read_row
+from ident.effects.effect_info import AsChange, Doubt, Expression, Interval, Range, Typical, read_row
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.size_prior import SizePrior
 from ident.effects.typical_sizes import friction_level, rated_torque
@@ -60,6 +60,7 @@ class Effect(ABC):
         law: Its torque in a patch's module, of effects outside the catalogue: a static function (m, j, p) of the
             motion (m.q, m.dq, m.ddq, m.direction, of shape (T, n)), the joint's index and the figures by name, that
             uses NumPy alone and returns shape (T, n); `m.at(j, torque)` puts a torque of shape (T,) at one joint.
+        as_change: What is known of it as a change between two sets of recordings.
         drawn_over: What its curve is drawn over: `speed`, `angle`, `load`, `reversal` (time since one); "" for time.
         drawn: `whole` where the tuned friction is drawn with it, `odd` where its direction is taken out; else "".
         incomparable: Figures that mean something else in a simulated arm's answer.
@@ -95,6 +96,7 @@ class Effect(ABC):
     sentence: ClassVar[str] = ""
     formats: ClassVar[Mapping[str, Expression]] = {}
     law: ClassVar[Callable[[Any, int, dict[str, float]], Array] | None] = None
+    as_change: ClassVar[AsChange] = AsChange()
     drawn_over: ClassVar[str] = ""
     drawn: ClassVar[Literal["", "whole", "odd"]] = ""
     incomparable: ClassVar[frozenset[str]] = frozenset()

@@ -99,6 +99,29 @@ class Doubt:
 
 
 @dataclass(frozen=True)
+class AsChange:
+    """What is known of an effect as a change between two sets of recordings.
+
+    Attributes:
+        order: Its place among the changes that are tested; 0 where it is none.
+        exact: Whether arms obey its law to the letter: bodies fall, readings are scaled and shifted.
+        body: Whether it is a body, of which the tuned baseline says already what all runs alike say.
+        friction: Whether it is a law of friction, which differs from run to run anyhow.
+        common_gain: Whether a gain that both sets share makes it as open as that gain.
+        taken_off: The parameter that is negative where the change is that something has gone; "" for none.
+        sentence: What to do about it, as `Effect.sentence`.
+    """
+
+    order: int = 0
+    exact: bool = False
+    body: bool = False
+    friction: bool = False
+    common_gain: bool = False
+    taken_off: str = ""
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
 class Interval:
     """An estimate with its 95 % interval.
 
@@ -176,6 +199,8 @@ def read_row(effect: str) -> dict[str, Any]:
             return Doubt(**dict[str, Any](value | {"exact": frozenset(value.get("exact", ()))}))
         if key == "formats":
             return {form: Expression(*one) for form, one in value.items()}
+        if key == "as_change":
+            return AsChange(**value)
         if key == "states":
             return KINDS[effect]
         if key == "set_ups":

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ident.console import styled
+from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.result import ArmChange, ArmComparison
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.numbers import fixed, percent, significant
@@ -18,7 +20,7 @@ from ident.show.untestable import group_silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OF_THE_ARM = ("payload", "gravity_misalignment", "torque_delay")
+OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
 WITHOUT, WITH, NOISE = "#d55e00", "#009e73", "#999999"
 
 
@@ -38,7 +40,7 @@ def headline(record: Mapping[str, Any]) -> str:
 
 def _named(change: Mapping[str, Any]) -> str:
     """A change with its place; one of the whole arm has none."""
-    if change["effect"] == "payload":
+    if change["effect"] == CARRIED:
         mass = change["parameters"]["mass_kg"]["value"]
         return f"{significant(abs(mass), 3)} kg {'more' if mass > 0.0 else 'less'} at the flange"
     if change["effect"] in OF_THE_ARM:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import MASS, changes
+from ident.diagnosis.change.candidates import CHANGES, MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
@@ -98,7 +98,7 @@ def place_bodies(search: Search, others: Sequence[Group], session: SessionContex
             places[group.effect.id][link] = place
     payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
     placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
-    return tuple(placed.get(effect.id, effect) for effect in changes())
+    return tuple(placed.get(effect.id, effect) for effect in CHANGES)
 
 
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import OF_FRICTION
+from ident.diagnosis.change.candidates import COMMON_GAIN, OF_FRICTION
+from ident.diagnosis.change.laws import FrictionChange
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Projection
 from ident.effects.base import SessionContext
 from ident.effects.typical_sizes import friction_level
 
-FRICTION, GAIN, BY_LOAD = "friction_change", "torque_gain_error", "load_dependent_friction"
+FRICTION, (BY_LOAD,), (GAIN,) = FrictionChange.id, COMMON_GAIN & OF_FRICTION, COMMON_GAIN - OF_FRICTION
 # Share of what friction by load explains that a gain explains alone, from which on it is one.
 NEARLY_ALL = 0.95
 # Standard deviation of a joint's friction from session to session, as a share of it [1]: two kelvin.

@@ -23,9 +23,10 @@ from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.positive import positive
 from ident.diagnosis.regression.run_spread import residual_weights
 from ident.diagnosis.selection.intervals import lifted
+from ident.effects.catalogue import CATALOGUE
 
 # Effects whose size is told by how large a torque is read: bodies.
-BODIES = frozenset({"payload", "link_inertial_error"})
+BODIES = frozenset(one.id for one in CATALOGUE if one.as_change.body)
 
 
 @dataclass(frozen=True)

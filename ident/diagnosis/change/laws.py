@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.effect_info import Doubt, Range
+from ident.effects.effect_info import AsChange, Doubt, Range
 from ident.effects.friction import LoadDependentFriction
 from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import friction_level, hardly_moves, travel
@@ -28,6 +28,7 @@ class FrictionChange(Effect):
     summary = "the joint turns harder or more easily than before"
     defining = ("coulomb_change_Nm", "viscous_change_Nms_rad")
     doubt = Doubt(share=0.0)
+    as_change = AsChange(friction=True)
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         return hardly_moves(session, joint)
@@ -69,6 +70,7 @@ class UnlistedChange(Effect):
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
     defining = ("rms_Nm",)
     doubt = Doubt(share=0.0)
+    as_change = AsChange(friction=True)
     variance_floor: ClassVar[float] = 1e-12
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:

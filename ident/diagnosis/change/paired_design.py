@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import IN_THE_BASELINE, changes, points
+from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
 from ident.diagnosis.change.static_joints import StaticJoint
@@ -121,7 +121,7 @@ def build_design(
         asked: All that may have changed; the catalogue's if None.
         still: Joints of whose own torque nothing is told.
     """
-    asked = changes() if asked is None else asked
+    asked = CHANGES if asked is None else asked
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
     at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]

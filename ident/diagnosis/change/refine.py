@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import IN_THE_BASELINE, MASS
+from ident.diagnosis.change.candidates import CARRIED, COMMON_GAIN, IN_THE_BASELINE, MASS
 from ident.diagnosis.change.laws import EvenLoadFriction
 from ident.diagnosis.change.paired_design import PairedDesign, build_design
 from ident.diagnosis.regression.design import Group
@@ -25,7 +25,6 @@ from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
 # What both sets share of a gain, and what holds one; friction by load comes back as a law that holds none.
-COMMON_GAIN = frozenset({"torque_gain_error", "load_dependent_friction"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ def refine_bodies(
         before, after: The runs of both sets.
         arm: The user's arm.
     """
-    body = next((one for one in estimates if one.group.effect.id == "payload"), None)
+    body = next((one for one in estimates if one.group.effect.id == CARRIED), None)
     if body is None:
         return None
     mass = body.parameters[MASS].value

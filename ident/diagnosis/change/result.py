@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.change.candidates import CARRIED
 from ident.diagnosis.change.static_joints import SamplesUsed, StaticJoint
 from ident.diagnosis.heldout_gain import Explained
 from ident.diagnosis.regression.design import NotTestable
@@ -61,7 +62,7 @@ class ArmChange(Explained):
         where = [joint for effect, joint in self.elsewhere if effect == self.effect]
         joints = [*self.joints, *where] if len(where) and self.estimate.told.effect.scope == "joint" else self.joints
         sentence = self.action_at((" or " if where else ", ").join(joints))
-        carried = self.effect != "payload" and any(effect == "payload" for effect, _ in self.elsewhere)
+        carried = self.effect != CARRIED and any(effect == CARRIED for effect, _ in self.elsewhere)
         return f"{sentence}; or is it the tool? these recordings can't tell" if carried else sentence
 
     def to_dict(self) -> dict[str, Any]:

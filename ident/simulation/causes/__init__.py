@@ -16,7 +16,16 @@ CATALOGUE: dict[str, Cause] = {cause.id: cause for cause in (*RUBBING, *DRIVE, *
 OUTSIDE: dict[str, Cause] = {cause.id: cause for cause in UNLISTED}
 """Causes outside the catalogue."""
 
-__all__ = ["CATALOGUE", "OUTSIDE", "Cause", "Circumstances", "find_cause"]
+EVENTS = frozenset({"external_contact"})
+"""Effects that no simulator of the arm can hold: a push that came once."""
+
+ALIKE = (
+    frozenset({"torque_offset", "asymmetric_friction"}),
+    frozenset({"torque_gain_error", "payload", "link_inertial_error"}),
+)
+"""Effects whose torques are one and the same: with both, no truth could be told from another."""
+
+__all__ = ["ALIKE", "CATALOGUE", "EVENTS", "OUTSIDE", "Cause", "Circumstances", "find_cause"]
 
 
 def find_cause(name: str) -> Cause:

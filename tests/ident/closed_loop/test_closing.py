@@ -15,7 +15,7 @@ from ident.closed_loop.exciting import KIND_OF, open_kinds
 from ident.closed_loop.gap import MARGIN, measure_floors, pool_runs
 from ident.closed_loop.models import as_diagnosed, as_tuned, as_urdf
 from ident.closed_loop.recorder import CommandRecorder
-from ident.closed_loop.simulated import ALIKE, EVENTS, draw_effects
+from ident.closed_loop.simulated import draw_effects
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import SHOWINGS
 from ident.errors import InputError
@@ -23,6 +23,7 @@ from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
+from ident.simulation.causes import ALIKE, EVENTS
 from ident.trajectories.command_files import read_commands, write_commands
 from ident.trajectories.kinds import KINDS
 from ident.trajectories.reference import ReferenceMotion, via_spline
