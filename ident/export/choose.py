@@ -101,8 +101,11 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
         measure(bodies, tuple(names[k] for k in ratios.argmin(axis=0)))
     least = {"torque": others[0].torque}
     fit = [key for key, gap in found.items() if _ratios(gap, least).max() <= WORTH]
-    bodies, joints = min(fit, key=lambda key: _rank(found[key], bound))
-    ratios = _ratios(found[bodies, joints], bound).max(axis=0)
+    far = {key: _ratios(found[key], bound) for key in fit}
+    # Least where no joint is worse than the bound, and then where all errors are least on the whole.
+    rank = {key: (max(one.max(), WORTH), np.log(np.maximum(one, 1e-9)).mean()) for key, one in far.items()}
+    bodies, joints = min(fit, key=rank.__getitem__)
+    ratios = far[bodies, joints].max(axis=0)
     worse = {name: float(ratio) for name, ratio in zip(names_of, ratios, strict=True) if ratio > WORTH}
     gaps = {name: gap for name, gap in alone.items() if name != "after"} | {"after": found[bodies, joints]}
     return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse)
@@ -125,9 +128,3 @@ def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]
 def _ratios(gap: Gap, bound: Mapping[str, Array]) -> Float[Array, "m n"]:
     """Errors in units of others, for the measures that those have."""
     return np.array([getattr(gap, one) / np.maximum(bound[one], LEAST[one]) for one in bound])
-
-
-def _rank(gap: Gap, bound: Mapping[str, Array]) -> tuple[float, float]:
-    """Least where no joint is worse than the bound, and then where all errors are least on the whole."""
-    ratios = _ratios(gap, bound)
-    return max(float(ratios.max()), WORTH), float(np.log(np.maximum(ratios, 1e-9)).mean())

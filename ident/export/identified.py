@@ -167,7 +167,9 @@ class IdentifiedArm:
         """
         nominal, n = model.nominal, model.nominal.n
         given, numbers = (one.inertial_parameters.reshape(n, 10) for one in (nominal, model.arm))
-        wrong = [link for link, row, old in zip(nominal.links, numbers, given, strict=True) if _is_wrong(row, old)]
+        # A link that the URDF itself leaves without extent is written as it is.
+        rows = zip(nominal.links, numbers, given, strict=True)
+        wrong = [link for link, row, old in rows if not is_consistent(row) and not np.array_equal(row, old)]
         change = numbers - given
         if wrong and not nearest:
             what = f"its {', '.join(wrong)} could be no real body"
@@ -205,11 +207,6 @@ class IdentifiedArm:
 def in_module(changes: Sequence[Change]) -> list[ModuleEffect]:
     """Effects as the module's laws take them; those without a law are left out."""
     return [(change.effect, change.joint, change.values) for change in changes if change.has_law]
-
-
-def _is_wrong(link: Array, given: Array) -> bool:
-    """Whether an identified link is no body; one that the URDF itself leaves without extent is written as it is."""
-    return not is_consistent(link) and not np.array_equal(link, given)
 
 
 def _of_law(law: Any, joints: tuple[str, ...]) -> Change:

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.export.law_model import SimulatorModel
 from ident.export.mjcf_joint import SPRING_SUFFIX
 from ident.laws.motion import Losses
 from ident.laws.sensing import shifted
@@ -25,18 +26,8 @@ ROLLOUT_STEP = 2.5e-4
 SPRING_STEP = 1e-3
 
 
-class LoadedModel(ABC):
-    """A patched file in its simulator."""
-
-    @abstractmethod
-    def joint_torque(
-        self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"], interval: float
-    ) -> Float[Array, "T n"]:
-        """Torque that the motors deliver along a motion [N m]."""
-
-    @abstractmethod
-    def read_log(self, torque: Float[Array, "T n"], interval: float) -> Float[Array, "T n"]:
-        """What the log reads of a joint torque, as far as the file says [N m]."""
+class LoadedModel(SimulatorModel, ABC):
+    """A patched file in its simulator; its log is read as far as the file says."""
 
     @abstractmethod
     def roll_out(
@@ -85,8 +76,7 @@ class LoadedUrdf(LoadedModel):
         self.arm = arm.with_payload(payload).with_rotors(losses.motor_inertia)
 
     def joint_torque(self, q: Array, dq: Array, ddq: Array, interval: float) -> Float[Array, "T n"]:
-        single = interval <= 0.0
-        slip = np.tanh(dq / self.losses.transition) if single else self.losses.direction(q, dq)
+        slip = np.tanh(dq / self.losses.transition) if interval <= 0.0 else self.losses.direction(q, dq)
         return self.arm.inverse_dynamics(q, dq, ddq) + self._friction(dq, slip)
 
     def _friction(self, dq: Array, slip: Array) -> Array:
@@ -116,7 +106,9 @@ class LoadedMjcf(LoadedModel):
     def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
         spec = mujoco.MjSpec.from_file(str(path))
         if payload is not None and payload.mass_kg > 0.0:
-            _carry(spec, joints[-1], payload)
+            body = spec.joint(joints[-1]).parent.add_body(name="known_payload", pos=payload.com_m)
+            body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
+            body.explicitinertial = True
         self.model = spec.compile()
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         self.data = mujoco.MjData(self.model)
@@ -210,13 +202,6 @@ class LoadedMjcf(LoadedModel):
                 mujoco.mj_step(self.model, self.data)
             ends.append((self.data.qpos[self.main].copy(), self.data.qvel[self.main].copy()))
         return np.moveaxis(np.array(ends), 1, 0)
-
-
-def _carry(spec: mujoco.MjSpec, last: str, payload: Payload) -> None:
-    """Fixes a session's known payload to the body of the last joint."""
-    body = spec.joint(last).parent.add_body(name="known_payload", pos=payload.com_m)
-    body.mass, body.inertia, body.ipos = payload.mass_kg, np.full(3, 1e-6 * payload.mass_kg), np.zeros(3)
-    body.explicitinertial = True
 
 
 def _at_steps(values: Float[Array, "w T n"], interval: float, step: float) -> Float[Array, "S w n"]:

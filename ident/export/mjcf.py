@@ -53,7 +53,10 @@ def write_mjcf(identified: IdentifiedArm) -> str:
     for change in changes:
         if change.part("mjcf") == "load":
             parent = _add_payload(parent, payload_parameters(change.values))
-    _add_drives(root, joints)
+    motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
+    for one in joints:
+        ET.SubElement(motors, "general", {"name": one.name, "joint": one.name, **one.motor})
+        ET.SubElement(sensors, "actuatorfrc", {"name": f"{one.name}_log", "actuator": one.name, **one.sensor})
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -106,13 +109,6 @@ def _add_payload(parent: ET.Element, link: Float[Array, " 10"]) -> ET.Element:
         body, "inertial", pos=numbers(link[1:4] / mass), mass=repr(mass), diaginertia=f"{moment} {moment} {moment}"
     )
     return parent
-
-
-def _add_drives(root: ET.Element, joints: Sequence[JointElements]) -> None:
-    motors, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
-    for one in joints:
-        ET.SubElement(motors, "general", {"name": one.name, "joint": one.name, **one.motor})
-        ET.SubElement(sensors, "actuatorfrc", {"name": f"{one.name}_log", "actuator": one.name, **one.sensor})
 
 
 def _shapes(arm: ArmModel) -> tuple[dict[int, list[dict[str, str]]], dict[str, Float[Array, "k 3"]]]:

@@ -56,7 +56,8 @@ def joint_elements(identified: IdentifiedArm) -> tuple[JointElements, ...]:
     """Elements of every joint: its losses, its limits, and its effects on top."""
     arm, losses = identified.nominal, identified.losses
     late = [change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay"]
-    found = []
+    found, limit = [], arm.velocity_limit
+    top = np.where((limit > 0.0) & (limit < 100.0), limit, FIT_TOP_SPEED)
     for j, name in enumerate(arm.joint_names):
         own = JointElements(name, {}, {"gear": repr(1.0), "gaintype": "fixed", "gainprm": "1"}, _late(sum(late)), {})
         dry, damping = float(losses.coulomb[j]), np.array([losses.viscous[j], 0.0, 0.0])
@@ -64,7 +65,7 @@ def joint_elements(identified: IdentifiedArm) -> tuple[JointElements, ...]:
         for change in identified.changes:
             part, p = change.part("mjcf"), change.values
             if change.joint == j and part == "curve":
-                more, curve = fit_polynomial(partial(friction_over_speed, change.effect, p), _top_speed(arm, j))
+                more, curve = fit_polynomial(partial(friction_over_speed, change.effect, p), top[j])
                 dry, damping = dry + more, damping + curve
             elif change.joint == j:
                 zero -= (
@@ -114,11 +115,6 @@ def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:
 def numbers(values: Sequence[float] | Array) -> str:
     """Numbers of an attribute, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
-
-
-def _top_speed(arm: ArmModel, j: int) -> float:
-    limit = float(arm.velocity_limit[j])
-    return limit if 0.0 < limit < 100.0 else FIT_TOP_SPEED
 
 
 def friction_over_speed(effect: str, figures: dict[str, float], v: Float[Array, " v"]) -> Float[Array, " v"]:

@@ -16,9 +16,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.export.python import describe_arm
 from ident.robot.arm import ArmModel
-from ident.robot.urdf import rotation_about
+from ident.robot.poses import compute_joint_poses
 
 # Poses at which the axes are compared; a handful fixes a rigid motion many times over.
 POSES = 12
@@ -79,55 +78,40 @@ def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
     rng = np.random.default_rng(0)
     low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
     poses = np.concatenate([np.zeros((1, arm.n)), rng.uniform(low, high, (POSES - 1, arm.n))])
-    theirs, ours = _their_lines(model, ids, poses), [_link_poses(arm, q) for q in poses]
-    turn, shift = _rigid_motion(np.stack([_lines(arm, one) for one in ours]), theirs, arm, where)
     bodies = [model.body(model.jnt_bodyid[i]).name for i in ids]
+    frames = compute_joint_poses(*arm.chain[:4], poses, range(1, arm.n + 1))
+    turns, places = (np.stack([frames[j + 1][k] for j in range(arm.n)], axis=1) for k in range(2))
+    directions, points, theirs, theirs_at = _their_frames(model, ids, poses)
+    ours = _lines(turns @ arm.joint_axes[:, :, None], places)
+    turn, shift = _rigid_motion(ours, _lines(directions, points), arm, where)
     if any(not name for name in bodies):
         raise InputError(where, "a body that a joint moves has no name", "name its bodies")
-    placed = [_placement(model, ids, q, one, turn, shift) for q, one in zip(poses, ours, strict=True)]
-    turns, shifts = placed[0]
-    for other_turns, other_shifts in placed[1:]:
-        off = np.abs(other_shifts - shifts).max(axis=1)
-        askew = np.abs(other_turns - turns).max(axis=(1, 2))
-        _refuse_worst(np.maximum(off / LARGEST_MISS_M, askew / LARGEST_MISS_RAD), arm, where)
-    return Match(joints, tuple(bodies), turns, shifts, turn)
+    placed = np.einsum("pjba,bc,pjcd->pjad", theirs, turn, turns)
+    apart = np.einsum("pjba,pjb->pja", theirs, places @ turn.T + shift - theirs_at)
+    off, askew = np.abs(apart - apart[0]).max(axis=(0, 2)), np.abs(placed - placed[0]).max(axis=(0, 2, 3))
+    _refuse_worst(np.maximum(off / LARGEST_MISS_M, askew / LARGEST_MISS_RAD), arm, where)
+    return Match(joints, tuple(bodies), placed[0], apart[0], turn)
 
 
-def _link_poses(arm: ArmModel, q: Float[Array, " n"]) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
-    """Orientation and place of each joint's frame in the base."""
-    chain = describe_arm(arm)
-    turn, place, turns, places = np.eye(3), np.zeros(3), [], []
-    for j in range(arm.n):
-        place, turn = place + turn @ chain.offsets[j], turn @ chain.rotations[j]
-        if chain.sliding[j]:
-            place = place + turn @ chain.axes[j] * q[j]
-        else:
-            turn = turn @ rotation_about(chain.axes[j], float(q[j]))
-        turns.append(turn)
-        places.append(place)
-    return np.array(turns), np.array(places)
+def _lines(directions: Array, points: Float[Array, "P n 3"]) -> Float[Array, "P n 6"]:
+    """Axes as lines: direction, and moment about the origin."""
+    directions = directions.reshape(points.shape)
+    return np.concatenate([directions, np.cross(points, directions)], axis=2)
 
 
-def _lines(arm: ArmModel, pose: tuple[Array, Array]) -> Float[Array, "n 6"]:
-    """Each joint's axis as a line: direction, and moment about the origin."""
-    turns, places = pose
-    directions = np.einsum("jab,jb->ja", turns, describe_arm(arm).axes)
-    return np.concatenate([directions, np.cross(places, directions)], axis=1)
-
-
-def _their_lines(model: mujoco.MjModel, ids: Sequence[int], poses: Float[Array, "P n"]) -> Float[Array, "P n 6"]:
-    data, found = mujoco.MjData(model), []
+def _their_frames(
+    model: mujoco.MjModel, ids: Sequence[int], poses: Float[Array, "P n"]
+) -> tuple[Float[Array, "P n 3"], Float[Array, "P n 3"], Float[Array, "P n 3 3"], Float[Array, "P n 3"]]:
+    """Direction and a point of each joint's axis, orientation and place of the body that it moves, at every pose."""
+    data, bodies, found = mujoco.MjData(model), model.jnt_bodyid[ids], []
     for q in poses:
-        _pose(model, data, ids, q)
-        directions, points = data.xaxis[ids], data.xanchor[ids]
-        found.append(np.concatenate([directions, np.cross(points, directions)], axis=1))
-    return np.array(found)
-
-
-def _pose(model: mujoco.MjModel, data: mujoco.MjData, ids: Sequence[int], q: Float[Array, " n"]) -> None:
-    mujoco.mj_resetData(model, data)
-    data.qpos[model.jnt_qposadr[list(ids)]] = q
-    mujoco.mj_kinematics(model, data)
+        mujoco.mj_resetData(model, data)
+        data.qpos[model.jnt_qposadr[ids]] = q
+        mujoco.mj_kinematics(model, data)
+        placed = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
+        found.append((data.xaxis[ids], data.xanchor[ids], *placed))
+    directions, points, turns, places = (np.array(part) for part in zip(*found, strict=True))
+    return directions, points, turns, places
 
 
 def _rigid_motion(
@@ -150,19 +134,6 @@ def _rigid_motion(
     off = np.abs(left - crosses @ shift).reshape(len(ours), arm.n, 3).max(axis=(0, 2))
     _refuse_worst(np.where(arm.sliding_joints, 0.0, off / LARGEST_MISS_M), arm, where)
     return turn, shift
-
-
-def _placement(
-    model: mujoco.MjModel, ids: Sequence[int], q: Array, ours: tuple[Array, Array], turn: Array, shift: Array
-) -> tuple[Float[Array, "n 3 3"], Float[Array, "n 3"]]:
-    """Our link frames in their bodies at a pose."""
-    data = mujoco.MjData(model)
-    _pose(model, data, ids, q)
-    bodies = model.jnt_bodyid[list(ids)]
-    theirs, places = data.xmat[bodies].reshape(-1, 3, 3), data.xpos[bodies]
-    turns = np.einsum("jba,bc,jcd->jad", theirs, turn, ours[0])
-    apart = ours[1] @ turn.T + shift - places
-    return turns, np.einsum("jba,jb->ja", theirs, apart)
 
 
 def _refuse_worst(miss: Float[Array, " n"], arm: ArmModel, where: Path) -> None:

@@ -16,7 +16,6 @@ from ident.export.bodies import about_centre, moved
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf_joint import numbers
 from ident.model.convex import is_consistent
-from ident.robot.arm import ArmModel
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
@@ -32,11 +31,14 @@ ENTRIES = (np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2]))
 def write_urdf(identified: IdentifiedArm) -> str:
     """The patched URDF: the arm's source file is edited where there is one, and losses that it states are replaced."""
     arm, losses, links = identified.nominal, identified.losses, identified.links.total
-    root = _parse(arm)
+    text = arm.source.read_text(encoding="utf-8") if arm.source is not None else arm.urdf
+    root = ET.fromstring(text, parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
     bodies = {link.get("name"): link for link in root.findall("link")}
     for j, name in enumerate(arm.joint_names):
-        _set_dynamics(joints[name], float(losses.viscous[j]), float(losses.coulomb[j]))
+        dynamics = _child(joints[name], "dynamics")
+        dynamics.set("damping", repr(float(losses.viscous[j])))
+        dynamics.set("friction", repr(float(losses.coulomb[j])))
         if np.any(links[j]):
             _add_inertia(root, bodies[arm.links[j]], links[j], arm.locked_joints)
     for change in identified.changes:
@@ -52,22 +54,10 @@ def write_urdf(identified: IdentifiedArm) -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _parse(arm: ArmModel) -> ET.Element:
-    text = arm.source.read_text(encoding="utf-8") if arm.source is not None else arm.urdf
-    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-    return ET.fromstring(text, parser=parser)
-
-
 def _child(element: ET.Element, tag: str) -> ET.Element:
     """A child of an element, made if it is not there."""
     found = element.find(tag)
     return ET.SubElement(element, tag) if found is None else found
-
-
-def _set_dynamics(joint: ET.Element, viscous: float, coulomb: float) -> None:
-    dynamics = _child(joint, "dynamics")
-    dynamics.set("damping", repr(viscous))
-    dynamics.set("friction", repr(coulomb))
 
 
 def _add_inertia(root: ET.Element, link: ET.Element, change: Float[Array, " 10"], locked: Mapping[str, float]) -> None:
