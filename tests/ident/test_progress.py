@@ -1,4 +1,4 @@
-"""Laws of progress: who listens hears stages, a share that grows to one and the time that is left; nobody else hears."""
+"""Laws of progress: a listener hears of stages, a share that grows to one, and the time left; nobody else hears."""
 
 from __future__ import annotations
 
