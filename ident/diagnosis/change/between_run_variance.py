@@ -4,17 +4,22 @@ An effect of size one is what was found to have come with the later set. In each
 is estimated from what the model with the change leaves, with a variance v_r of its own by the noise. What the d_r of
 one set differ by beyond that is a variance component of random effects,
 
-    τ² = max(0, Σ (d − d̄)² / v − Σ (R_s − 1)) / C,
+    τ² = max(0, f (s² − 1)) / C,    s² = Σ (d − d̄)² / v / f,    f = Σ (R_s − 1),
 
 and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
 of its set's information. A change is reported where F = 1 / (k V) is beyond chance for its k columns, among all.
+
+Three runs a set say little of s². But every other law has one of its own at the same joints, where the same model is
+wrong: a scaled inverse chi² distribution of f₀ degrees of freedom about s₀² is fitted to all of them, and each s² is
+drawn to it, (f₀ s₀² + f s²) / (f₀ + f).
 
 Friction is not free from run to run: it is a random walk, as gears warm. What it goes from a run to the next,
 x ~ N(0, q + v) with v by the noise of both, adds up, and a session of R runs that set out where the last one did has a
 mean that is off by q R / 3. Five steps a set, in noise, leave q open by much: an estimate of zero says little. With a
 scaled inverse chi² prior about what this arm's joints usually do, every q counts by how likely the steps are.
 
-Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Satterthwaite 1946 (degrees of freedom);
+Source: DerSimonian and Laird 1986 (moment estimator of a variance component); Smyth 2004 (moderated variances, and how
+their prior is fitted); Satterthwaite 1946 (degrees of freedom);
 Gelman et al., Bayesian Data Analysis (scaled inverse chi²), for why the estimate alone is too sure.
 """
 
@@ -25,10 +30,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import digamma, polygamma
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from ident.arrays import Array, Float, Int
+from ident.arrays import Array, Bool, Float, Int
 from ident.diagnosis.change.friction_drift import SAME_DAY, DayToDay
 from ident.diagnosis.change.paired_sums import PairedSums, Sides
 from ident.diagnosis.regression.design import Group
@@ -37,6 +43,8 @@ from ident.diagnosis.regression.run_spread import excess_over_noise, residual_we
 
 # Degrees of freedom that a variance from runs has beside those of the runs: arms of one kind differ by little.
 PRIOR_DOF = 2.0
+# As many as other laws may lend: they are not independent of one another.
+MOST_DOF = 20.0
 # Points of the grid over q, and how far it goes to either side of what is usual, as a factor on q.
 POINTS, REACH = 61, 1e4
 
@@ -51,6 +59,7 @@ class Standing:
         spread: Standard deviation from run to run of the effect, as a share of the change.
         widening: Factor on the half-widths of intervals that count the blocks' noise alone.
         daily: What of the error is there whatever the runs say, as one day differs from the next.
+        of_the_runs: Whether the error is mostly what runs or days differ by, and not noise.
     """
 
     p_value: float
@@ -58,6 +67,7 @@ class Standing:
     spread: float
     widening: float
     daily: float = 0.0
+    of_the_runs: bool = False
 
     @property
     def of_the_day(self) -> bool:
@@ -73,6 +83,7 @@ def measure_standing(
     beta: Float[Array, " k"],
     covariance: Float[Array, "k k"],
     asked: int,
+    usual: UsualVariance,
     day: DayToDay = SAME_DAY,
 ) -> Standing:
     """Holds a change against the runs.
@@ -85,20 +96,13 @@ def measure_standing(
         beta: Its scaled coefficients.
         covariance: Their covariance by blocks.
         asked: How many changes were asked for.
+        usual: What runs differ by in other laws at the same joints.
         day: What it may differ by though nothing was done, as a share of it.
     """
     score, power = _by_block(sums, model, group, beta)
-    runs = len(sides.later)
-    total, count = np.zeros((2, runs))
-    np.add.at(total, sides.run_of_block, score)
-    np.add.at(count, sides.run_of_block, power)
-    seen = count > 1e-9 * count.max(initial=1e-300)
-    size = np.where(seen, total / np.where(seen, count, 1.0), 0.0)
-    left = score - size[sides.run_of_block] * power
-    # By how much blocks of one run vary more than whitened noise would.
-    noise = max(1.0, float(left @ left) / max(float(power.sum()), 1e-300))
-    by_noise = noise / np.where(seen, count, 1.0)
-    spread, free, share = _component(size, by_noise, count, sides, seen)
+    sizes = _sizes_of_runs(score, power, sides)
+    size, by_noise, seen = sizes.size, sizes.variance, sizes.seen
+    spread, free, share = _component(sizes, sides, usual)
     # What the other columns leave of the change's own sums, from the model that holds it.
     at = np.flatnonzero(np.isin(model.inside, group.columns))
     along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ beta
@@ -108,7 +112,7 @@ def measure_standing(
     sets = [(size[here], by_noise[here], number) for here, number in zip(of_sides, day.sessions, strict=True)]
     wandering = estimate_random_walk(sets, day.step)
     # What is taken from a distribution, or is known whatever the runs say, has no degrees of freedom to count.
-    of_runs = np.where(by_runs > wandering.variance, by_runs**2 / (free + PRIOR_DOF), 0.0)
+    of_runs = np.where(by_runs > wandering.variance, by_runs**2 / free, 0.0)
     estimated = by_blocks**2 / max(len(score) - 1.0, 1.0) + of_runs
     variance = by_blocks + np.maximum(by_runs, wandering.variance) + day.error**2
     dof = variance**2 / (estimated + 1e-300)
@@ -117,7 +121,7 @@ def measure_standing(
     reach = _quantile(variance, dof, wandering.weight) / 1.96
     error = float(np.sqrt(wandering.weight @ variance))
     widening = reach / float(np.sqrt(max(by_blocks, 1e-300)))
-    return Standing(p_value, error, float(spread), max(1.0, widening), day.error)
+    return Standing(p_value, error, float(spread), max(1.0, widening), day.error, error**2 > 2.0 * by_blocks)
 
 
 def _quantile(variance: Float[Array, " m"], dof: Float[Array, " m"], weight: Float[Array, " m"]) -> float:
@@ -149,24 +153,112 @@ def _by_block(
     return score, np.maximum(power, 0.0)
 
 
-def _component(
-    size: Float[Array, " R"],
-    variance: Float[Array, " R"],
-    power: Float[Array, " R"],
-    sides: Sides,
-    seen: Array,
-) -> tuple[float, float, float]:
+@dataclass(frozen=True, eq=False)
+class _RunSizes:
+    """A change's size in each run about what the model has it be, as a share of it.
+
+    Attributes:
+        size: In each run.
+        variance: Of each by noise, which blocks of one run show.
+        power: Information about each.
+        seen: Of which runs there is any.
+    """
+
+    size: Float[Array, " R"]
+    variance: Float[Array, " R"]
+    power: Float[Array, " R"]
+    seen: Bool[Array, " R"]
+
+    def between(self, sides: Sides) -> tuple[float, int, float]:
+        """Squares of the sizes about their set's mean over their variances, degrees of freedom, and C."""
+        squares, free, scale = 0.0, 0, 0.0
+        for side in (False, True):
+            here = np.flatnonzero((sides.later == side) & self.seen)
+            if len(here):
+                beyond, unit = excess_over_noise(self.size[here], self.variance[here])
+                squares, free, scale = squares + beyond + len(here) - 1, free + len(here) - 1, scale + unit
+        return squares, free, scale
+
+
+def _sizes_of_runs(score: Float[Array, " B"], power: Float[Array, " B"], sides: Sides) -> _RunSizes:
+    total, count = np.zeros((2, len(sides.later)))
+    np.add.at(total, sides.run_of_block, score)
+    np.add.at(count, sides.run_of_block, power)
+    seen = count > 1e-9 * count.max(initial=1e-300)
+    size = np.where(seen, total / np.where(seen, count, 1.0), 0.0)
+    left = score - size[sides.run_of_block] * power
+    # By how much blocks of one run vary more than whitened noise would.
+    noise = max(1.0, float(left @ left) / max(float(power.sum()), 1e-300))
+    return _RunSizes(size, noise / np.where(seen, count, 1.0), count, seen)
+
+
+def _component(sizes: _RunSizes, sides: Sides, usual: UsualVariance) -> tuple[float, float, float]:
     """Spread from run to run, its degrees of freedom, and what share of its square the change's variance holds."""
-    excess, free, scale, share = 0.0, 0, 0.0, 0.0
+    squares, free, scale = sizes.between(sides)
+    if scale <= 0.0:
+        return 0.0, usual.freedom, 0.0
+    ratio = (usual.freedom * usual.ratio + squares) / (usual.freedom + free)
+    share = 0.0
     for side in (False, True):
-        here: Int[Array, " r"] = np.flatnonzero((sides.later == side) & seen)
-        if not len(here):
-            continue
-        beyond, unit = excess_over_noise(size[here], variance[here])
-        excess, scale = excess + beyond, scale + unit
-        free += len(here) - 1
-        share += float(np.sum(power[here] ** 2) / np.sum(power[here]) ** 2)
-    return float(np.sqrt(max(0.0, excess) / scale)) if scale > 0.0 else 0.0, float(free), share
+        power = sizes.power[(sides.later == side) & sizes.seen]
+        share += float(np.sum(power**2) / max(np.sum(power) ** 2, 1e-300))
+    return float(np.sqrt(max(0.0, free * (ratio - 1.0)) / scale)), usual.freedom + free, share
+
+
+@dataclass(frozen=True)
+class UsualVariance:
+    """What runs of one set differ by in the laws of some joints: mean squares over what noise alone would give.
+
+    Attributes:
+        ratio: Their scale, one where runs differ by noise alone.
+        freedom: Degrees of freedom that it is worth beside a law's own mean square.
+    """
+
+    ratio: float
+    freedom: float
+
+
+def measure_usual_variance(sums: PairedSums, sides: Sides, model: Projection, joints: Sequence[int]) -> UsualVariance:
+    """What runs of one set differ by in all laws that act at some joints.
+
+    Args:
+        sums: The sums.
+        sides: Which runs are of which set.
+        model: The baseline with all named changes.
+        joints: Where.
+    """
+    evidence, weights = sums.evidence, residual_weights(sums.evidence, model)
+    kinds = {group.key: group for group in reversed(evidence.layout.groups)}.values()
+    found, freedom = [], []
+    for j in joints:
+        local, places = evidence.layout.local[j], evidence.layout.places[j]
+        left = evidence.times(j, weights[local])
+        for group in kinds:
+            column = places.get(int(sums.in_all_runs(group)[0]))
+            if column is None:
+                continue
+            alone = np.zeros(len(local))
+            alone[column] = 1.0
+            power = np.maximum(evidence.times(j, alone)[:, column], 0.0)
+            if power.sum() > 0.0:
+                squares, free, _ = _sizes_of_runs(left[:, column], power, sides).between(sides)
+                if free > 0:
+                    found.append(max(squares, 1e-3 * free) / free)
+                    freedom.append(free)
+    return _fit_scaled_f(np.array(found), np.array(freedom))
+
+
+def _fit_scaled_f(squares: Float[Array, " k"], freedom: Int[Array, " k"]) -> UsualVariance:
+    """Scale and degrees of freedom of a prior of variances, by the moments of their logarithms."""
+    if len(squares) < 3:
+        return UsualVariance(1.0, PRIOR_DOF)
+    logs = np.log(squares) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
+    mean, beyond = float(logs.mean()), float(logs.var(ddof=1) - np.mean(polygamma(1, freedom / 2.0)))
+    if beyond <= float(polygamma(1, 0.5 * MOST_DOF)):
+        half = 0.5 * MOST_DOF
+    else:
+        half = float(brentq(lambda x: float(polygamma(1, x)) - beyond, 1e-3, 0.5 * MOST_DOF))
+    return UsualVariance(float(np.exp(mean + digamma(half) - np.log(half))), 2.0 * half)
 
 
 @dataclass(frozen=True)

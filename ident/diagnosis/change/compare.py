@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.diagnosis.change.between_run_variance import Standing, measure_standing
+from ident.diagnosis.change.between_run_variance import Standing, measure_standing, measure_usual_variance
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.confounded_links import open_places, place_bodies
 from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load, may_be_gain
@@ -26,10 +26,10 @@ from ident.diagnosis.change.search import ALARM, ChangeSearch, count_changes
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
-from ident.diagnosis.regression.design import Group, Key, NotTestable
+from ident.diagnosis.regression.design import Group, NotTestable
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.reservations import Reservation, find_implausible, joints_of
-from ident.diagnosis.selection.gates import SearchResults
+from ident.diagnosis.selection.gates import Named, SearchResults
 from ident.diagnosis.selection.intervals import Estimate, estimate_effects, solve_effects
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.settings import SelectionSettings
@@ -44,11 +44,12 @@ RIGHT_SHARE = 0.04
 # A change of which the baseline leaves a smaller share can't be told from what both sets have in common.
 LEAST_SEEN = 0.02
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
+TOO_UNSURE = "these runs are too few, or move too alike, to tell its size from zero"
 IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
 TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
-# Searches at the most, each without what did not stand.
-MOST_ROUNDS = 8
+# Changes that are tried in a row without one that stands.
+MOST_FAILED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,43 +147,73 @@ def _search(design: PairedDesign, seed: int, settings: SelectionSettings) -> Cha
 
 
 def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
-    """Searches, and again without what does not stand, until all that is named stands."""
+    """Names one change after the other, the likeliest first, each only if it stands beside those before it.
+
+    What does not stand is set aside before the next is tried: beside it, few runs would leave nothing certain.
+    """
     joints = design.baseline.nominal.joint_names
     search = _search(design, seed, settings)
     doubted: tuple[Reservation, ...] = ()
     differing: list[Group] = []
     unlawful = False
-    for _ in range(MOST_ROUNDS):
-        found = search.run()
+    kept: tuple[Named, ...] = ()
+    stands = _Changes(search.only(SearchResults((), (search.held_out.score(),), None), ()), (), (), ())
+    failed = 0
+    while failed < MOST_FAILED:
+        one_more = replace(search, settings=replace(settings, most_effects=len(kept) + 1))
+        found = one_more.run(kept)
         if not found.named:
-            return _Changes(found, (), (), doubted, unlawful=unlawful)
-        if (spare := _superfluous(search, found)) is not None:
-            search = replace(search, barred=search.barred | {spare})
-            continue
+            stands = replace(stands, found=found)
+            break
         fine = Refined(search, tuple(item.group for item in found.named))
         standings = _standings(design, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
         raw = estimate_effects(search, fine, design.session, found.named)
         read = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
         estimates = [_widened(*three) for three in zip(read, raw, standings, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
-        for k, (standing, item) in enumerate(zip(standings, found.named, strict=True)):
+        for k, standing in enumerate(standings):
             if standing.p_value > ALARM:
-                refused[k] = ANOTHER_DAY if standing.of_the_day else ANOTHER_RUN
-                differing.append(item.group)
-            elif k in refused and estimates[k].undefined is None:
-                unlawful = True
-        refused = stand_ins(search, found, differing) | refused
+                of_the_runs = ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
+                refused[k] = ANOTHER_DAY if standing.of_the_day else of_the_runs
+        if len(found.named) > len(kept):
+            # What was set aside before a name explained more than it does; what came after it did not.
+            last = len(found.named) - 1
+            refused = {k: why for k, why in (stand_ins(search, found, differing) | refused).items() if k == last}
         if not refused:
-            named = [item.group for item in found.named]
-            places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-            told = tuple(
-                replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *(group.effect.id for group in there)))))
-                for one, there in zip(_with_gain(estimates, fine, design), places, strict=True)
-            )
-            return _Changes(found, told, tuple(standings), doubted, places, unlawful)
+            stands = _standing(search, found, estimates, standings, fine, design)
+            if len(found.named) <= len(kept):
+                break
+            kept, failed = found.named, 0
+            continue
+        for k in refused:
+            if standings[k].p_value > ALARM:
+                differing += [found.named[k].group] if standings[k].of_the_runs else []
+            elif refused[k] != IN_ITS_PLACE and estimates[k].undefined is None:
+                unlawful = True
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
-    return _Changes(search.only(found, ()), (), (), doubted, unlawful=unlawful)
+        kept = tuple(item for k, item in enumerate(found.named) if k not in refused)
+        failed += 1
+    return replace(stands, doubted=doubted, unlawful=unlawful)
+
+
+def _standing(
+    search: ChangeSearch,
+    found: SearchResults,
+    estimates: Sequence[Estimate],
+    standings: Sequence[Standing],
+    fine: Refined,
+    design: PairedDesign,
+) -> _Changes:
+    """Changes all of which stand, each with the places where it may sit as well."""
+    named = [item.group for item in found.named]
+    places = tuple(open_places(search, named, slot) for slot in range(len(named)))
+    rivals = [tuple(group.effect.id for group in there) for there in places]
+    told = tuple(
+        replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *others))))
+        for one, others in zip(_with_gain(estimates, fine, design), rivals, strict=True)
+    )
+    return _Changes(found, told, tuple(standings), (), places)
 
 
 def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
@@ -205,16 +236,6 @@ def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Gr
         if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
             refused[slot] = IN_ITS_PLACE
     return refused
-
-
-def _superfluous(search: ChangeSearch, found: SearchResults) -> Key | None:
-    """The weakest of several names that does not pass beside the others: what was found later may explain it."""
-    if len(found.named) < 2:
-        return None
-    gram, groups = search.evidence.gram(), [item.group for item in found.named]
-    again = [search.judged_beside(gram, groups, slot) for slot in range(len(groups))]
-    failed = [item for item in again if not item.gates.passed]
-    return min(failed, key=lambda item: item.gates.evidence).group.key if failed else None
 
 
 def _refined(second: Refinement, told: _Changes, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:
@@ -251,7 +272,9 @@ def _standings(
         scaled, covariance = (beta + more) * scale, cells * np.outer(scale, scale)
         day = day_to_day(group, design.session, beta + more, evidence.spread[design.judged], sessions)
         sides = design.sums, design.sides
-        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, day))
+        acts = [j for j in group.acts_on(evidence.layout.n) if j in design.judged]
+        usual = measure_usual_variance(*sides, model, acts)
+        found.append(measure_standing(*sides, model, group, scaled, covariance, asked, usual, day))
     return found
 
 

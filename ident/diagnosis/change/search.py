@@ -39,7 +39,7 @@ def count_changes(search: Search) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _ByEvidence(Gates):
-    """What a change showed; it passes by its evidence.
+    """What a change showed; it passes by its evidence, unless a larger cause of slightly another law may leave as much.
 
     Attributes:
         needed: Log evidence that it must have [nats].
@@ -49,7 +49,7 @@ class _ByEvidence(Gates):
 
     @property
     def passed(self) -> bool:
-        return self.evidence >= self.needed
+        return self.evidence >= self.needed and self.own_share >= self.settings.least_own_share
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,7 +71,7 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
     every = max(1, -(-sum(len(_starts(item, window)) for item in series) // settings.most_windows))
     for item in series:
         starts = _starts(item, window)[::every]
-        rows = starts[:, None] + np.arange(round(window / item.step) + 1)
+        rows = starts[:, None] + np.arange(_samples(item, window) + 1)
         free = _free(item, rows)
         rows, free = rows[free.any(axis=1)], free[free.any(axis=1)]
         if len(rows) == 0:
@@ -86,7 +86,12 @@ def replay(series: Sequence[RunResidual], baseline: Baseline, settings: ReplaySe
 
 def _starts(item: RunResidual, window: float) -> Int[Array, " w"]:
     """First samples of a run's stretches, end to end."""
-    return np.arange(0, len(item.before) - round(window / item.step), round(window / item.step))
+    return np.arange(0, len(item.before) - _samples(item, window), _samples(item, window))
+
+
+def _samples(item: RunResidual, window: float) -> int:
+    """Samples of a stretch, at least one."""
+    return max(1, round(window / item.step))
 
 
 def _free(item: RunResidual, rows: Int[Array, "w k"]) -> Bool[Array, "w n"]:
