@@ -132,15 +132,12 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
         if kind.shown_by not in SHOWINGS:
             what = f"{kind.__name__} is shown by {kind.shown_by!r}, which is no kind of motion"
             raise InputError(extra, what, f"give one of: {', '.join(SHOWINGS)}")
-        found.append(_make(kind, extra))
+        try:
+            found.append(kind())
+        except Exception as error:
+            what = f"{kind.__name__} can't be made ({error})"
+            raise InputError(extra, what, "let it need no arguments") from error
     return tuple(found)
-
-
-def _make(kind: type[Effect], path: Path) -> Effect:
-    try:
-        return kind()
-    except Exception as error:
-        raise InputError(path, f"{kind.__name__} can't be made ({error})", "let it need no arguments") from error
 
 
 def _run_file(path: Path) -> ModuleType:

@@ -141,7 +141,10 @@ class PreslidingHysteresis(Effect):
         if not _usable(session, joint):
             return f"position of {session.joint_names[joint]} is too noisy to follow some mrad after a reversal"
         least = min(DISPLACEMENTS)
-        if sum(_reversals(run.motion.q[:, joint], least) for run in session.runs) < 3:
+        count = np.zeros(1)
+        for run in session.runs:
+            _count_reversals(np.ascontiguousarray(run.motion.q[:, joint]), least, count)
+        if count[0] < 3:
             return f"{session.joint_names[joint]} reverses fewer than three times"
         return None
 
@@ -238,15 +241,9 @@ def _usable(session: SessionContext, joint: int) -> list[float]:
     return [size for size in DISPLACEMENTS if noise < LARGEST_NOISE_SHARE * size]
 
 
-def _reversals(q: Float[Array, " T"], least: float) -> int:
-    """Number of reversals after which the path goes back by some distance at least."""
-    count = np.zeros(1)
-    _count_reversals(np.ascontiguousarray(q), least, count)
-    return int(count[0])
-
-
 @compiled("f1 f f1")
 def _count_reversals(q: Array, least: float, count: Array) -> None:
+    """Adds the number of reversals after which the path goes back by some distance at least."""
     heading, extreme = 0, q[0]
     for value in q:
         if heading == 0:

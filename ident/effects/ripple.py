@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import exactly, wave_figures
 from ident.effects.typical_sizes import travel, wave
 
@@ -102,8 +102,11 @@ class TorqueRipple(Effect):
         )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        turns = variant.shape["turns"]
-        return [_share(run, joint, variant)[:, None] * wave(run.motion.q[:, joint], turns) for run in session.runs]
+        turns, loaded, load = (variant.shape[name] for name in ("turns", "loaded", "load_Nm"))
+        return [
+            (run.link[:, [joint]] / load if loaded else 1.0) * wave(run.motion.q[:, joint], turns)
+            for run in session.runs
+        ]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -125,13 +128,6 @@ class TorqueRipple(Effect):
             "load_Nm": shape.get("load_Nm", 1.0),
             "turns": shape.get("turns", 0.0),
         }
-
-
-def _share(run: RunContext, joint: int, variant: Variant) -> Float[Array, " T"]:
-    """What the ripple is a share of: one, or the load in units of the session's typical load."""
-    if variant.shape["loaded"] == 0.0:
-        return np.ones(len(run.motion.time))
-    return np.asarray(run.link[:, joint] / variant.shape["load_Nm"])
 
 
 def _gear(session: SessionContext, joint: int) -> float | None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import is_near, near_one_pose, rated_torque, sampled_states
@@ -122,7 +122,8 @@ class TorqueSaturation(Effect):
         return tuple(Variant(shape={"knee_Nm": factor * variant.shape["knee_Nm"]}) for factor in FINE_KNEE_FACTORS)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
-        return [-_excess(run, joint, variant.shape["knee_Nm"])[:, None] for run in session.runs]
+        knee = variant.shape["knee_Nm"]
+        return [np.clip(run.total[:, [joint]], -knee, knee) - run.total[:, [joint]] for run in session.runs]
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -159,12 +160,6 @@ class TorqueSaturation(Effect):
 def _peak(session: SessionContext, joint: int) -> float:
     """Largest modelled torque of a joint but for one sample in a thousand [N m]."""
     return float(np.quantile(np.abs(np.concatenate([run.total[:, joint] for run in session.runs])), 0.999))
-
-
-def _excess(run: RunContext, joint: int, limit: float) -> Float[Array, " T"]:
-    """What of the modelled torque lies beyond a limit, with its sign."""
-    torque = run.total[:, joint]
-    return torque - np.clip(torque, -limit, limit)
 
 
 class EncoderOffset(Effect):

@@ -42,7 +42,14 @@ class SizePrior:
     @classmethod
     def about_zero(cls, deviation: Float[Array, " k"]) -> SizePrior:
         """Student's t of a few degrees of freedom about zero for each coefficient."""
-        return cls(deviation, lambda coefficients: _log_t(coefficients / deviation) - float(np.sum(np.log(deviation))))
+        half = 0.5 * (FREEDOM + 1)
+        constant = gammaln(half) - gammaln(0.5 * FREEDOM) - 0.5 * np.log(FREEDOM * np.pi)
+
+        def log_density(coefficients: Float[Array, " k"]) -> float:
+            spread = half * np.log1p((coefficients / deviation) ** 2 / FREEDOM)
+            return float(np.sum(constant - spread - np.log(deviation)))
+
+        return cls(deviation, log_density)
 
     def cost(self, coefficients: Float[Array, " k"], information: Float[Array, "k k"]) -> float:
         """What coefficients cost the evidence for a name [nats].
@@ -60,10 +67,3 @@ class SizePrior:
         sharper = 0.5 * float(np.sum(np.log1p(values))) - float(np.sum(np.log(width)))
         usual = self.log_density(width * (vectors @ held))
         return misfit + sharper - 0.5 * len(width) * float(np.log(2 * np.pi)) - usual
-
-
-def _log_t(x: Float[Array, " k"]) -> float:
-    """Sum of log densities of Student's t."""
-    half = 0.5 * (FREEDOM + 1)
-    constant = gammaln(half) - gammaln(0.5 * FREEDOM) - 0.5 * np.log(FREEDOM * np.pi)
-    return float(np.sum(constant - half * np.log1p(x**2 / FREEDOM)))

@@ -79,38 +79,72 @@ class BlockSums:
         return BlockSums(*kept, self.through_reversals, self.rank, self.shared)
 
 
-def sum_blocks(
-    motions: Sequence[Motion],
-    arm: ArmModel,
-    base: BaseParameters,
-    shaft: Shaft | None = None,
-    named: Sequence[NamedLaw] = (),
-    bearing: ArmModel | None = None,
-    through: Bool[Array, " n"] | None = None,
-) -> BlockSums:
+@dataclass(frozen=True, eq=False)
+class FitColumns:
+    """What a fit asks of a run.
+
+    Attributes:
+        arm: The arm as its URDF describes it; the torque is what it leaves.
+        base: Its base parameters.
+        shaft: Joints that share a shaft, if any.
+        named: Laws of joints whose coefficients are parameters too; their columns stand before a shaft's.
+        bearing: The arm whose rigid torque is the joints' load; the arm itself if None.
+    """
+
+    arm: ArmModel
+    base: BaseParameters
+    shaft: Shaft | None = None
+    named: Sequence[NamedLaw] = ()
+    bearing: ArmModel | None = None
+
+    @property
+    def shared(self) -> int:
+        """Number of columns of named laws and of a shaft."""
+        return sum(law.size for law in self.named) + (0 if self.shaft is None else SHARED_COLUMNS)
+
+    def of(self, motion: Motion, mask: Bool[Array, "t n"]) -> tuple[Float[Array, "t n c"], Bool[Array, "t n"]]:
+        """Columns and torque of a run through the common filter, and the rows that are clear of a shaft's reversals.
+
+        Direction is a plain sign: clear of reversals it is one, and any smooth step would be mistaken for lower
+        friction at low speed (with a width of 0.02 rad/s Coulomb friction came out 0.6 % too high and viscous 0.6 %
+        too low).
+        """
+        q, dq, ddq = motion.q, motion.dq, motion.ddq
+        known = self.arm.with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+        filtered = motion.filtered(np.stack([ddq, dq, np.sign(dq), motion.tau - known], axis=-1))
+        parts = [motion.filtered(self.arm.regressor(q, dq, ddq, self.base.columns)), filtered[..., :3]]
+        parts.append(np.ones_like(filtered[..., :1]))
+        if self.named:
+            load = (self.bearing or self.arm).with_payload(motion.payload).inverse_dynamics(q, dq, ddq)
+            parts.append(motion.filtered(named_columns(self.named, q, dq, load)))
+        if self.shaft is not None:
+            joints = [self.shaft.first, self.shaft.second]
+            parts.append(motion.filtered(self.shaft.columns(dq, ddq, np.sign(self.shaft.turn(dq)))))
+            clear = np.abs(np.abs(parts[-1][:, self.shaft.second, 2]) - 1.0) < SIGN_CLEAR
+            mask = mask.copy()
+            mask[:, joints] &= clear[:, None]
+        return np.concatenate([*parts, filtered[..., 3:]], axis=-1), mask
+
+
+def sum_blocks(motions: Sequence[Motion], columns: FitColumns, through: Bool[Array, " n"] | None = None) -> BlockSums:
     """Goes through the runs once.
 
     Args:
         motions: Runs; known payloads are part of the model.
-        arm: The arm as its URDF describes it; the torque is what it leaves.
-        base: Its base parameters.
-        shaft: Joints that share a shaft, if any.
-        named: Laws of joints whose coefficients are figures too; their columns stand before a shaft's.
-        bearing: The arm whose rigid torque is the joints' load; the arm itself if None.
+        columns: What is asked of each.
         through: Joints of which all moving rows count.
     """
-    too_few = _too_few_settled(motions)
+    moving, settled = (
+        sum((one(motion).sum(axis=0) for motion in motions), np.zeros(motions[0].n))
+        for one in (lambda motion: motion.moving, clear_of_stops)
+    )
+    too_few = np.asarray(settled < np.maximum(LEAST_ROWS, LEAST_SETTLED * moving))
     use_moving = too_few if through is None else too_few | through
     moments: list[Array] = []
     rows: list[Array] = []
     runs: list[int] = []
     for motion, run in zip(motions, run_numbers(motions), strict=True):
-        x = _columns(motion, arm, base)
-        if named:
-            x = _with_named(x, motion, named, bearing or arm)
-        mask = np.where(use_moving, motion.moving, clear_of_stops(motion))
-        if shaft is not None:
-            x, mask = _with_shaft(x, mask, motion, shaft)
+        x, mask = columns.of(motion, np.where(use_moving, motion.moving, clear_of_stops(motion)))
         x[~mask] = 0.0
         label = ((motion.time[motion.coarse] - motion.time[0]) // BLOCK_DURATION).astype(int)
         edges = [0, *(np.flatnonzero(np.diff(label)) + 1), len(label)]
@@ -122,8 +156,8 @@ def sum_blocks(
         if len(moments) >= 2 * MOST_BLOCKS:
             moments, rows, runs = _in_pairs(moments, rows, runs)
     joints = tuple(name for name, all_of_it in zip(motions[0].joints, too_few, strict=True) if all_of_it)
-    shared = sum(law.size for law in named) + (0 if shaft is None else SHARED_COLUMNS)
-    return BlockSums(np.array(moments), np.array(rows), np.array(runs), joints, base.rank, shared)
+    parts = np.array(moments), np.array(rows), np.array(runs)
+    return BlockSums(*parts, joints, columns.base.rank, columns.shared)
 
 
 def run_numbers(motions: Iterable[Motion]) -> list[int]:
@@ -136,47 +170,6 @@ def run_numbers(motions: Iterable[Motion]) -> list[int]:
         numbers.append(numbers[-1] if numbers and (piece or motion.continues) else (numbers[-1] + 1 if numbers else 0))
         before = name
     return numbers
-
-
-def _columns(motion: Motion, arm: ArmModel, base: BaseParameters) -> Float[Array, "t n c"]:
-    """Columns and torque of a run through the common filter.
-
-    Direction is a plain sign: clear of reversals it is one, and any smooth step would be mistaken for lower friction
-    at low speed (with a width of 0.02 rad/s Coulomb friction came out 0.6 % too high and viscous 0.6 % too low).
-    """
-    known = arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    regressor = arm.regressor(motion.q, motion.dq, motion.ddq, base.columns)
-    loss = np.stack([motion.ddq, motion.dq, np.sign(motion.dq), motion.tau - known], axis=-1)
-    filtered = motion.filtered(loss)
-    ones = np.ones_like(filtered[..., :1])
-    return np.concatenate([motion.filtered(regressor), filtered[..., :3], ones, filtered[..., 3:]], axis=-1)
-
-
-def _with_named(
-    x: Float[Array, "t n c"], motion: Motion, named: Sequence[NamedLaw], bearing: ArmModel
-) -> Float[Array, "t n d"]:
-    """Columns with those of named laws before the torque."""
-    load = bearing.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
-    own = motion.filtered(named_columns(named, motion.q, motion.dq, load))
-    return np.concatenate([x[..., :-1], own, x[..., -1:]], axis=-1)
-
-
-def _with_shaft(
-    x: Float[Array, "t n c"], mask: Bool[Array, "t n"], motion: Motion, shaft: Shaft
-) -> tuple[Float[Array, "t n d"], Bool[Array, "t n"]]:
-    """Columns with a shaft's three before the torque, and the rows that are clear of its reversals too."""
-    slip = np.sign(shaft.turn(motion.dq))
-    shared = motion.filtered(shaft.columns(motion.dq, motion.ddq, slip))
-    clear = np.abs(np.abs(shared[:, shaft.second, 2]) - 1.0) < SIGN_CLEAR
-    mask = mask.copy()
-    mask[:, [shaft.first, shaft.second]] &= clear[:, None]
-    return np.concatenate([x[..., :-1], shared, x[..., -1:]], axis=-1), mask
-
-
-def _too_few_settled(motions: Sequence[Motion]) -> Bool[Array, " n"]:
-    moving = sum((motion.moving.sum(axis=0) for motion in motions), np.zeros(motions[0].n))
-    settled = sum((clear_of_stops(motion).sum(axis=0) for motion in motions), np.zeros(motions[0].n))
-    return np.asarray(settled < np.maximum(LEAST_ROWS, LEAST_SETTLED * moving))
 
 
 def clear_of_stops(motion: Motion) -> Bool[Array, "t n"]:

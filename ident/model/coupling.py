@@ -48,14 +48,12 @@ class Shaft:
         """
         parts = [part.strip() for part in text.split(",")]
         sign = -1.0 if len(parts) == 2 and parts[1].startswith("-") else 1.0
-        numbers = [_number(part.lstrip("-"), joints) for part in parts]
-        if len(numbers) != 2 or None in numbers or numbers[0] == numbers[1]:
+        known = {name: j for j, name in enumerate(joints)} | {str(j + 1): j for j in range(len(joints))}
+        numbers = [known[part.lstrip("-")] for part in parts if part.lstrip("-") in known]
+        if len(parts) != 2 or len(set(numbers)) != 2:
             remedy = f"give two of 1 to {len(joints)}, such as 5,6, or two joints' names; 5,-6 where they turn against"
             raise InputError("--coupling", f"{text!r} is no pair of joints of the arm", remedy)
-        first, second = numbers
-        assert first is not None
-        assert second is not None
-        return cls(first, second, sign)
+        return cls(numbers[0], numbers[1], sign)
 
     def turn(self, dq: Float[Array, "T n"]) -> Float[Array, " T"]:
         """Speed of the shaft [rad/s]."""
@@ -70,12 +68,6 @@ class Shaft:
             out[:, joint, 0], out[:, joint, 1] = self.sign * ddq[:, other], self.sign * dq[:, other]
         out[:, self.first, 2], out[:, self.second, 2] = self.sign * slip, slip
         return out
-
-
-def _number(text: str, joints: Sequence[str]) -> int | None:
-    if text in joints:
-        return list(joints).index(text)
-    return int(text) - 1 if text.isdecimal() and 0 < int(text) <= len(joints) else None
 
 
 @dataclass(frozen=True)

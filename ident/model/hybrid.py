@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
@@ -16,11 +16,11 @@ from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
 from ident.model.coupling import Coupling, Shaft
-from ident.model.identification import Identified, InertiaFigure
+from ident.model.identification import HowToIdentify, Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
-from ident.model.named_fit import HowToIdentify, NamedLaws, identify_named
-from ident.model.net_of_arm import fit_net_of_arm
+from ident.model.named_fit import NamedLaws, identify_named
+from ident.model.residual_net import ResidualNet, TrainingHistory, fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
@@ -33,9 +33,6 @@ from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.robot.content import are_same
 from ident.robot.lumped import build_lumped_arm
 from ident.safe_read import read_text, read_toml
-
-if TYPE_CHECKING:  # torch is slow to load: only models with a net need it
-    from ident.model.residual_net import ResidualNet, TrainingHistory
 
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
@@ -155,7 +152,7 @@ class HybridModel:
                 nominal=nominal,
                 arm=_identified(nominal, record["inertia"]["links"]),
                 loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
-                net=_load_net(path) if record.get("net", {}).get("preset", "none") != "none" else None,
+                net=ResidualNet.load(path) if record.get("net", {}).get("preset", "none") != "none" else None,
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
@@ -232,12 +229,6 @@ def loss_torque(
     """All that motors and gears take [N m]."""
     own = loss.torque(dq, ddq)
     return own if coupling is None else own + coupling.torque(dq, ddq)
-
-
-def _load_net(path: Path) -> ResidualNet:
-    from ident.model.residual_net import ResidualNet
-
-    return ResidualNet.load(path)
 
 
 def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
-from ident.model.block_sums import sum_blocks
+from ident.model.block_sums import FitColumns, sum_blocks
 from ident.model.convex import solve_bounded
 from ident.model.coupling import NAMES as SHAFT_NAMES
 from ident.model.coupling import Coupling, Shaft
@@ -109,13 +109,27 @@ class Identified:
         }
 
 
+@dataclass(frozen=True)
+class HowToIdentify:
+    """Options of an identification.
+
+    Attributes:
+        mode: `nominal`, `base` or `consistent`.
+        offset: Whether a constant torque is a loss parameter too.
+        robust: Whether stretches that fit badly lose their pull.
+        shaft: Joints that share a shaft, if any.
+    """
+
+    mode: Mode
+    offset: bool = False
+    robust: bool = False
+    shaft: Shaft | None = None
+
+
 def identify(
     motions: Sequence[Motion],
     nominal: ArmModel,
-    mode: Mode,
-    offset: bool = False,
-    robust: bool = False,
-    shaft: Shaft | None = None,
+    how: HowToIdentify,
     named: Sequence[NamedLaw] = (),
     bearing: ArmModel | None = None,
 ) -> Identified:
@@ -124,30 +138,25 @@ def identify(
     Args:
         motions: Training runs; known payloads are part of the model.
         nominal: The arm as its URDF describes it.
-        mode: `nominal`, `base` or `consistent`.
-        offset: Whether a constant torque is a loss figure too.
-        robust: Whether stretches that fit badly lose their pull.
-        shaft: Joints that share a shaft, if any.
+        how: The options.
         named: Laws of joints, to be fitted with the rest.
         bearing: The arm whose rigid torque is the joints' load; the nominal one if None.
 
     Raises:
         RecordingError: A joint hardly moves in any run.
     """
-    base = base_parameters(nominal)
-    scale = parameter_scale(nominal)
+    mode, base, scale = how.mode, base_parameters(nominal), parameter_scale(nominal)
+    columns = FitColumns(nominal, base, how.shaft, named, bearing)
     prior = base_prior(base, PRIOR_SHARE.get(mode, PRIOR_SHARE["consistent"]) * scale)
-    sums = sum_blocks(motions, nominal, base, shaft, named, bearing)
+    sums = sum_blocks(motions, columns)
     require_motion(sums, nominal.joint_names, motions[0].name)
     require_parted(sums, named, nominal.joint_names, motions[0].name)
-    found = estimate(sums, prior, offset, robust)
-    frictionless, found = find_frictionless(
-        found,
-        nominal.n,
-        lambda joints: estimate(
-            sum_blocks(motions, nominal, base, shaft, named, bearing, joints), prior, offset, robust
-        ),
-    )
+
+    def through_reversals(joints: Bool[Array, " n"]) -> JointEstimate:
+        return estimate(sum_blocks(motions, columns, joints), prior, how.offset, how.robust)
+
+    clear = estimate(sums, prior, how.offset, how.robust)
+    frictionless, found = find_frictionless(clear, nominal.n, through_reversals)
     share = urdf_share(found, base, scale)
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
@@ -156,7 +165,10 @@ def identify(
     change, solved = _within_bounds(found, nominal, base, mode, bounds)
     own = nominal.n * found.per_joint
     losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
-    coupling = None if shaft is None else _coupling(shaft, found, figures)
+    coupling = None
+    if how.shaft is not None:
+        inertia_of, viscous, coulomb = _triples(found, figures)[-len(SHAFT_NAMES) :]
+        coupling = Coupling(how.shaft, inertia_of, viscous, coulomb)
     laws = _named(named, found, figures)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
     informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
@@ -175,12 +187,6 @@ def identify(
     through = sums.through_reversals
     lossless = tuple(name for j, name in enumerate(nominal.joint_names) if found.index(j)[0] in zero)
     return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws, lossless)
-
-
-def _coupling(shaft: Shaft, found: JointEstimate, figures: Float[Array, " s"]) -> Coupling:
-    """A shaft's figures with their intervals."""
-    inertia, viscous, coulomb = _triples(found, figures)[-len(SHAFT_NAMES) :]
-    return Coupling(shaft, inertia, viscous, coulomb)
 
 
 def _named(named: Sequence[NamedLaw], found: JointEstimate, figures: Float[Array, " s"]) -> tuple[NamedLaw, ...]:

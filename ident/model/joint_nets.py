@@ -34,7 +34,10 @@ class JointNets:
 
     def __post_init__(self) -> None:
         for name in ("weights", "biases"):
-            object.__setattr__(self, name, tuple(map(_single, getattr(self, name))))
+            single = tuple(np.array(one, dtype=np.float32) for one in getattr(self, name))
+            for one in single:
+                one.setflags(write=False)
+            object.__setattr__(self, name, single)
 
     @classmethod
     def from_arrays(
@@ -86,13 +89,6 @@ class JointNets:
         factor = np.tile(np.asarray(shares, dtype=np.float32), self.members)[:, None, None]
         weights, biases = (*self.weights[:-1], factor * self.weights[-1]), (*self.biases[:-1], factor * self.biases[-1])
         return JointNets(self.members, self.joints, weights, biases)
-
-
-def _single(values: Array) -> Array:
-    """A read-only copy in single precision."""
-    copied: Array = np.array(values, dtype=np.float32)
-    copied.setflags(write=False)
-    return copied
 
 
 def silu(z: Array) -> Array:

@@ -9,9 +9,7 @@ from typing import Any
 
 from ident.errors import InputError
 from ident.laws.carried import KINDS, NamedLaw
-from ident.model.coupling import Shaft
-from ident.model.identification import Identified, identify
-from ident.model.inertia import Mode
+from ident.model.identification import HowToIdentify, Identified, identify
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_record
@@ -30,16 +28,6 @@ class NamedLaws:
 
     laws: tuple[NamedLaw, ...] = ()
     left_out: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class HowToIdentify:
-    """Options of an identification, as `identify` takes them."""
-
-    mode: Mode
-    offset: bool = False
-    robust: bool = False
-    shaft: Shaft | None = None
 
 
 def read_named_laws(path: Path, arm: ArmModel) -> NamedLaws:
@@ -108,7 +96,7 @@ def identify_named(
     left_out = (*named.left_out, *(f"{law.effect}: the lumped model has no joint {law.joint + 1}" for law in foreign))
     bearing: ArmModel | None = None
     while True:
-        found = identify(motions, nominal, how.mode, how.offset, how.robust, how.shaft, laws, bearing)
+        found = identify(motions, nominal, how, laws, bearing)
         gone = {(law.effect, law.joint) for law in found.named if law.vanishes}
         if gone:
             left_out += tuple(

@@ -138,16 +138,13 @@ def _by_group(values: Float[Array, "T n"], group: Int[Array, " T"]) -> Float[Arr
 def describe_gate(gate: tuple[JointGate, ...], joints: tuple[str, ...]) -> str:
     """What each joint keeps of its net and why, with figures from runs that the net never saw."""
     pairs = list(zip(joints, gate, strict=True))
-    kept = [f"{name} ({_share(one)}{_figures(one)})" for name, one in pairs if one.kept]
+    share = {one: "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: " for one in gate}
+    kept = [f"{name} ({share[one]}{_figures(one)})" for name, one in pairs if one.kept]
     silent = [f"{name} ({_figures(one)})" for name, one in pairs if not one.kept]
     parts = [f"kept for {', '.join(kept)}"] if kept else []
     if silent:
         parts.append(f"left out for {', '.join(silent)}: no surely better torque there, or worse energy")
     return f"residual net, on runs held back: {'; '.join(parts)}"
-
-
-def _share(one: JointGate) -> str:
-    return "" if one.weight == 1.0 else f"by {100 * one.weight:.0f} %: "
 
 
 def _figures(one: JointGate) -> str:

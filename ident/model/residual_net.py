@@ -16,7 +16,7 @@ Source: paper, eq. 4 and 6 and section 4.1.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from errno import EIO
 from itertools import pairwise
@@ -34,6 +34,8 @@ from ident.model.net_bounds import NetBounds
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
 from ident.model.net_shrinkage import JointGate, shrink_net
 from ident.model.random_features import solve_net, width_of
+from ident.motion.motion import Motion
+from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular
 
 if TYPE_CHECKING:
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "NetOptions", "ResidualNet", "TrainingHistory", "compute_features", "fit_residual_net"]
 
+# Torque of a run beside the rigid arm's: the motion, its rigid torque → [N m].
+Known = Callable[[Motion, Float[Array, "T n"]], Float[Array, "T n"]]
 # Speeds at which the direction features bend [rad/s]: the transition at a reversal, and the Stribeck zone.
 DIRECTION_SCALES = (0.02, 0.15)
 # Rounds the corner of |τ| so that gradients exist at zero [N m].
@@ -288,3 +292,34 @@ def _solve(
     weights = tuple(np.stack([one.weights[i] for one in solved]) for i in range(2))
     biases = tuple(np.stack([one.biases[i][None] for one in solved]) for i in range(2))
     return JointNets(1, joints, weights, biases), np.stack([one.unseen for one in solved], axis=1)
+
+
+def fit_net_of_arm(
+    motions: Sequence[Motion],
+    arm: ArmModel,
+    known: Known,
+    preset: str,
+    seed: int,
+    progress: Callable[[int, int, float], None] | None,
+    checkpoint: Path | None,
+) -> ResidualNet:
+    """Fits the net.
+
+    Args:
+        motions: Training runs.
+        arm: The identified rigid arm.
+        known: What is known of the torque beside it.
+        preset: `default` or `paper`.
+        seed: Of the net.
+        progress: Called after each joint, or epoch.
+        checkpoint: Folder in which training may stop and go on.
+    """
+    states, left = [], []
+    for m in motions:
+        rigid = arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq)
+        states.append((m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], rigid[m.coarse]))
+        left.append(m.tau_filtered - m.filtered(rigid + known(m, rigid)))
+    moving = None if preset == "paper" else [m.moving for m in motions]
+    interval = motions[0].interval * motions[0].lowpass.factor
+    options = replace(PRESETS[preset], seed=seed)
+    return fit_residual_net(states, left, moving, options, progress, checkpoint, interval)

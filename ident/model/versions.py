@@ -10,11 +10,10 @@ LIBRARIES = ("armgap", "numpy", "scipy", "torch", "pin", "cvxpy")
 
 def read_versions() -> dict[str, str]:
     """Version of each library, and of Python; `unknown` where one is not installed as a package."""
-    return {name: _version(name) for name in LIBRARIES} | {"python": platform.python_version()}
-
-
-def _version(name: str) -> str:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
+    found = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found

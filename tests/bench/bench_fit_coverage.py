@@ -25,7 +25,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.model.identification import Identified, identify
+from ident.model.identification import HowToIdentify, Identified, identify
 from ident.model.inertia import PRIOR_SHARE, base_prior, parameter_scale
 from ident.model.loss import NAMES
 from ident.robot.arm import ArmModel
@@ -60,7 +60,7 @@ def measure(seed: int, world: World, modes: list[str]) -> list[Row]:
     opened = open_sessions([done.session], ArmModel.load(world.robot))
     rows: list[Row] = []
     for mode in modes:
-        found = identify(opened.motions, opened.arm, mode)  # type: ignore[arg-type]
+        found = identify(opened.motions, opened.arm, HowToIdentify(mode))  # type: ignore[arg-type]
         rows += [(mode, *row) for row in _of_losses(found, done)]  # type: ignore[misc]
         rows += [(mode, *row) for row in _of_inertias(found, done.hardware)]  # type: ignore[misc]
     return rows

@@ -8,7 +8,7 @@ import pytest
 
 from ident.arrays import Array, Float
 from ident.model.convex import is_consistent
-from ident.model.identification import Identified, identify
+from ident.model.identification import HowToIdentify, Identified, identify
 from ident.model.inertia import Mode, base_parameters
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
@@ -44,7 +44,7 @@ def training(real: ArmModel) -> list[Motion]:
 
 @pytest.fixture(scope="module")
 def fits(training: list[Motion], nominal: ArmModel) -> dict[str, Identified]:
-    return {mode: identify(training, nominal, mode) for mode in MODES}
+    return {mode: identify(training, nominal, HowToIdentify(mode)) for mode in MODES}
 
 
 def _measured(arm: ArmModel, seeds: Sequence[int], noise: float = 0.3) -> list[Motion]:
@@ -132,7 +132,7 @@ def test_condition_number_shows_poor_excitation(fits: dict[str, Identified], nom
     tau = real.inverse_dynamics(*states) + LOSS.torque(states[1], states[2])
     tau = tau + 0.3 * np.random.default_rng(1).standard_normal(tau.shape)
     poor = exact_motion(time, states, tau, nominal.joint_names)
-    assert identify([poor], nominal, "base").inertia.condition_number > 1000.0
+    assert identify([poor], nominal, HowToIdentify("base")).inertia.condition_number > 1000.0
 
 
 def test_a_known_payload_is_not_taken_for_the_arm(nominal: ArmModel) -> None:
@@ -147,5 +147,5 @@ def test_a_known_payload_is_not_taken_for_the_arm(nominal: ArmModel) -> None:
         noise=0.3,
         payload=payload,
     )
-    fit = identify(motions, nominal, "base").inertia
+    fit = identify(motions, nominal, HowToIdentify("base")).inertia
     assert np.abs(fit.change / fit.std).max() < 4.0

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array
 from ident.errors import RecordingError
-from ident.model.block_sums import clear_of_stops, run_numbers, sum_blocks
+from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
 from ident.model.convex import is_consistent, solve_bounded
-from ident.model.identification import Identified, identify
+from ident.model.identification import HowToIdentify, Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
 from ident.model.run_effects import RunEffect, wandering
@@ -56,7 +56,7 @@ def test_intervals_hold_the_truth_when_friction_changes_from_run_to_run(nominal:
     """
     inside, spreads, widths = [], [], []
     for seed in range(16):
-        found = identify(_measured(nominal, seed, spread=0.02), nominal, "consistent")
+        found = identify(_measured(nominal, seed, spread=0.02), nominal, HowToIdentify("consistent"))
         inside.append(_inside(found))
         spreads.append(found.spread)
         widths.append(np.diff(found.loss.conf_int()[:, 1:3], axis=-1)[..., 0] / TRUTH[:, 1:])
@@ -67,8 +67,8 @@ def test_intervals_hold_the_truth_when_friction_changes_from_run_to_run(nominal:
 
 def test_steady_friction_has_less_spread_than_usual(nominal: ArmModel) -> None:
     """Runs with one friction show a spread below the usual per cent, and tighter intervals than runs without."""
-    steady = identify(_measured(nominal, 3), nominal, "base")
-    shaky = identify(_measured(nominal, 3, spread=0.03), nominal, "base")
+    steady = identify(_measured(nominal, 3), nominal, HowToIdentify("base"))
+    shaky = identify(_measured(nominal, 3, spread=0.03), nominal, HowToIdentify("base"))
     assert np.median(steady.spread) < 0.8 * USUAL_SPREAD
     assert np.median(shaky.spread) > 2 * USUAL_SPREAD
     width = [np.diff(found.loss.conf_int()[:, 1:3], axis=-1).mean() for found in (steady, shaky)]
@@ -82,8 +82,8 @@ def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel)
     links = nominal.inertial_parameters + 0.05 * scale * rng.standard_normal(len(scale))
     nearest = solve_bounded(np.eye(len(scale)), np.zeros(len(scale)), (), links, scale)
     real = nominal.with_inertial_parameters(links + scale * nearest)
-    right = identify(_measured(nominal, 5), nominal, "nominal")
-    wrong = identify(_measured(real, 5), nominal, "nominal")
+    right = identify(_measured(nominal, 5), nominal, HowToIdentify("nominal"))
+    wrong = identify(_measured(real, 5), nominal, HowToIdentify("nominal"))
     assert right.urdf_share < 0.01 < 0.02 < wrong.urdf_share < 0.12
     widths = [np.diff(found.loss.conf_int()[:, 0], axis=-1).mean() for found in (right, wrong)]
     assert widths[1] > 3 * widths[0]
@@ -93,7 +93,7 @@ def test_a_wrong_urdf_is_measured_and_widens_what_rests_on_it(nominal: ArmModel)
 def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
     """Base parameters of a changed arm lie in their intervals; what only acts as a sum is told as tied."""
     real = nominal.with_inertial_parameters(1.1 * nominal.inertial_parameters)
-    found = identify(_measured(real, 6), nominal, "base")
+    found = identify(_measured(real, 6), nominal, HowToIdentify("base"))
     true = base_parameters(nominal).mapping @ real.inertial_parameters
     inside = [f.low <= value <= f.high for f, value in zip(found.inertias, true, strict=True)]
     assert np.mean(inside) >= 0.8
@@ -104,14 +104,16 @@ def test_inertias_have_intervals_that_hold_them(nominal: ArmModel) -> None:
 def test_identified_links_are_bodies(nominal: ArmModel) -> None:
     """Consistent inertias are bodies also where the base parameters' smallest change is none."""
     real = nominal.with_inertial_parameters(1.2 * nominal.inertial_parameters)
-    assert is_consistent(identify(_measured(real, 7), nominal, "consistent").inertia.arm.inertial_parameters)
+    assert is_consistent(
+        identify(_measured(real, 7), nominal, HowToIdentify("consistent")).inertia.arm.inertial_parameters
+    )
 
 
 def test_losses_are_never_negative(nominal: ArmModel) -> None:
     """A joint whose torque asks for less than no friction gets none, and is told to be on its bound."""
     motions = [replace(m, tau=m.tau - (TRUTH[:, 2] + 1.0) * np.sign(m.dq)) for m in _measured(nominal, 8, runs=3)]
     for mode in ("nominal", "base", "consistent"):
-        loss = identify(motions, nominal, mode).loss  # type: ignore[arg-type]
+        loss = identify(motions, nominal, HowToIdentify(mode)).loss  # type: ignore[arg-type]
         assert np.all(loss.params.coulomb >= -1e-6)
         assert all("coulomb" in names for names in loss.at_bound)
 
@@ -123,12 +125,12 @@ def test_pieces_of_a_run_are_one_run(nominal: ArmModel) -> None:
     cut = [replace(motion, name=name) for motion, name in zip(motions, names, strict=True)]
     assert run_numbers(cut) == [0, 0, 1]
     assert run_numbers([motions[0], replace(motions[1], continues=True), motions[2]]) == [0, 0, 1]
-    assert len(np.unique(sum_blocks(cut, nominal, base_parameters(nominal)).run)) == 2
+    assert len(np.unique(sum_blocks(cut, FitColumns(nominal, base_parameters(nominal))).run)) == 2
 
 
 def test_one_run_is_enough_for_figures(nominal: ArmModel) -> None:
     """Of one run nothing is known of repeats: the intervals allow for the usual ones, and the figures are there."""
-    found = identify(_measured(nominal, 10, runs=1, seconds=30.0), nominal, "consistent")
+    found = identify(_measured(nominal, 10, runs=1, seconds=30.0), nominal, HowToIdentify("consistent"))
     assert np.all(found.spread == USUAL_SPREAD)
     assert np.allclose(found.loss.params.coulomb, TRUTH[:, 2], rtol=0.05)
     limits = found.loss.conf_int()
@@ -136,7 +138,7 @@ def test_one_run_is_enough_for_figures(nominal: ArmModel) -> None:
     assert np.all(np.diff(limits[:, 1:3])[..., 0] > 4 * USUAL_SPREAD * TRUTH[:, 1:])
     for seed in range(3):
         assert _inside(
-            identify(_measured(nominal, 30 + seed, runs=1, seconds=30.0, spread=0.01), nominal, "base")
+            identify(_measured(nominal, 30 + seed, runs=1, seconds=30.0, spread=0.01), nominal, HowToIdentify("base"))
         ).all()
 
 
@@ -147,7 +149,7 @@ def test_a_joint_that_never_moves_is_refused_by_name(nominal: ArmModel) -> None:
         states = tuple(values * [1.0, 0.0] for values in (motion.q, motion.dq, motion.ddq))
         resting.append(exact_motion(motion.time, states, motion.tau, motion.joints))  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match=r"joint_2 hardly moves.*lock it"):
-        identify(resting, nominal, "base")
+        identify(resting, nominal, HowToIdentify("base"))
 
 
 def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
@@ -158,7 +160,7 @@ def test_robust_weights_let_a_bad_stretch_go(nominal: ArmModel) -> None:
     spoilt = [replace(motions[0], tau=tau), *motions[1:]]
     errors = []
     for robust in (False, True):
-        params = identify(spoilt, nominal, "nominal", robust=robust).loss.params
+        params = identify(spoilt, nominal, HowToIdentify("nominal", robust=robust)).loss.params
         errors.append(np.abs(np.stack([getattr(params, name) for name in NAMES[:3]], 1) - TRUTH)[:, 2].max())
     assert errors[1] < 0.5 * errors[0]
 
@@ -211,7 +213,7 @@ def test_independent_changes_are_no_wandering() -> None:
 
 def test_a_wider_level_has_a_wider_interval_about_the_same_estimate(nominal: ArmModel) -> None:
     """And the summary has a row for each parameter that was fitted: joint, name, value, interval, unit."""
-    loss = identify(_measured(nominal, 3, runs=3), nominal, "base").loss
+    loss = identify(_measured(nominal, 3, runs=3), nominal, HowToIdentify("base")).loss
     narrow, wide = loss.conf_int(0.95)[:, :3], loss.conf_int(0.99)[:, :3]
     assert np.all(wide[..., 0] < narrow[..., 0])
     assert np.all(narrow[..., 1] < wide[..., 1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.model.identification import Identified, describe, identify
+from ident.model.identification import HowToIdentify, Identified, describe, identify
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, two_joint_arm
@@ -49,7 +49,7 @@ def test_torque_at_the_link_has_no_losses(arm: ArmModel, monkeypatch: pytest.Mon
     test, better = drawn(arm, (0.0, 0.0), [90]), []
     for seed in (1, 2, 3):
         train = drawn(arm, (0.0, 0.0), [seed])
-        found = identify(train, arm, "consistent")
+        found = identify(train, arm, HowToIdentify("consistent"))
         assert found.lossless == arm.joint_names
         params = found.loss.params
         assert np.all(np.stack([params.motor_inertia, params.viscous, params.coulomb]) < 1e-9)
@@ -58,13 +58,13 @@ def test_torque_at_the_link_has_no_losses(arm: ArmModel, monkeypatch: pytest.Mon
             patch.setattr(
                 "ident.model.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
             )
-            better.append(error(found, arm, test) / error(identify(train, arm, "consistent"), arm, test))
+            better.append(error(found, arm, test) / error(identify(train, arm, HowToIdentify("consistent")), arm, test))
     assert np.mean(better) < 0.8
 
 
 @pytest.mark.parametrize("coulomb", [(8.0, 0.0), (0.0, 4.0), (8.0, 4.0)])
 def test_where_one_joint_has_friction_none_is_without(arm: ArmModel, coulomb: tuple[float, float]) -> None:
     """Law: effort is of one kind at all joints; then nothing changes."""
-    found = identify(drawn(arm, coulomb, [1]), arm, "consistent")
+    found = identify(drawn(arm, coulomb, [1]), arm, HowToIdentify("consistent"))
     assert found.lossless == ()
     assert found.loss.params.coulomb == pytest.approx(coulomb, abs=0.6)

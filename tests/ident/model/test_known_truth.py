@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.model.identification import identify
+from ident.model.identification import HowToIdentify, identify
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
@@ -36,7 +36,7 @@ def test_unseen_torque_is_nearer_to_the_truth_than_a_peers(
     worst = []
     for number in range(2):
         train, test = (fixture.split(name, level, number) for name in ("training", "validation"))
-        found, seen = identify([motion(train)], arm, "consistent"), motion(test)
+        found, seen = identify([motion(train)], arm, HowToIdentify("consistent")), motion(test)
         losses = found.loss.params
         told = found.inertia.arm.inverse_dynamics(seen.q, seen.dq, seen.ddq)
         told += losses.motor_inertia * seen.ddq + losses.viscous * seen.dq + losses.coulomb * np.sign(seen.dq)
