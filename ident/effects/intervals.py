@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,21 +31,25 @@ def exactly(value: float) -> Interval:
     return Interval(value, value, value)
 
 
+def _about(value: float, variance: float) -> Interval:
+    """95 % of a normal estimate."""
+    reach = 1.96 * float(np.sqrt(max(variance, 0.0)))
+    return Interval(value, value - reach, value + reach)
+
+
 def coefficient_interval(
     index: int, coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], scale: float = 1.0
 ) -> Interval:
     """Interval of one coefficient times a known factor."""
-    value = scale * float(coefficients[index])
-    reach = 1.96 * abs(scale) * float(np.sqrt(max(covariance[index, index], 0.0)))
-    return Interval(value, value - reach, value + reach)
+    return _about(scale * float(coefficients[index]), scale**2 * covariance[index, index])
 
 
 def amplitude_interval(coefficients: Float[Array, " k"], covariance: Float[Array, "k k"]) -> Interval:
     """Interval of the length of a vector, such as (cos, sin) coefficients; it can't be negative."""
     size = float(np.linalg.norm(coefficients))
     along = coefficients / size if size > 0.0 else np.full(len(coefficients), len(coefficients) ** -0.5)
-    reach = 1.96 * float(np.sqrt(max(along @ covariance @ along, 0.0)))
-    return Interval(size, max(0.0, size - reach), size + reach)
+    found = _about(size, along @ covariance @ along)
+    return replace(found, low=max(0.0, found.low))
 
 
 def wave_figures(
@@ -72,9 +77,7 @@ def linear_interval(
     weights: Float[Array, " k"], coefficients: Float[Array, " k"], covariance: Float[Array, "k k"], shift: float = 0.0
 ) -> Interval:
     """Interval of a linear combination of coefficients."""
-    value = float(weights @ coefficients) + shift
-    reach = 1.96 * float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
-    return Interval(value, value - reach, value + reach)
+    return _about(float(weights @ coefficients) + shift, weights @ covariance @ weights)
 
 
 def drawn_interval(
@@ -108,6 +111,4 @@ def delta_interval(
             for i, unit in enumerate(np.eye(len(coefficients)))
         ]
     )
-    value = float(function(coefficients))
-    reach = 1.96 * float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
-    return Interval(value, value - reach, value + reach)
+    return _about(float(function(coefficients)), gradient @ covariance @ gradient)

@@ -303,7 +303,10 @@ class Diagnosed:
         urdf = Tuning(urdf.losses, freeze(np.zeros_like(urdf.links)))
         origin = record.get("provenance", {})
         content = str(origin.get("settings", {}).get("arm_sha256", ""))
-        is_tuned, cutoff = "baseline" in record, _cutoff(origin)
+        is_tuned = "baseline" in record
+        cutoff = float(origin.get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
+        if not 0.0 < cutoff < np.inf:
+            raise ValueError(f"its cutoff_hz is {cutoff:g}")
         return cls(
             path, joints, record["verdict"], changes, tuned, alone, urdf, is_tuned, cutoff, content, files_of(origin)
         )
@@ -334,13 +337,6 @@ class Diagnosed:
         }
 
 
-def _cutoff(origin: Mapping[str, Any]) -> float:
-    cutoff = float(origin.get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
-    if not 0.0 < cutoff < np.inf:
-        raise ValueError(f"its cutoff_hz is {cutoff:g}")
-    return cutoff
-
-
 def _change(finding: dict[str, Any], joints: tuple[str, ...], baseline: dict[str, Any], kind: Effect | None) -> Change:
     effect, where = finding["effect"], tuple(finding["joints"])
     figures = {name: _interval(effect, name, value) for name, value in finding["parameters"].items()}
@@ -363,22 +359,15 @@ def _interval(effect: str, name: str, value: dict[str, Any]) -> Interval:
 
 
 def _tuning(record: dict[str, Any], joints: tuple[str, ...]) -> Tuning:
-    rows = [{"sliding_range_rad": 0.0, **record[joint]} for joint in joints]
-    losses = [
-        np.array([_no_less_than_zero(row[key], f"{key} of {joint}") for joint, row in zip(joints, rows, strict=True)])
-        for key in (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
-    ]
-    links = [
-        [require_finite(record[joint]["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
-        for joint in joints
-    ]
+    keys = (*LOSS_KEYS, "transition_rad_s", "sliding_range_rad")
+    losses, links = np.zeros((len(keys), len(joints))), np.zeros((len(joints), len(LINK_KEYS)))
+    for j, joint in enumerate(joints):
+        row = {"sliding_range_rad": 0.0, **record[joint]}
+        for k, key in enumerate(keys):
+            losses[k, j] = require_finite(row[key], f"{key} of {joint}")
+            if losses[k, j] < -ROUNDING:  # rounding of zero at most: a negative one would drive the arm
+                raise ValueError(f"{key} of {joint} is {losses[k, j]:g}: a loss can't be negative")
+        links[j] = [require_finite(row["link_change"][key], f"{key} of {joint}") for key in LINK_KEYS]
+    losses = np.maximum(losses, 0.0)
     losses[3] = np.maximum(losses[3], 1e-4)
-    return Tuning(Losses(*losses), freeze(np.array(links)))
-
-
-def _no_less_than_zero(value: Any, name: str) -> float:
-    """A loss. Tuning leaves rounding of zero at most; a negative one would drive the arm."""
-    found = require_finite(value, name)
-    if found < -ROUNDING:
-        raise ValueError(f"{name} is {found:g}: a loss can't be negative")
-    return max(found, 0.0)
+    return Tuning(Losses(*losses), freeze(links))

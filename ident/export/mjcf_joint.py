@@ -55,11 +55,13 @@ class JointElements:
 def joint_elements(identified: IdentifiedArm) -> tuple[JointElements, ...]:
     """Elements of every joint: its losses, its limits, and its effects on top."""
     arm, losses = identified.nominal, identified.losses
-    late = [change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay"]
+    delay = sum(change.values["delay_s"] for change in identified.changes if change.part("mjcf") == "delay")
+    samples = str(int(np.ceil(delay / TIMESTEP)) + SPARE_SAMPLES)
+    late = {"delay": repr(delay), "nsample": samples, "interp": "linear"} if delay > 0.0 else {}
     found, limit = [], arm.velocity_limit
     top = np.where((limit > 0.0) & (limit < 100.0), limit, FIT_TOP_SPEED)
     for j, name in enumerate(arm.joint_names):
-        own = JointElements(name, {}, {"gear": repr(1.0), "gaintype": "fixed", "gainprm": "1"}, _late(sum(late)), {})
+        own = JointElements(name, {}, {"gear": repr(1.0), "gaintype": "fixed", "gainprm": "1"}, dict(late), {})
         dry, damping = float(losses.coulomb[j]), np.array([losses.viscous[j], 0.0, 0.0])
         zero = 0.0
         for change in identified.changes:
@@ -92,13 +94,6 @@ def _add_part(own: JointElements, part: str, p: Mapping[str, float]) -> None:
         own.joint.update({"springref": repr(rest), "stiffness": numbers(stiffness)})
     elif part == "second joint":
         own.spring.update({"stiffness": repr(p["stiffness_Nm_rad"]), "damping": repr(p["damping_Nms_rad"])})
-
-
-def _late(delay: float) -> dict[str, str]:
-    """A sensor's memory, as long as its delay needs."""
-    if delay <= 0.0:
-        return {}
-    return {"delay": repr(delay), "nsample": str(int(np.ceil(delay / TIMESTEP)) + SPARE_SAMPLES), "interp": "linear"}
 
 
 def _limits(arm: ArmModel, j: int, zero: float) -> dict[str, str]:

@@ -20,7 +20,7 @@ from ident.model.identification import HowToIdentify, Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
-from ident.model.residual_net import ResidualNet, TrainingHistory, fit_net_of_arm
+from ident.model.residual_net import PRESETS, ResidualNet, TrainingHistory, fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
@@ -353,7 +353,8 @@ def fit_hybrid(
     net = None
     if options.net != "none":
         stage("residual net", 0.5, 1.0)
-        net = fit_net_of_arm(few(motions), arm, known, options.net, options.seed, progress, checkpoint)
+        built = replace(PRESETS[options.net], seed=options.seed)
+        net = fit_net_of_arm(few(motions), arm, known, built, progress, checkpoint)
     model = HybridModel(
         robot=robot,
         nominal=nominal,

@@ -95,31 +95,23 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
     rung = record.pop("rung", None)
     if rung is not None and rung not in rungs:
         raise InputError(f"{path}, rung", f"{rung!r} is no rung of this model", f"use one of: {', '.join(rungs)}")
-    limits = tuple(
-        _limit(path, figure, joint, bound, joints)
-        for figure, table in record.items()
-        for joint, bound in _table(path, figure, table).items()
-    )
+    limits = []
+    for figure, table in record.items():
+        if figure not in (*LARGEST, *LEAST):
+            raise InputError(f"{path}, {figure}", "no such figure", f"use: rung, {', '.join((*LARGEST, *LEAST))}")
+        if not isinstance(table, dict):
+            raise InputError(f"{path}, {figure}", "is no table", f"write [{figure}] and one line a joint")
+        names = joints if figure in LEAST else (*joints, "total")
+        for joint, bound in table.items():
+            where = f"{path}, {figure}.{joint}"
+            if joint not in names:
+                raise InputError(where, "no such joint in the model", f"use one of: {', '.join(names)}")
+            if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
+                raise InputError(where, f"{bound!r} is no number", "give a finite number")
+            limits.append(Limit(figure, joint, float(bound)))
     if not limits:
         raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
-    return ModelLimits(limits, rung)
-
-
-def _table(path: Path, figure: str, table: Any) -> dict[str, Any]:
-    if figure not in (*LARGEST, *LEAST):
-        raise InputError(f"{path}, {figure}", "no such figure", f"use: rung, {', '.join((*LARGEST, *LEAST))}")
-    if not isinstance(table, dict):
-        raise InputError(f"{path}, {figure}", "is no table", f"write [{figure}] and one line a joint")
-    return table
-
-
-def _limit(path: Path, figure: str, joint: str, bound: Any, joints: tuple[str, ...]) -> Limit:
-    names = joints if figure in LEAST else (*joints, "total")
-    if joint not in names:
-        raise InputError(f"{path}, {figure}.{joint}", "no such joint in the model", f"use one of: {', '.join(names)}")
-    if isinstance(bound, bool) or not isinstance(bound, (int, float)) or not math.isfinite(bound):
-        raise InputError(f"{path}, {figure}.{joint}", f"{bound!r} is no number", "give a finite number")
-    return Limit(figure, joint, float(bound))
+    return ModelLimits(tuple(limits), rung)
 
 
 def _value(score: SessionScore, limit: Limit, row: int) -> float | None:

@@ -298,8 +298,7 @@ def fit_net_of_arm(
     motions: Sequence[Motion],
     arm: ArmModel,
     known: Known,
-    preset: str,
-    seed: int,
+    options: NetOptions,
     progress: Callable[[int, int, float], None] | None,
     checkpoint: Path | None,
 ) -> ResidualNet:
@@ -309,8 +308,7 @@ def fit_net_of_arm(
         motions: Training runs.
         arm: The identified rigid arm.
         known: What is known of the torque beside it.
-        preset: `default` or `paper`.
-        seed: Of the net.
+        options: A preset with its seed.
         progress: Called after each joint, or epoch.
         checkpoint: Folder in which training may stop and go on.
     """
@@ -319,7 +317,6 @@ def fit_net_of_arm(
         rigid = arm.with_payload(m.payload).inverse_dynamics(m.q, m.dq, m.ddq)
         states.append((m.q[m.coarse], m.dq[m.coarse], m.ddq[m.coarse], rigid[m.coarse]))
         left.append(m.tau_filtered - m.filtered(rigid + known(m, rigid)))
-    moving = None if preset == "paper" else [m.moving for m in motions]
+    moving = None if options.preset == "paper" else [m.moving for m in motions]
     interval = motions[0].interval * motions[0].lowpass.factor
-    options = replace(PRESETS[preset], seed=seed)
     return fit_residual_net(states, left, moving, options, progress, checkpoint, interval)
