@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tomli_w
@@ -20,7 +20,6 @@ from ident.model.identification import HowToIdentify, Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
 from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
-from ident.model.residual_net import PRESETS, ResidualNet, TrainingHistory, fit_net_of_arm
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
@@ -33,6 +32,9 @@ from ident.robot.arm import STANDARD_GRAVITY, ArmModel
 from ident.robot.content import are_same
 from ident.robot.lumped import build_lumped_arm
 from ident.safe_read import read_text, read_toml
+
+if TYPE_CHECKING:  # only models with a net need its modules
+    from ident.model.residual_net import ResidualNet, TrainingHistory
 
 SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
@@ -140,19 +142,30 @@ class HybridModel:
             ModelError: Not a model folder, or damaged.
         """
         path = Path(folder)
-        record = _read_record(path)
+        file = path / "model.toml"
+        if not file.is_file():
+            remedy = "make one with `ident fit … --out MODEL`"
+            raise ModelError(path, "not a model folder: it has no model.toml", remedy)
+        record = read_toml(file, "fit the model again", ModelError)
+        if record.get("schema") != SCHEMA:
+            raise ModelError(file, f"schema is {record.get('schema')!r}, not {SCHEMA!r}", "fit the model again")
         try:
             source = Path(record["robot"]["source"])
             gravity = np.array(record["robot"].get("gravity_mps2", STANDARD_GRAVITY))
             robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
             nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
             robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
+            net = None
+            if record.get("net", {}).get("preset", "none") != "none":
+                from ident.model.residual_net import ResidualNet
+
+                net = ResidualNet.load(path)
             model = cls(
                 robot=robot,
                 nominal=nominal,
                 arm=_identified(nominal, record["inertia"]["links"]),
                 loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
-                net=ResidualNet.load(path) if record.get("net", {}).get("preset", "none") != "none" else None,
+                net=net,
                 links=record["robot"]["links"],
                 inertia=record["inertia"]["mode"],
                 figures=tuple(LossFigure(**entry) for entry in record["loss"].get("figures", [])),
@@ -168,7 +181,7 @@ class HybridModel:
         except InputError as error:
             raise ModelError(path, f"its URDF is damaged ({error.what})", "fit the model again") from None
         except (AttributeError, IndexError, KeyError, OSError, OverflowError, TypeError, ValueError) as error:
-            raise ModelError(path / "model.toml", f"damaged ({error!r})", "fit the model again") from None
+            raise ModelError(file, f"damaged ({error!r})", "fit the model again") from None
         return model
 
     def _check(self) -> None:
@@ -238,16 +251,6 @@ def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:
         raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
     same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
     return nominal if same else nominal.with_inertial_parameters(numbers.ravel())
-
-
-def _read_record(path: Path) -> dict[str, Any]:
-    file = path / "model.toml"
-    if not file.is_file():
-        raise ModelError(path, "not a model folder: it has no model.toml", "make one with `ident fit … --out MODEL`")
-    record = read_toml(file, "fit the model again", ModelError)
-    if record.get("schema") != SCHEMA:
-        raise ModelError(file, f"schema is {record.get('schema')!r}, not {SCHEMA!r}", "fit the model again")
-    return record
 
 
 @dataclass(frozen=True)
@@ -353,6 +356,8 @@ def fit_hybrid(
     net = None
     if options.net != "none":
         stage("residual net", 0.5, 1.0)
+        from ident.model.residual_net import PRESETS, fit_net_of_arm
+
         built = replace(PRESETS[options.net], seed=options.seed)
         net = fit_net_of_arm(few(motions), arm, known, built, progress, checkpoint)
     model = HybridModel(
