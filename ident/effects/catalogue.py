@@ -1,49 +1,8 @@
-"""The catalogue: all effects that a diagnosis may name, and how to add one.
+"""The catalogue: all effects that a diagnosis may name, and those of a user's file.
 
-A law of one joint's speed, load and angle is added to the package as one function in a file of `ident.laws` and one row
-of its `effects.toml`; models and plans carry it then, too.
-
-Recipe for an effect of your own: one Python file with a class derived from `Effect`, given as `--catalogue` to
-`ident diagnose`, `ident patch` and `plan excite`.
-
-    import numpy as np
-    from ident.effects.base import Effect
-    from ident.effects.effect_info import Typical
-    from ident.effects.typical_sizes import coulomb_level
-from ident.effects.intervals import coefficient_interval
-
-    class Magnet(Effect):
-        '''A magnet in the housing that pulls the joint towards one angle: τ = A sin 3q.'''
-
-        id = "magnet"                       # what reports call it
-        summary = "torque repeats three times a turn"
-        nonnegative = (0,)                  # columns whose coefficient has a known sign; leave out if none has
-        shown_by = "poses"                  # the motion to record, of informative_motions.SHOWINGS; else "wide"
-        typical = Typical("amplitude_Nm", 0.2)   # how large `plan excite` takes it to be
-
-        def untestable(self, session, joint):
-            q = np.concatenate([run.motion.q[:, joint] for run in session.runs])
-            return "the joint covers too little" if np.ptp(q) < 1.0 else None
-
-        def columns(self, session, joint, variant):       # torque per unit of each coefficient, (T, k) for each run
-            return [np.sin(3 * run.motion.q[:, [joint]]) for run in session.runs]
-
-        def parameters(self, session, joint, variant, coefficients, covariance):
-            return {"amplitude_Nm": coefficient_interval(0, coefficients, covariance)}
-
-        def prior_scale(self, session, joint, variant):   # the largest plausible coefficients
-            return np.array([coulomb_level(session, joint)])
-
-        @staticmethod
-        def law(m, j, p):                                 # its torque in a patch's module: NumPy alone
-            return m.at(j, p["amplitude_Nm"] * np.sin(3 * m.q[:, j]))
-
-Where a figure makes the torque non-linear, return `variants`, one for each value worth trying, and read the value from
-`variant.inner` in `columns`. Where the torque acts on other joints too, set `rows = "all"` and return (T, n, k). Where
-the effect is one of the whole arm, set `scope = "arm"`; where it acts on whole runs, as warmth does, `by_run`. All
-that may be said of an effect beside its law has a default: see the attributes of `Effect`. Columns may use the motion,
-the arm and the modelled torques of `RunContext`, but there is no measured torque in it: what explains a signal by
-itself explains nothing.
+How to add one stands in `docs/how-to.md`: a file with a class derived from `Effect`, given as `--catalogue`, or, for a
+law of one joint's speed, load and angle, one function in a file of `ident.laws` and one row of its `effects.toml`,
+which models and plans carry, too. What may be said of an effect beside its law has a default: see `Effect`.
 """
 
 from __future__ import annotations
