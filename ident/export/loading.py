@@ -18,13 +18,11 @@ import numpy as np
 from ident.arrays import Array
 from ident.export.formats import express
 from ident.export.identified import IdentifiedArm, in_module
+from ident.export.law_model import LawModel
 from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.export.mjcf import write_mjcf
 from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf
-from ident.laws.acting import acting_torque
-from ident.laws.motion import MovingArm
-from ident.laws.sensing import read_log
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
@@ -77,9 +75,8 @@ class WrittenFile:
         q, dq, ddq = random_states(self.stated.nominal, np.random.default_rng(seed))
         # Link errors are in the bodies already.
         instant = in_module([c for c in changes if c.part(self.form) not in ("delay", "inertial")])
-        moving = MovingArm(describe_arm(self.stated.whole), self.stated.losses, q, dq, ddq)
-        plain = moving.rigid + self.stated.losses.torque(dq, ddq, moving.direction)
-        wanted = read_log(instant, plain + acting_torque(instant, moving), 0.0)
+        law = LawModel(describe_arm(self.stated.whole), self.stated.losses, tuple(instant))
+        wanted = law.read_log(law.joint_torque(q, dq, ddq, 0.0), 0.0)
         # States that lie for ever apart: no delay reaches from one to the next.
         left = model.read_log(model.joint_torque(q, dq, ddq, 0.0), 1e9) - wanted
         return {"loads": True, "torque_difference_Nm": float(np.max(np.abs(left)))}

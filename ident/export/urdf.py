@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.effects.rigid_body import UnknownPayload
 from ident.export.bodies import about_centre, moved
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf_joint import numbers
@@ -19,7 +20,7 @@ from ident.model.convex import is_consistent
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "
-PAYLOAD, LEVEL = "payload", "level"
+PAYLOAD, LEVEL = UnknownPayload.id, "level"
 # Share of its inertia that a link keeps whose mass another link takes over: no joint may move nothing.
 LEFT = 1e-6
 # A payload is told as a point; simulators need some extent [m].

@@ -16,6 +16,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant, linear
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.effect_info import Typical
 from ident.effects.informative_motions import KNOWN_MASS
+from ident.effects.sensing import TorqueGainError
 
 # Motion that would take longer than this to tell two effects apart does not tell them apart [min].
 LONGEST_MINUTES = 30.0
@@ -44,7 +45,7 @@ class AllMasses(_Share):
 
     id = "all_masses"
     summary = "all links are heavier or lighter by one share"
-    set_ups: ClassVar[Mapping[str, str]] = {"torque_gain_error": KNOWN_MASS}
+    set_ups: ClassVar[Mapping[str, str]] = {TorqueGainError.id: KNOWN_MASS}
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         return [run.rigid[:, :, None] for run in session.runs]
@@ -53,7 +54,7 @@ class AllMasses(_Share):
 class AllGains(_Share):
     """Every joint's torque reads too high by one share."""
 
-    id = "torque_gain_error"
+    id = TorqueGainError.id
     typical = Typical("gain", 0.25)
     figure: ClassVar[str] = "gain"
     summary = "all torque readings are too large or small by one share"
