@@ -128,7 +128,11 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
     require_regular(path, remedy, error)
     try:
         with np.load(path, allow_pickle=False) as archive:
-            _require_sizes(archive, path)
+            # Nobody's recording of floats is far larger than its file.
+            require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
+            for name in archive.zip.namelist():
+                with archive.zip.open(name) as stream:
+                    _require_shape(stream, archive.zip.getinfo(name).file_size)
             return {name: np.asarray(archive[name]) for name in archive.files}
     except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
         raise error(path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy) from None
@@ -150,14 +154,6 @@ def require_unpacked(packed: int, unpacked: int) -> None:
         least = LEAST_UNPACKED * 1e6
     if unpacked > max(LARGEST_PACKING * packed, least):
         raise ValueError(f"{packed / 1e6:.1f} MB unpack to {unpacked / 1e9:.1f} GB or more; {UNPACKED_BY} allows it")
-
-
-def _require_sizes(archive: Any, path: Path) -> None:
-    """Raises ValueError for arrays that are far larger than their file: nobody's recording of floats is."""
-    require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
-    for name in archive.zip.namelist():
-        with archive.zip.open(name) as stream:
-            _require_shape(stream, archive.zip.getinfo(name).file_size)
 
 
 def _require_shape(stream: Any, size: int) -> None:

@@ -130,16 +130,19 @@ def fit_signed(
     return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
 
 
-def jackknife(table: Float[Array, "T k"], target: Float[Array, " T"], pieces: int) -> tuple[float, float]:
-    """The first coefficient of a least-squares fit, and its error by leaving out one piece of the rows at a time."""
+def jackknife(
+    table: Float[Array, "T k"], target: Float[Array, " T"], pieces: int
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """Coefficients of a least-squares fit, and their errors by leaving out one piece of the rows at a time."""
     steps = np.arange(len(table)) * pieces // len(table)
-    whole = np.column_stack([table, target])
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-12)
+    whole = np.column_stack([table / size, target])
     each = np.stack([whole[steps == k].T @ whole[steps == k] for k in range(pieces)])
     found, *parts = (
-        float(np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0][0])
+        np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=1e-10)[0] / size
         for sums in [each.sum(axis=0), *(each.sum(axis=0) - one for one in each)]
     )
-    return found, float(np.sqrt((pieces - 1) / pieces * np.sum((np.array(parts) - np.mean(parts)) ** 2)))
+    return found, np.sqrt((pieces - 1) * np.var(parts, axis=0))
 
 
 def _surely_off(states: States, joint: int) -> bool:
@@ -152,8 +155,7 @@ def _surely_off(states: States, joint: int) -> bool:
     bare = [terms, np.ones(len(terms))]
     for columns in (bare, [*bare, states.q[:, joint]]):
         whole, error = jackknife(np.column_stack(columns), states.tau[:, joint], held.pieces)
-        doubt = held.sure * error
-        size = abs(whole)
+        size, doubt = abs(float(whole[0])), held.sure * float(error[0])
         if size + doubt > held.scale_low and size - doubt < held.scale_high:
             return False
     return True

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arrays import Array, Float
-from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed
+from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.report import JointEffort, joints_at
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 # a_g counts as known if its standard error over pieces of the recordings is below this: 1 is then five errors off 0.
@@ -73,19 +72,9 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
     dq, tau, gravity = states.dq[:, joint], states.tau[:, joint], states.gravity[:, joint]
     columns = [gravity, states.inertial[:, joint], np.tanh(dq / TRANSITION_RAD_S), dq, states.q[:, joint]]
     table = np.column_stack([*(column - column.mean() for column in columns), np.ones(len(tau))])
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-12)
-    pieces = np.array_split(np.column_stack([table / size, tau]), PIECES)
-    sums = np.array([piece.T @ piece for piece in pieces])
-
-    def solve(total: Float[Array, "7 7"]) -> Float[Array, " 6"]:
-        return np.asarray(np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-10)[0]) / size
-
-    whole = sums.sum(axis=0)
-    weights = solve(whole)
-    without = np.array([solve(whole - one) for one in sums])
-    error = np.sqrt((PIECES - 1) / PIECES * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    weights, errors = jackknife(table, tau, PIECES)
     friction = float((table[:, 2:4] @ weights[2:4]).std() / max(float(tau.std()), 1e-300))
-    return GravityFit(float(weights[0]), float(error[0]), float(weights[1]), float(error[1]), friction)
+    return GravityFit(float(weights[0]), float(errors[0]), float(weights[1]), float(errors[1]), friction)
 
 
 def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
@@ -98,20 +87,30 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     if arm is None or session.effort_kind == "joint_torque":
         return session, []
     forced = session.effort_kind == "gravity_compensated"
-    states = collect_states(session, arm)
-    fits = {} if states is None else _telling_fits(states)
-    known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
+    states, known = collect_states(session, arm), dict[int, GravityFit]()
+    if states is not None:  # the joints on which gravity changes enough to be looked for
+        fits = {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
+        known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
+    told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
     if forced and known and all(fit.gravity > PRESENT for fit in known.values()):
-        return session, [_contradicted(session, known)]
+        worst = [*known].index(max(known, key=lambda j: known[j].gravity))
+        evidence = f"{session.name}: session.toml says gravity_compensated, but {told[worst]}"
+        remedy = 'remove effort_kind = "gravity_compensated" from session.toml'
+        return session, [
+            TelemetryIssue("effort_gravity_compensated", joints_at(session, known), "fatal", evidence, remedy)
+        ]
     if not forced and not _is_compensated(states, known):
         return session, []
-    mended = session.replace(runs=[_with_gravity(run, arm) for run in session.runs], effort_kind="joint_torque")
-    return mended, [_tell_compensated(session, known, forced)]
-
-
-def _telling_fits(states: States) -> dict[int, GravityFit]:
-    """Fits of the joints on which gravity changes enough to be looked for."""
-    return {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
+    whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
+    reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
+    seen = f" ({'; '.join(told)})" if told else ""
+    evidence = f"{session.name}: {reason}{seen}; the model's gravity, payload included, is added"
+    remedy = (
+        "log the whole torque to see errors of masses: they hide where gravity is added; "
+        'or write effort_kind = "joint_torque" in session.toml if gravity is in it'
+    )
+    issue = TelemetryIssue("effort_gravity_compensated", session.joints, "warning", evidence, remedy)
+    return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
 
 
 def _is_compensated(states: States | None, known: dict[int, GravityFit]) -> bool:
@@ -120,22 +119,6 @@ def _is_compensated(states: States | None, known: dict[int, GravityFit]) -> bool
         return False
     rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
     return all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
-
-
-def _with_gravity(run: Recording, arm: ArmModel) -> Recording:
-    return run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run
-
-
-def _tell_compensated(session: Session, known: dict[int, GravityFit], forced: bool) -> TelemetryIssue:
-    told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
-    reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
-    seen = f" ({'; '.join(told)})" if told else ""
-    evidence = f"{session.name}: {reason}{seen}; the model's gravity, payload included, is added"
-    remedy = (
-        "log the whole torque to see errors of masses: they hide where gravity is added; "
-        'or write effort_kind = "joint_torque" in session.toml if gravity is in it'
-    )
-    return TelemetryIssue("effort_gravity_compensated", session.joints, "warning", evidence, remedy)
 
 
 def tell_gravity(fit: GravityFit) -> str:

@@ -67,16 +67,15 @@ class Amount:
 
     def issues(self) -> list[TelemetryIssue]:
         """What all that was taken lacks, together; nothing where nothing was recorded."""
-        return [*self._check_blocks(), *self._check_excitation()] if self._runs else []
-
-    def _check_blocks(self) -> list[TelemetryIssue]:
-        """Whether there are enough blocks for held-out splits."""
-        if self._blocks >= FEWEST_BLOCKS:
+        if not self._runs:
             return []
-        blocks = f"{plural(self._blocks, 'block')} of {SHORTEST_BLOCK_S} s"
-        what = f"{self._seconds:.1f} s in {plural(self._runs, 'run')} give {blocks}"
-        remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
-        return [TelemetryIssue("too_few_runs", (), "fatal", f"{self._name}: {what}", remedy)]
+        found = self._check_excitation()
+        if self._blocks < FEWEST_BLOCKS:
+            blocks = f"{plural(self._blocks, 'block')} of {SHORTEST_BLOCK_S} s"
+            what = f"{self._name}: {self._seconds:.1f} s in {plural(self._runs, 'run')} give {blocks}"
+            remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
+            found.insert(0, TelemetryIssue("too_few_runs", (), "fatal", what, remedy))
+        return found
 
     def _check_excitation(self) -> list[TelemetryIssue]:
         """Whether the motion moves every joint and tells the base parameters apart."""

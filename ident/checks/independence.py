@@ -9,7 +9,6 @@ Source: Marquardt, Generalized inverses, ridge regression, biased linear estimat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,8 +70,13 @@ class Independence:
             self._strokes[:, j] += count_strokes(q[:, j], dq[:, j], self._travel)
 
     def shown(self) -> MotionShown:
-        """All that was taken, together."""
-        return MotionShown(np.array([_least_share(sums) for sums in self._sums]), self._strokes, self._settings)
+        """All that was taken, together; the shares are the least where one recording, or a part of it, is left out."""
+        least = []
+        for taken in self._sums:
+            parts = np.array([one.sum(axis=0) for one in taken] if len(taken) > 1 else list(taken[0]) if taken else [])
+            shares = _shares(parts.sum(axis=0) - parts) if taken else np.empty(0)
+            least.append(float(np.min(shares[np.isfinite(shares)])) if np.isfinite(shares).any() else np.nan)
+        return MotionShown(np.array(least), self._strokes, self._settings)
 
 
 def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) -> tuple[int, int]:
@@ -80,15 +84,6 @@ def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) 
     cuts = np.r_[0, np.flatnonzero(np.diff(np.sign(dq))) + 1, len(q) - 1]
     gone = np.diff(q[cuts])
     return int((gone > travel).sum()), int((gone < -travel).sum())
-
-
-def _least_share(recordings: Sequence[Float[Array, "p 5 5"]]) -> float:
-    """The least share over all that is left where one recording, or a part of the only one, is left out."""
-    if not recordings:
-        return float("nan")
-    parts = np.array([one.sum(axis=0) for one in recordings] if len(recordings) > 1 else list(recordings[0]))
-    shares = _shares(parts.sum(axis=0) - parts)
-    return float(np.min(shares, initial=np.inf, where=np.isfinite(shares))) if np.isfinite(shares).any() else np.nan
 
 
 def _shares(sums: Float[Array, "p 5 5"]) -> Float[Array, " p"]:

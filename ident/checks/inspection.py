@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from ident.checks.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
 from ident.checks.channels import check_clipping, check_commands, drop_stuck
 from ident.checks.clock import mend_clock_jumps, mend_jitter, mend_order, split_at_gaps
-from ident.checks.effort import States, check_effort, collect_states
+from ident.checks.effort import check_effort, collect_states
 from ident.checks.effort_kind import judge_effort, mend_effort_kind
 from ident.checks.excitation import Amount
 from ident.checks.motion import mend_time_base, mend_time_unit, mend_velocity
@@ -24,7 +24,7 @@ from ident.checks.scale import Gains, check_absent, check_gains, check_rating, c
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.joint_names import match_joints
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
@@ -127,7 +127,12 @@ def inspect_alone(
         issues += matching
         absent = [name for name in arm.joint_names if name not in session.joints]
         arm = as_mounted((arm.locked(absent) if absent else arm).with_payload(session.payload), session)
-    session = _without_empty(session.replace(runs=[_without_nan(run) for run in session.runs]))
+    whole = [np.isfinite(run.time) for run in session.runs]
+    for run, rows in zip(session.runs, whole, strict=True):
+        for values in run.channels().values():
+            rows &= np.isfinite(values).all(axis=1)
+    runs = [run if rows.all() else run.at(rows) for run, rows in zip(session.runs, whole, strict=True)]
+    session = _without_empty(session.replace(runs=runs))
     if not session.samples:
         return TelemetryReport(session, tuple(issues), arm)
 
@@ -170,27 +175,16 @@ def inspect_alone(
     states = collect_states(session, arm, settings.effort)
     issues += check_gains(session)
     if states is not None:
-        issues += _check_torque(session, arm, states, absent)
+        # Each question is asked only where the ones before it left the torque its meaning.
+        torque = check_absent(session, states, absent) if absent else []
+        torque += check_rating(session, arm) or check_order(session, arm, states)
+        sound = not any(issue.severity == "fatal" for issue in torque)
+        issues += torque + (check_effort(session, arm, states) if sound else [])
         if not any(issue.severity == "fatal" for issue in issues):
             issues = [*check_scales(session, states), *issues]  # what rests on a wrong gain is said after it
     return TelemetryReport(session, tuple(issues), arm, judge_effort(session, states, issues))
 
 
-def _check_torque(session: Session, arm: ArmModel, states: States, absent: list[str]) -> list[TelemetryIssue]:
-    """What the torque is: each question is asked only where the ones before it left the torque its meaning."""
-    found = check_absent(session, states, absent) if absent else []
-    found += check_rating(session, arm) or check_order(session, arm, states)
-    return found if any(issue.severity == "fatal" for issue in found) else found + check_effort(session, arm, states)
-
-
 def _without_empty(session: Session) -> Session:
     """Runs of which no row is left are none; where nothing is left at all, the first still tells the joints."""
     return session.replace(runs=[run for run in session.runs if len(run)] or session.runs[:1])
-
-
-def _without_nan(run: Recording) -> Recording:
-    """The rows in which every cell is a number."""
-    whole = np.isfinite(run.time)
-    for values in run.channels().values():
-        whole &= np.isfinite(values).all(axis=1)
-    return run if whole.all() else run.at(whole)

@@ -137,7 +137,9 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         issue = TelemetryIssue(
             "units_degrees", joints_at(session, np.flatnonzero(in_degrees)), "note", evidence, "none needed"
         )
-        return _scale_velocity(session, 1.0 / degrees), [issue]
+        speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
+        runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
+        return session.replace(runs=runs), [issue]
     position_degrees = np.abs(found.slope * degrees - 1.0) < CLOCK_SPREAD
     if found.moving.any() and position_degrees[found.moving].all() and (found.correlation[found.moving] > 0.95).all():
         evidence = (
@@ -164,9 +166,3 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         "check both channels: what is used is the positions' derivative",
     )
     return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]
-
-
-def _scale_velocity(session: Session, factor: float) -> Session:
-    return session.replace(
-        runs=[run if run.velocity is None else run.replace(velocity=run.velocity * factor) for run in session.runs]
-    )

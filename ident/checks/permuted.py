@@ -65,7 +65,11 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
     best = _assigned(own, table)
     # Where every torque follows its own joint, positions stand where they belong.
     for _ in range(n - 1 if here.left[states.alive].max() > WELL else 0):
-        orders = [_exchanged(best.positions, i, j) for i, j in combinations(range(n), 2)]
+        orders = []
+        for i, j in combinations(range(n), 2):
+            order = list(best.positions)
+            order[i], order[j] = order[j], order[i]
+            orders.append(tuple(order))
         found = min((_assigned(order, _left(thin, arm, order)) for order in orders), key=lambda order: order.cost)
         if found.cost > best.cost - 2.0 * np.log(LEAST_FACTOR):
             break
@@ -79,12 +83,6 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
 
 
 STATE_NAMES = ("q", "dq", "ddq", "tau", "gravity", "inertial")
-
-
-def _exchanged(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:
-    swapped = list(order)
-    swapped[i], swapped[j] = swapped[j], swapped[i]
-    return tuple(swapped)
 
 
 def _assigned(positions: tuple[int, ...], table: Float[Array, "n n"]) -> Order:

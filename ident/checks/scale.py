@@ -111,7 +111,7 @@ def fit_scale(states: States, joint: int) -> tuple[float, float]:
     side = np.tanh(dq / TRANSITION_RAD_S)
     bare = [gravity, states.inertial[:, joint], side, dq, np.abs(gravity) * side, np.ones(len(dq))]
     (scale, error), (sprung, _) = (
-        jackknife(np.column_stack(columns), states.tau[:, joint], states.settings.pieces)
+        [float(one[0]) for one in jackknife(np.column_stack(columns), states.tau[:, joint], states.settings.pieces)]
         for columns in (bare, [*bare, states.q[:, joint]])
     )
     return scale, float(np.hypot(error, 0.5 * (scale - sprung)))

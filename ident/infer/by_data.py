@@ -88,18 +88,15 @@ def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, 
         middle = dq[STRIDE // 2 : len(dq) - STRIDE + STRIDE // 2]
         moving = derived.std(axis=0) > 1e-9 * max(float(np.abs(derived).max()), 1e-300)
         if moving.any():
-            match = float(np.median([_correlation(derived[:, j], middle[:, j]) for j in np.flatnonzero(moving)]))
+            one, other = (values[:, moving] - values[:, moving].mean(axis=0) for values in (derived, middle))
+            scale = np.maximum(one.std(axis=0) * other.std(axis=0), 1e-300)
+            match = float(np.median((one * other).mean(axis=0) / scale))
             found.append((match, _noise(dq), p, v))
     good = [one for one in found if one[0] > SAME_MOTION]
     if not good:
         return None
     match, _, p, v = max(good, key=lambda one: one[1])
     return p, v, match
-
-
-def _correlation(one: Array, other: Array) -> float:
-    scale = float(one.std() * other.std())
-    return 0.0 if scale <= 0.0 else float(np.mean((one - one.mean()) * (other - other.mean())) / scale)
 
 
 def _find_torque(

@@ -10,6 +10,7 @@ from ident.errors import RecordingError
 from ident.infer.foreign import ForeignTable
 from ident.infer.guess import Reason, Signals
 from ident.infer.names import ColumnFamily, find_families, find_time
+from ident.recordings.columns import listed
 from ident.recordings.joint_names import map_by_ending
 from ident.robot.arm import ArmModel
 
@@ -40,11 +41,21 @@ def guess_by_name(table: ForeignTable, arm: ArmModel | None) -> Signals | None:
         raise RecordingError(
             table.source,
             f"no columns are named as torque or current of the {count} joints",
-            f"name them in [columns] of session.toml yourself{goals}; there are: {_listed(names)}",
+            f"name them in [columns] of session.toml yourself{goals}; there are: {listed(names)}",
         )
     joints, why = _joints(position, arm, count)
-    columns = {channel: _in_order(family, position, count) for channel, family in chosen.items()}
-    reasons = [Reason(channel, _names(columns[channel]), _told(family)) for channel, family in chosen.items()]
+    columns = {}
+    for channel, family in chosen.items():  # in the order of the position's joints, where the labels are the same
+        own, wanted = dict(zip(family.labels, family.columns, strict=True)), position.labels[:count]
+        columns[channel] = tuple(own[one] for one in wanted) if {*wanted} <= {*own} else family.columns[:count]
+    reasons = [
+        Reason(
+            channel,
+            f"{columns[channel][0]!r} to {columns[channel][-1]!r}",
+            f"named {family.template.replace('#', '…')!r}",
+        )
+        for channel, family in chosen.items()
+    ]
     time = np.arange(len(table.columns[names[0]]), dtype=float) if clock is None else table.columns[clock]
     if clock is not None:
         reasons.insert(0, Reason("time", repr(clock), "its name says so"))
@@ -83,23 +94,3 @@ def _match(labels: Sequence[str], robot: Sequence[str]) -> tuple[str, ...] | Non
         return tuple(found[0] for found in inside)
     renamed = map_by_ending(labels, robot)
     return tuple(renamed[label] for label in labels) if set(labels) <= set(renamed) else None
-
-
-def _in_order(family: ColumnFamily, position: ColumnFamily, count: int) -> tuple[str, ...]:
-    """A family's columns in the order of the position's joints."""
-    if set(family.labels) >= set(position.labels[:count]):
-        places = [family.labels.index(label) for label in position.labels[:count]]
-        return tuple(family.columns[place] for place in places)
-    return family.columns[:count]
-
-
-def _told(family: ColumnFamily) -> str:
-    return f"named {family.template.replace('#', '…')!r}"
-
-
-def _names(columns: Sequence[str]) -> str:
-    return f"{columns[0]!r} to {columns[-1]!r}"
-
-
-def _listed(names: Sequence[str], limit: int = 12) -> str:
-    return ", ".join(names[:limit]) + (f", … ({len(names)} in all)" if len(names) > limit else "")

@@ -57,8 +57,11 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         RecordingError: No row, or hardly any, can be read.
     """
     lines = _sort_lines(bytes(data), layout)
-    if len(lines.numbers) == 0 or len(lines.misshapen) > len(lines.numbers):
-        _refuse_shape(path, lines, layout)
+    if len(lines.misshapen) > len(lines.numbers):
+        what = f"most rows have another number of cells than the {len(layout.names)} of the first line"
+        raise RecordingError(f"{path}, line {lines.misshapen[0]}", what, "correct the header or the separator")
+    if len(lines.numbers) == 0:
+        raise RecordingError(path, "has no whole row", "give a table with samples")
     try:
         parsed = _parse(lines.text, layout, chosen)
     except pa.ArrowException as error:
@@ -71,10 +74,11 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         lost[-1], truncated = True, int(lines.numbers[-1])
     in_good_rows = np.argwhere(parsed.text & ~lost[:, None])
     unreadable = np.sort(np.append(lines.misshapen, lines.numbers[lost & has_text]))
+    labels = [(layout.names[index], native) for index, native in chosen.items()]
     damage = Damage(
         source=path,
         place="line",
-        names=tuple(_label(layout.names[index], native) for index, native in chosen.items()),
+        names=tuple(own if own == native else f"{own} ({native})" for own, native in labels),
         natives=tuple(chosen.values()),
         rows=len(lines.numbers) + len(lines.misshapen),
         garbage_rows=unreadable[unreadable != truncated],
@@ -88,10 +92,6 @@ def read_damaged(path: Path, data: bytes | pa.Buffer, layout: TextLayout, chosen
         raise RecordingError(path, "no row can be read", "give a table with numbers")
     kept = {native: without_infinity(values[~lost]) for native, values in parsed.columns.items()}
     return Table(kept, describe_damage(damage))
-
-
-def _label(name: str, native: str) -> str:
-    return native if name == native else f"{name} ({native})"
 
 
 def _cells(mask: Bool[Array, "R k"], numbers: Int[Array, " R"]) -> Int[Array, "c 2"]:
@@ -120,17 +120,6 @@ def _sort_lines(data: bytes, layout: TextLayout) -> Lines:
         misshapen=misshapen[misshapen != truncated] if truncated else misshapen,
         truncated=truncated,
         ends_open=bool(len(good)) and int(good[-1]) == len(lines) - 1,
-    )
-
-
-def _refuse_shape(path: Path, lines: Lines, layout: TextLayout) -> None:
-    """Most rows have another number of cells than the header, or there is no whole row."""
-    if len(lines.misshapen) == 0:
-        raise RecordingError(path, "has no whole row", "give a table with samples")
-    raise RecordingError(
-        f"{path}, line {lines.misshapen[0]}",
-        f"most rows have another number of cells than the {len(layout.names)} of the first line",
-        "correct the header or the separator",
     )
 
 

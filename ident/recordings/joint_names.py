@@ -32,8 +32,15 @@ def match_joints(session: Session, joint_names: Sequence[str]) -> tuple[Session,
     if not set(session.joints) & set(joint_names):
         renamed = map_by_ending(session.joints, joint_names)
         if not renamed:
-            raise _no_match(session, joint_names)
-        session = _rename(session, renamed)
+            old, new = session.joints[0], joint_names[0]
+            example = f"{toml_key(f'{old}/position')} = {json.dumps(f'{new}/position', ensure_ascii=False)}"
+            raise RecordingError(
+                session.path or session.name,
+                f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})",
+                f"give another --robot, or name each joint in [columns] of session.toml: {example}",
+            )
+        joints = tuple(renamed.get(joint, joint) for joint in session.joints)
+        session = session.replace(runs=[run.replace(joints=joints) for run in session.runs])
         pairs = ", ".join(f"{old} is {new}" for old, new in renamed.items())
         evidence = f"{session.name}: recorded names differ from the robot's in their beginning: {pairs}"
         issues.append(TelemetryIssue("joints_renamed", tuple(renamed.values()), "note", evidence, "none needed"))
@@ -74,20 +81,3 @@ def _different_beginnings(old: str, new: str) -> tuple[str, str]:
     while length < min(len(old), len(new)) and old[-1 - length] == new[-1 - length]:
         length += 1
     return old[: len(old) - length], new[: len(new) - length]
-
-
-def _rename(session: Session, names: dict[str, str]) -> Session:
-    """Renames joints; those without a new name keep theirs."""
-    joints = tuple(names.get(joint, joint) for joint in session.joints)
-    return session.replace(runs=[run.replace(joints=joints) for run in session.runs])
-
-
-def _no_match(session: Session, joint_names: Sequence[str]) -> RecordingError:
-    where = session.path or session.name
-    old, new = session.joints[0], joint_names[0]
-    example = f"{toml_key(f'{old}/position')} = {json.dumps(f'{new}/position', ensure_ascii=False)}"
-    return RecordingError(
-        where,
-        f"its joints ({', '.join(session.joints)}) are none of the robot's ({', '.join(joint_names)})",
-        f"give another --robot, or name each joint in [columns] of session.toml: {example}",
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -119,7 +119,7 @@ def load_session_file(path: Path) -> SessionFile:
     Raises:
         RecordingError: The file can't be read, or a key has a wrong value or looks misspelt.
     """
-    data = _parse(path)
+    data = read_toml(path, "give a session.toml that can be read", RecordingError)
     for key in data:
         guess = difflib.get_close_matches(key, KEYS, n=1, cutoff=0.75)
         if key not in KEYS and guess:
@@ -135,6 +135,9 @@ def load_session_file(path: Path) -> SessionFile:
     counts = _positive(data, "counts_per_turn", path, "number")
     if counts is not None and "angle_unit" in data:
         raise RecordingError(path, "both counts_per_turn and angle_unit", "angles have one unit: keep one of them")
+    angles = _one_of(data, "angle_unit", path, ("rad", "deg"), 'write "rad" or "deg"')
+    times = _one_of(data, "time_unit", path, tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
+    kind = _one_of(data, "effort_kind", path, EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
     return SessionFile(
         path=path,
         columns=_columns(data, path),
@@ -143,18 +146,14 @@ def load_session_file(path: Path) -> SessionFile:
         payload=_payload(data, path),
         robot=_robot(data, path),
         sample_rate_hz=_positive(data, "sample_rate_hz", path, "rate [Hz]"),
-        angle_factor=_angle_factor(data, path) if counts is None else math.tau / counts,
+        angle_factor=math.tau / counts if counts else math.radians(1.0) if angles == "deg" else 1.0,
         angle_zero=0.0 if counts is None else counts / 2.0,
-        effort_kind=_effort_kind(data, path),
-        time_factor=_time_factor(data, path),
+        effort_kind=kind,
+        time_factor=TIME_UNITS[times or "s"],
         gravity=_three(data["gravity_mps2"], path, "gravity_mps2", "base") if "gravity_mps2" in data else None,
         guessed=guessed,
         metadata={key: value for key, value in data.items() if key not in KEYS},
     )
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    return read_toml(path, "give a session.toml that can be read", RecordingError)
 
 
 def _table(data: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
@@ -227,22 +226,8 @@ def _positive(data: dict[str, Any], key: str, path: Path, what: str) -> float | 
     return found
 
 
-def _angle_factor(data: dict[str, Any], path: Path) -> float:
-    unit = data.get("angle_unit", "rad")
-    if unit not in ("rad", "deg"):
-        raise RecordingError(path, f"angle_unit = {unit!r}", 'write "rad" or "deg"')
-    return math.radians(1.0) if unit == "deg" else 1.0
-
-
-def _time_factor(data: dict[str, Any], path: Path) -> float:
-    unit = data.get("time_unit", "s")
-    if not isinstance(unit, str) or unit not in TIME_UNITS:
-        raise RecordingError(path, f"time_unit = {unit!r}", f"write one of: {', '.join(TIME_UNITS)}")
-    return TIME_UNITS[unit]
-
-
-def _effort_kind(data: dict[str, Any], path: Path) -> str | None:
-    kind = data.get("effort_kind")
-    if kind is not None and kind not in EFFORT_KINDS:
-        raise RecordingError(path, f"effort_kind = {kind!r}", f"write {' or '.join(map(repr, EFFORT_KINDS))}")
-    return None if kind is None else str(kind)
+def _one_of(data: dict[str, Any], key: str, path: Path, known: Sequence[str], remedy: str) -> str | None:
+    value = data.get(key)
+    if value is not None and (not isinstance(value, str) or value not in known):
+        raise RecordingError(path, f"{key} = {value!r}", remedy)
+    return value

@@ -154,16 +154,12 @@ def _planar_figures(arm: ArmModel, poses: list[pin.SE3], axes: list[Array]) -> L
         **dict(zip(("I2x", "I2y", "I2z"), moments2, strict=True)),
         **dict(zip(("I3x", "I3y", "I3z"), moments3, strict=True)),
         sign=(1 if axes[0][2] > 0 else -1, 1, same),
-        offset=(0.0, turn2, _wrap(turn3)),
+        offset=(0.0, turn2, float((turn3 + np.pi) % (2 * np.pi) - np.pi)),
     )
 
 
 def _across(vector: Array, axis: Array) -> Array:
     return vector - axis * (axis @ vector)
-
-
-def _wrap(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _along_link(link: pin.Inertia, pose: pin.SE3, direction: Array, axis: Array) -> tuple[float, tuple[float, ...]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.results import Result
-from ident.servos.servo_fit import ServoFigure, ServoJoint
+from ident.servos.servo_fit import ServoJoint
 
 SCHEMA = "ident.servo/1"
 # Causes of a dead band that goal and position can't part, whatever the motion.
@@ -52,7 +52,9 @@ class ServoArm(Result):
         lines = []
         for one in self.joints:
             lines.append(f"{one.joint}: {_errors(one)}")
-            lines += [f"  {_words(figure)}" for figure in one.figures if figure.name in WORDS]
+            for figure in (figure for figure in one.figures if figure.name in WORDS):
+                ends = (1e3 * value for value in (figure.value, figure.low, figure.high))
+                lines.append("  " + WORDS[figure.name].format(*ends))
             if any(figure.name == "dead_band_rad" for figure in one.figures):
                 lines.append(f"    dead band, dry friction or backlash: {PARTED_BY}")
             lines += [f"  not told: {name}: {reason}" for name, reason in one.untold.items()]
@@ -63,10 +65,6 @@ def _errors(one: ServoJoint) -> str:
     if np.isnan(one.rms_before):
         return "nothing can be told"
     return f"follows within {1e3 * one.rms_before:.1f} mrad; {1e3 * one.rms_after:.2f} mrad of it are not explained"
-
-
-def _words(figure: ServoFigure) -> str:
-    return WORDS[figure.name].format(*(1e3 * value for value in (figure.value, figure.low, figure.high)))
 
 
 def _record(one: ServoJoint) -> dict[str, Any]:
