@@ -22,36 +22,9 @@ WORDS: dict[str, tuple[str, ...]] = {
     "current": ("current", "currents", "curr", "amps"),
     "position": ("q", "pos", "position", "positions", "angle", "angles", "theta", "joints", "state"),
 }
-COMMANDS: tuple[str, ...] = (
-    "target",
-    "cmd",
-    "command",
-    "commanded",
-    "commands",
-    "desired",
-    "des",
-    "d",
-    "ref",
-    "reference",
-    "setpoint",
-)
-COMMANDS += ("goal", "action", "sent", "control")
+COMMANDS = "target cmd command commanded commands desired des d ref reference setpoint goal action sent control"
 # What is derived from the torque, not the torque: estimates of contact, residuals, models.
-DERIVED: tuple[str, ...] = (
-    "ext",
-    "external",
-    "hat",
-    "model",
-    "residual",
-    "error",
-    "tcp",
-    "tool",
-    "cartesian",
-    "dtau",
-    "gravity",
-    "std",
-)
-DERIVED += ("window", "max", "min", "raw", "pose", "wrench")
+DERIVED = "ext external hat model residual error tcp tool cartesian dtau gravity std window max min raw pose wrench"
 TIMES = ("time", "timestamp", "t", "stamp", "secs", "seconds", "duration", "clock", "timestamps")
 COMMANDED = {"position": "position_command", "velocity": "velocity_command", "effort": "effort_command"}
 PLACE = "#"
@@ -95,8 +68,8 @@ def judge_words(template: str) -> tuple[str | None, int]:
     channel = next((name for name, known in WORDS.items() if set(words) & set(known)), None)
     if channel is None:
         return ("position_command", 0) if "action" in words else (None, 0)
-    doubt = 3 * len(set(words) & set(DERIVED)) - ("actual" in words or "measured" in words)
-    if set(words) & set(COMMANDS):
+    doubt = 3 * len({*words} & {*DERIVED.split()}) - ("actual" in words or "measured" in words)
+    if {*words} & {*COMMANDS.split()}:
         return COMMANDED.get(channel), doubt
     return channel, doubt
 
@@ -109,13 +82,12 @@ def find_time(names: Sequence[str]) -> str | None:
     return next(iter([*plain, *some]), None)
 
 
-def find_families(names: Sequence[str], joints: Sequence[str], count: int | None = None) -> list[ColumnFamily]:
+def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Families of columns.
 
     Args:
         names: All columns.
         joints: The robot's joints; empty where there is no robot.
-        count: How many joints there are, if that is known: larger families are cut, smaller ones left out.
     """
     members: dict[str, dict[str, str]] = defaultdict(dict)
     shorts = _short_names(joints)
@@ -123,9 +95,7 @@ def find_families(names: Sequence[str], joints: Sequence[str], count: int | None
         for template, label in _readings(name, shorts):
             members[template].setdefault(label, name)
     found = [
-        family
-        for template, by_label in members.items()
-        if (family := _family(template, by_label, shorts, count)) is not None
+        family for template, by_label in members.items() if (family := _family(template, by_label, shorts)) is not None
     ]
     return sorted(found, key=lambda family: family.doubt)
 
@@ -156,7 +126,7 @@ def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:
     return found
 
 
-def _family(template: str, by_label: dict[str, str], shorts: dict[str, int], count: int | None) -> ColumnFamily | None:
+def _family(template: str, by_label: dict[str, str], shorts: dict[str, int]) -> ColumnFamily | None:
     labels = list(by_label)
     if all(label.isdecimal() for label in labels):
         labels.sort(key=int)
@@ -164,8 +134,7 @@ def _family(template: str, by_label: dict[str, str], shorts: dict[str, int], cou
             return None
     elif shorts and all(label in shorts for label in labels):
         labels.sort(key=lambda label: shorts[label])
-    if len(labels) < (count or 2):
+    if len(labels) < 2:
         return None
-    labels = labels[:count]
     channel, doubt = judge_words(template)
     return ColumnFamily(template, tuple(by_label[label] for label in labels), tuple(labels), channel, doubt)

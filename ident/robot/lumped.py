@@ -1,7 +1,7 @@
 """The paper's three-joint model: links 1 to 3, and the wrist as a point mass m4 at the end of link 3.
 
-Two forms of one model: the closed form of the paper's appendix, with its printed errors mended, and an `ArmModel`
-built from the same figures. The exact reduction, with the wrist frozen as it really is, is `ArmModel.locked`.
+An `ArmModel` built from the paper's parameters, equal to its equations A5 to A10 with their printed errors mended. The
+exact reduction, with the wrist frozen as it really is, is `ArmModel.locked`.
 
 What the lumped model leaves out, and the exact reduction keeps: lateral offsets of the links (so M12 = M13 = 0 here),
 products of inertia, the wrist's own inertia and its centre of mass beyond the J4 axis.
@@ -16,11 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -56,47 +54,6 @@ class LumpedParameters:
     I3z: float
     sign: tuple[int, int, int] = (1, 1, 1)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def angles(self, q: Float[Array, "T 3"]) -> Float[Array, "T 3"]:
-        """The paper's θ from joint positions [rad]."""
-        return np.asarray(self.sign) * q + np.asarray(self.offset)
-
-
-def closed_form_torque(
-    parameters: LumpedParameters, q: Float[Array, "T 3"], dq: Float[Array, "T 3"], ddq: Float[Array, "T 3"]
-) -> Float[Array, "T 3"]:
-    """Torque of the lumped model in closed form [N m], T states at once.
-
-    Source: paper, eq. A5 to A10, corrected; Coriolis and centrifugal torque in Christoffel form.
-    """
-    p, sign = parameters, np.asarray(parameters.sign)
-    _, t2, t3 = p.angles(q).T
-    (v1, v2, v3), (w1, w2, w3) = (sign * dq).T, (sign * ddq).T
-    s2, c2, s3, c3 = np.sin(t2), np.cos(t2), np.sin(t3), np.cos(t3)
-    s23, c23 = np.sin(t2 + t3), np.cos(t2 + t3)
-    reach3, reach4 = p.a2 * s2 + p.l3 * s23, p.a2 * s2 + p.a3 * s23
-    k = p.a2 * (p.l3 * p.m3 + p.a3 * p.m4)
-
-    m11 = p.I1y + p.I2x * c2**2 + (p.I2y + p.m2 * p.l2**2) * s2**2 + p.I3x * c23**2 + p.I3y * s23**2
-    m11 = m11 + p.m3 * reach3**2 + p.m4 * reach4**2
-    m33 = p.I3z + p.m3 * p.l3**2 + p.m4 * p.a3**2
-    m23 = m33 + k * c3
-    m22 = p.I2z + p.m2 * p.l2**2 + (p.m3 + p.m4) * p.a2**2 + m33 + 2 * k * c3
-
-    # d2 and d3 are the derivatives of m11 by θ2 and θ3; the forearm's share is in both.
-    forearm = (p.I3y - p.I3x) * s23 * c23
-    upper = (p.I2y - p.I2x + p.m2 * p.l2**2) * s2 * c2
-    both3, both4 = p.a2 * c2 + p.l3 * c23, p.a2 * c2 + p.a3 * c23
-    d2 = 2 * (upper + forearm + p.m3 * reach3 * both3 + p.m4 * reach4 * both4)
-    d3 = 2 * (forearm + p.m3 * reach3 * p.l3 * c23 + p.m4 * reach4 * p.a3 * c23)
-    h1 = d2 * v1 * v2 + d3 * v1 * v3
-    h2 = -d2 * v1**2 / 2 - k * s3 * (2 * v2 * v3 + v3**2)
-    h3 = -d3 * v1**2 / 2 + k * s3 * v2**2
-
-    g3 = -GRAVITY * (p.m3 * p.l3 + p.m4 * p.a3) * s23
-    g2 = g3 - GRAVITY * (p.m2 * p.l2 + (p.m3 + p.m4) * p.a2) * s2
-    torque = np.stack([m11 * w1 + h1, m22 * w2 + m23 * w3 + h2 + g2, m23 * w2 + m33 * w3 + h3 + g3], axis=-1)
-    return sign * torque
 
 
 def lumped_parameters(arm: ArmModel) -> LumpedParameters:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.robot.lumped import GRAVITY, LumpedParameters
+from ident.robot.lumped import LumpedParameters
 
+GRAVITY = 9.81
 # Names as in the errata: entry of A2 and A8 to A10.
 ERRORS = ("sign_of_L", "M33", "C21", "G2", "C32")
 
@@ -61,3 +62,11 @@ def printed_torque(
         ],
         axis=-1,
     )
+
+
+def closed_form_torque(
+    p: LumpedParameters, q: Float[Array, "T 3"], dq: Float[Array, "T 3"], ddq: Float[Array, "T 3"]
+) -> Float[Array, "T 3"]:
+    """The equations with all errors mended, at an arm's joint angles: θ = sign · q + offset [N m]."""
+    sign = np.asarray(p.sign)
+    return sign * printed_torque(p, sign * q + np.asarray(p.offset), sign * dq, sign * ddq, errors=())
