@@ -14,12 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import FilteredRun, filter_run
 from ident.checks.report import joints_at
 from ident.checks.settings import USUAL_EFFORT, EffortSettings
-from ident.numerics import solve_non_negative
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.safe_read import toml_key
@@ -119,15 +119,14 @@ def fit_signed(
     # Columns that are zero but for rounding would get coefficients without meaning.
     live = size > 1e-6 * max(float(size.max()), 1e-12)
     scaled = np.where(live, table / np.where(live, size, 1.0), 0.0)
-    free = np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring])
-    free = free / np.maximum(np.linalg.norm(free, axis=0), 1e-300)
-    full = np.hstack([scaled, free, -free])
-    weights = solve_non_negative(full, tau)
-    residual = tau - full @ weights
+    free, _ = np.linalg.qr(np.column_stack([np.ones(len(tau)), states.q[rows, joint]][: 1 + spring]))
+    whole = np.column_stack([scaled, tau])
+    triangle = np.asarray(np.linalg.qr(whole - free @ (free.T @ whole), mode="r"))
+    weights, left = nnls(triangle[:, :-1], triangle[:, -1])
     variance = float(tau.var())
-    coefficients = np.where(live, weights[:4] / np.where(live, size, 1.0), 0.0)
-    explained = 1.0 - float(np.mean(residual**2)) / variance if variance > 0.0 else 0.0
-    return SignedFit(explained, float(coefficients[0]), float(coefficients[1]))
+    coefficients = np.where(live, weights / np.where(live, size, 1.0), 0.0)
+    explained = 1.0 - left**2 / len(tau) / variance if variance > 0.0 else 0.0
+    return SignedFit(float(explained), float(coefficients[0]), float(coefficients[1]))
 
 
 def jackknife(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import qr
 
 from ident.arrays import Array, Float
 from ident.checks.filtered_run import filter_run
@@ -10,7 +11,6 @@ from ident.checks.independence import Independence
 from ident.checks.report import TelemetryReport
 from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
 from ident.errors import RecordingError, plural
-from ident.numerics import factor_by_pivots
 from ident.recordings.blocks import FEWEST_BLOCKS, SHORTEST_BLOCK_S, count_blocks
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -135,7 +135,7 @@ def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:
     size = np.linalg.norm(table, axis=0)
     table = table / np.where(size > 1e-9 * size.max(), size, np.inf)
     # The best conditioned set of base columns, so that the figure tells the motion and not the choice of columns.
-    factor, _ = factor_by_pivots(table)
+    factor, _ = qr(np.linalg.qr(table, mode="r"), mode="r", pivoting=True)
     values = np.linalg.svd(factor[:, : base_rank(arm)], compute_uv=False)
     return float(values[0] / max(values[-1], 1e-12 * values[0]))
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment, nnls
 
 from ident.arrays import Array, Float
 from ident.checks.effort import States, joint_terms
@@ -86,16 +87,12 @@ STATE_NAMES = ("q", "dq", "ddq", "tau", "gravity", "inertial")
 
 
 def _assigned(positions: tuple[int, ...], table: Float[Array, "n n"]) -> Order:
-    from scipy.optimize import linear_sum_assignment  # takes a second to load
-
     _, torques = linear_sum_assignment(np.log(table))
     return Order(positions, tuple(int(t) for t in torques), table[np.arange(len(table)), torques])
 
 
 def _left(states: States, arm: ArmModel, positions: tuple[int, ...]) -> Float[Array, "n n"]:
     """Share of each recorded torque (column) that each joint's model (row) leaves, of whichever sign."""
-    from scipy.optimize import nnls  # takes a second to load
-
     order = list(positions)
     q, dq, ddq = (values[:, order] for values in (states.q, states.dq, states.ddq))
     if order != sorted(order):

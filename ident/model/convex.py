@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Float, Int
-from ident.numerics import solve_non_negative
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -127,7 +127,7 @@ def solve_partly_non_negative(
     triangle = np.asarray(np.linalg.qr(np.column_stack([table[:, free], table[:, kept], target]), mode="r"))
     count = len(free)
     found = np.zeros(table.shape[1])
-    found[kept] = solve_non_negative(triangle[count:, count:-1], triangle[count:, -1])
+    found[kept], _ = nnls(triangle[count:, count:-1], triangle[count:, -1])
     left = triangle[:count, -1] - triangle[:count, count:-1] @ found[kept]
     found[free] = np.linalg.lstsq(triangle[:count, :count], left, rcond=None)[0]
     return found

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import qr
 
 from ident.arrays import Array, Float, freeze
-from ident.numerics import factor_by_pivots
 from ident.robot.arm import ArmModel
 
 Mode = Literal["nominal", "base", "consistent"]
@@ -74,7 +74,7 @@ def base_parameters(arm: ArmModel) -> BaseParameters:
     rng = np.random.default_rng(0)
     q, dq, ddq = (rng.uniform(-np.pi, np.pi, (STATES_FOR_RANK, arm.n)) for _ in range(3))
     rows = arm.regressor(q, dq, ddq).reshape(-1, 10 * arm.n)
-    factor, order = factor_by_pivots(rows)
+    factor, order = qr(rows, mode="r", pivoting=True)
     pivots = np.abs(np.diag(factor))
     rank = int(np.sum(pivots > RANK_TOLERANCE * pivots[0]))
     columns, others = order[:rank], order[rank:]

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, Int
 from ident.errors import RecordingError
@@ -25,7 +26,6 @@ from ident.laws.carried import NamedLaw
 from ident.model.block_sums import LEAST_ROWS, LOSS_COLUMNS, BlockSums
 from ident.model.run_effects import RunEffect, RunSums, fit_run_effects, wandering
 from ident.model.shared_variance import USUAL_SPREAD
-from ident.numerics import student_quantile
 
 # Weights are repeated until no figure moves by more than this share of its uncertainty, or so many times.
 SETTLED_SHARE, MOST_PASSES = 0.01, 20
@@ -296,7 +296,7 @@ def _inverse(matrix: Float[Array, "m m"]) -> Float[Array, "m m"]:
 
 def quantile(dof: Float[Array, "..."], level: float = 0.95) -> Float[Array, "..."]:
     """Half width of an interval in standard deviations, by Student's t."""
-    return student_quantile(0.5 + level / 2, np.minimum(dof, 1e6))
+    return np.asarray(stdtrit(np.minimum(dof, 1e6), 0.5 + level / 2))
 
 
 def require_parted(sums: BlockSums, named: Sequence[NamedLaw], joints: tuple[str, ...], where: str) -> None:

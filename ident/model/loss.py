@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ident.arrays import Array, Float, freeze
 from ident.laws.motion import direction
 from ident.motion.motion import Motion
-from ident.numerics import student_quantile
 
 NAMES = ("motor_inertia", "viscous", "coulomb", "offset")
 UNITS = ("kg m²", "N m s/rad", "N m", "N m")
@@ -77,7 +77,7 @@ class LossResults:
 
     def conf_int(self, level: float = 0.95) -> Float[Array, "n 4 2"]:
         """Confidence intervals of (B_m, C_m, f_c, offset), by Student's t with each one's degrees of freedom."""
-        reach = student_quantile(0.5 + level / 2, np.minimum(self.dof, 1e6))
+        reach = stdtrit(np.minimum(self.dof, 1e6), 0.5 + level / 2)
         std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         values = np.stack([getattr(self.params, name) for name in NAMES], axis=1)
         return np.stack([values - reach * std, values + reach * std], axis=-1)

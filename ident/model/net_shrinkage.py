@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.numerics import student_quantile
 
 # How sure it must be that a share of a net helps; chance alone passes one of the four shares once in 25 times at most.
 SURE = 0.99
@@ -78,7 +78,7 @@ def shrink_net(
         return _by_group(np.where(moving, (left - weight * predicted) ** 2, 0.0), witness)
 
     without, own = (_by_group(np.where(moving, part * travel, 0.0), witness) for part in (left, predicted))
-    needed = float(student_quantile(SURE, np.array(max(1, len(without) - 1))))
+    needed = float(stdtrit(max(1, len(without) - 1), SURE))
     best, weight = np.zeros(left.shape[1]), np.zeros(left.shape[1])
     alone = squares(0.0)
     for share in WEIGHTS:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.compiled import compiled
@@ -21,7 +22,6 @@ from ident.laws.friction import bent
 from ident.laws.motion import direction, follow
 from ident.model.loss import TRANSITION_GRID
 from ident.motion.motion import Motion
-from ident.numerics import solve_non_negative
 
 # Ranges tried [rad]: beyond them friction with such a memory is an effect of its own.
 RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
@@ -190,6 +190,6 @@ def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) 
     for j, sums in enumerate(grams.sum(axis=0)):
         scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
         root = np.linalg.cholesky(sums / np.outer(scale, scale) + 1e-10 * np.eye(count)).T
-        weights = np.append(-solve_non_negative(root[:, :-1], root[:, -1]), 1.0) * scale[-1] / scale
+        weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
         found[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
     return found

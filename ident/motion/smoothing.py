@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ident.arrays import Array, Float, freeze
 from ident.compiled import compiled
 from ident.motion.settings import USUAL_MOTION, MotionSettings
-from ident.numerics import find_minimum
 
 # Prior standard deviations of the first velocity and acceleration: wide for any arm [rad/s, rad/s²].
 FIRST_VELOCITY_STD, FIRST_ACCELERATION_STD = 3.0, 30.0
@@ -323,8 +323,8 @@ def _fit_one_joint(
         return count * np.log(noise) + float(sums[0]), noise
 
     bounds = (np.log(settings.slowest_corner_hz), np.log(settings.fastest_corner_share / interval))
-    best = find_minimum(lambda f: profile(f)[0], *bounds, within=0.02)
-    noise = profile(best)[1]
+    found = minimize_scalar(lambda f: profile(f)[0], bounds=bounds, method="bounded", options={"xatol": 0.02})
+    best, noise = float(found.x), profile(float(found.x))[1]
     return ratio(best) * noise, noise
 
 

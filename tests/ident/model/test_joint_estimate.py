@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.special import stdtrit
 
 from ident.arrays import Array
 from ident.errors import RecordingError
@@ -17,7 +18,6 @@ from ident.model.loss import NAMES
 from ident.model.run_effects import RunEffect, wandering
 from ident.model.shared_variance import USUAL_SPREAD
 from ident.motion.motion import Motion
-from ident.numerics import student_quantile
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm
 
@@ -184,7 +184,7 @@ def test_friction_that_wanders_stays_within_what_is_told(runs: int, walk: float,
     for _ in range(50):
         effects, mean = _effects(rng, runs, walk, own)
         variance, dof = wandering(effects)
-        beyond.append(np.abs(mean) > student_quantile(0.975, dof) * np.sqrt(variance + own**2 / runs))
+        beyond.append(np.abs(mean) > stdtrit(dof, 0.975) * np.sqrt(variance + own**2 / runs))
     assert 0.01 < np.mean(beyond) < 0.12
     told = [np.sqrt(wandering(_effects(rng, runs, walk, own)[0])[0]).mean() for _ in range(20)]
     assert np.mean(told) < 2.0 * walk / np.sqrt(3.0)
