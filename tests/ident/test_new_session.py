@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
 from ident.api.inspecting import inspect
@@ -22,6 +18,7 @@ from ident.infer.new_session import fold_names
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
 from ident.robot.arm import ArmModel
+from tests.ident.foreign import lerobot, write_states
 from tests.ident.made_up import made_session
 from tests.schemas import check_file
 
@@ -195,40 +192,17 @@ def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: 
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in session.iterdir()) == [".armgap.json", "log.csv", "session.toml"]
     assert tomllib.loads((session / "session.toml").read_text())["robot"] == "tm5-900"
-    assert {one["what"] for one in check_file(record)["reasons"]} >= {
-        "time",
-        "position",
-        "effort",
-        "joints",
-    }
+    assert {one["what"] for one in check_file(record)["reasons"]} >= {"time", "position", "effort", "joints"}
 
 
 def test_a_data_set_and_a_bag_are_told_by_their_names(run: Recording, tmp_path: Path) -> None:
     """LeRobot's features without joints' names, and the fields of a driver's own message."""
-    folder = tmp_path / "set"
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data").mkdir()
-    named = {name: {"dtype": "float32", "shape": [6], "names": None} for name in ("observation.state", "action")}
-    features = {**named, "observation.effort": {"dtype": "float32", "shape": [6], "names": None}}
-    (folder / "meta/info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 125, "features": features}))
     columns = {"observation.state": run.position, "action": run.position, "observation.effort": run.effort}
-    lists = {name: pa.array(list(values), pa.list_(pa.float64(), 6)) for name, values in columns.items()}
-    episode = pa.array(np.zeros(len(run), dtype=int))
-    pq.write_table(
-        pa.table({**lists, "timestamp": run.time, "episode_index": episode}), folder / "data/file-000.parquet"
-    )
+    folder = lerobot(tmp_path / "set", None, {**columns, "timestamp": run.time})
     assert new(folder, "tm5-900").guess.columns["action.5"] == "joint_6/position_command"
     assert_same(folder, run, velocity=False)
 
-    types = get_typestore(Stores.ROS2_HUMBLE)
-    kind = "made_up/msg/State"
-    types.register(get_types_from_msg("std_msgs/Header header\nfloat64[6] q\nfloat64[6] tau_J\n", kind))
-    state, header, time = (types.types[name] for name in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
-    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/arm/states", kind, typestore=types)
-        for k, moment in enumerate(np.round(run.time * 1e9).astype(int)):
-            stamp = time(sec=int(moment // 10**9), nanosec=int(moment % 10**9))
-            message = state(header(stamp, ""), run.position[k], run.effort[k])
-            writer.write(topic, int(moment), types.serialize_cdr(message, kind))
+    channels = (("q", "position"), ("tau_J", "effort"))
+    write_states(tmp_path / "bag", "/arm/states", run, channels, StoragePlugin.MCAP)
     assert new(tmp_path / "bag", "tm5-900").guess.columns["/arm/states:tau_J.0"] == "joint_1/effort"
     assert_same(tmp_path / "bag", run, velocity=False)

@@ -7,49 +7,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
+from tests.ident.foreign import RECEIPT_NS, TYPES, write_bag
+from tests.ident.foreign import stamped as header
 
-TYPES = get_typestore(Stores.ROS2_HUMBLE)
-JointState = TYPES.types["sensor_msgs/msg/JointState"]
-Header = TYPES.types["std_msgs/msg/Header"]
-Time = TYPES.types["builtin_interfaces/msg/Time"]
-Text = TYPES.types["std_msgs/msg/String"]
-RECEIPT_NS = 1_700_000_000_000_000_000
+JointState, Text = TYPES.types["sensor_msgs/msg/JointState"], TYPES.types["std_msgs/msg/String"]
 
 
 def joint_state(run: Recording, row: int, joints: Iterable[str], stamped: bool = True, effort: bool = True) -> object:
     """One row of a run as a message that names some joints, in the given order."""
     columns = [run.joints.index(joint) for joint in joints]
-    nanoseconds = round(run.time[row] * 1e9) if stamped else 0
-    stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
     values = (run.position, run.velocity, run.effort)
     position, velocity, torque = (np.ascontiguousarray(v[row, columns]) for v in values if v is not None)
     return JointState(
-        header=Header(stamp=stamp, frame_id=""),
+        header=header(run.time[row] if stamped else 0.0),
         name=[run.joints[column] for column in columns],
         position=position,
         velocity=velocity,
         effort=torque if effort else np.empty(0),
     )
-
-
-def write_bag(
-    folder: Path,
-    messages: Iterable[tuple[int, object]],
-    storage: StoragePlugin = StoragePlugin.SQLITE3,
-    topic: str = "/joint_states",
-    kind: str = "sensor_msgs/msg/JointState",
-) -> Path:
-    with Writer(folder, version=9, storage_plugin=storage) as writer:
-        connection = writer.add_connection(topic, kind, typestore=TYPES)
-        for receipt, message in messages:
-            writer.write(connection, RECEIPT_NS + receipt, TYPES.serialize_cdr(message, kind))
-    return folder
 
 
 def rows_of(run: Recording, **options: bool) -> list[tuple[int, object]]:

@@ -11,43 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rosbags.rosbag1 import Writer as OldWriter
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Recording
-
-START = 1_700_000_000_000_000_000
-
-
-def mapped(folder: Path, columns: dict[str, str]) -> Path:
-    """A session.toml with a mapping of columns."""
-    lines = [f"{json.dumps(foreign)} = {json.dumps(native)}" for foreign, native in columns.items()]
-    path = folder / "session.toml"
-    path.write_text("\n".join(["[columns]", *lines]) + "\n")
-    return path
-
-
-def lerobot(folder: Path, run: Recording, names: Any, columns: dict[str, np.ndarray], episodes: int = 2) -> Path:
-    """A LeRobot data set of version 3.0: episodes one after the other in one file, columns of fixed-size lists."""
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data/chunk-000").mkdir(parents=True)
-    shape = [len(run.joints)]
-    features: dict[str, Any] = {name: {"dtype": "float32", "shape": shape, "names": names} for name in columns}
-    features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-    info = {"codebase_version": "v3.0", "fps": 100, "total_episodes": episodes, "features": features}
-    (folder / "meta/info.json").write_text(json.dumps(info))
-    count = len(run)
-    table: dict[str, Any] = {
-        name: pa.FixedSizeListArray.from_arrays(pa.array(np.tile(values, (episodes, 1)).astype("f4").ravel()), shape[0])
-        for name, values in columns.items()
-    }
-    table["timestamp"] = pa.array(np.tile(run.time, episodes).astype("f4"))
-    table["episode_index"] = pa.array(np.repeat(np.arange(episodes), count))
-    pq.write_table(pa.table(table), folder / "data/chunk-000/file-000.parquet")
-    return folder
+from tests.ident.foreign import RECEIPT_NS, TYPES, lerobot, mapped, places, stamped, write_states, write_topics
 
 
 @pytest.mark.parametrize(
@@ -56,7 +27,7 @@ def lerobot(folder: Path, run: Recording, names: Any, columns: dict[str, np.ndar
 def test_a_lerobot_data_set_is_a_session_of_episodes(names: Any, run: Recording, tmp_path: Path) -> None:
     """Lists become joints by the features' names; the features' meanings are the channels."""
     columns = {"observation.state": run.position, "observation.effort": run.effort, "action": run.position + 0.1}
-    session = load_session(lerobot(tmp_path / "set", run, names, columns))
+    session = load_session(lerobot(tmp_path / "set", names, *[columns | {"timestamp": run.time}] * 2))
     assert [one.name for one in session.runs] == ["episode_000000", "episode_000001"]
     assert session.joints == ("a", "b")
     for one in session.runs:
@@ -68,7 +39,7 @@ def test_a_lerobot_data_set_is_a_session_of_episodes(names: Any, run: Recording,
 
 def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
     """Version 2.1: lists of any length, `episode_000001.parquet`, each on a clock of its own."""
-    folder = lerobot(tmp_path / "set", run, ["a.pos", "b.pos"], {"observation.state": run.position}, episodes=1)
+    folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], {"observation.state": run.position, "timestamp": run.time})
     info = json.loads((folder / "meta/info.json").read_text())
     info["features"]["observation.effort"] = {"dtype": "float32", "shape": [2], "names": ["a.effort", "b.effort"]}
     (folder / "meta/info.json").write_text(json.dumps(info | {"codebase_version": "v2.1", "total_episodes": 2}))
@@ -87,18 +58,11 @@ def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Record
 
 def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_path: Path) -> None:
     """`observation.state.0` is the first number; without a mapping nobody knows which joint that is."""
-    columns = {"observation.state": run.position, "observation.effort": run.effort}
-    folder = lerobot(tmp_path / "set", run, None, columns)
+    columns = {"observation.state": run.position, "observation.effort": run.effort, "timestamp": run.time}
+    folder = lerobot(tmp_path / "set", None, columns, columns)
     with pytest.raises(RecordingError, match=r"observation\.state\.0"):
         load_session(folder)
-    mapped(
-        folder,
-        {
-            f"observation.{f}.{i}": f"{'ab'[i]}/{c}"
-            for f, c in (("state", "position"), ("effort", "effort"))
-            for i in (0, 1)
-        },
-    )
+    mapped(folder, places(("observation.state", "position"), ("observation.effort", "effort")))
     np.testing.assert_allclose(load_session(folder).runs[1].position, run.position, atol=1e-6)
 
 
@@ -106,7 +70,7 @@ def test_lists_of_any_parquet_file_are_columns(run: Recording, tmp_path: Path) -
     """`q.0`, `q.1`, …; only the lists that are named are read."""
     table = {"t": run.time, "q": list(run.position), "tau": list(run.effort), "note": ["x"] * len(run)}
     pq.write_table(pa.table(table), tmp_path / "run.parquet")
-    mapped(tmp_path, {"t": "time", "q.0": "a/position", "q.1": "b/position", "tau.0": "a/effort", "tau.1": "b/effort"})
+    mapped(tmp_path, {"t": "time", **places(("q", "position"), ("tau", "effort"))})
     read = load_session(tmp_path).runs[0]
     np.testing.assert_array_equal(read.position, run.position)
     np.testing.assert_array_equal(read.effort, run.effort)
@@ -122,10 +86,7 @@ def test_arrays_of_two_dimensions_are_columns(kind: str, run: Recording, tmp_pat
         np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
     else:
         savemat(tmp_path / "run.mat", {"log": arrays} if prefix else arrays)
-    places = {
-        f"{prefix}{array}.{i}": f"{'ab'[i]}/{c}" for array, c in (("q", "position"), ("tau", "effort")) for i in (0, 1)
-    }
-    mapped(tmp_path, {f"{prefix}t": "time", **places})
+    mapped(tmp_path, {f"{prefix}t": "time", **places((f"{prefix}q", "position"), (f"{prefix}tau", "effort"))})
     read = load_session(tmp_path).runs[0]
     np.testing.assert_array_equal(read.time, run.time)
     np.testing.assert_array_equal(read.position, run.position)
@@ -142,44 +103,12 @@ def test_what_is_no_matlab_file_is_told(tmp_path: Path) -> None:
         load_session(tmp_path / "b.mat")
 
 
-FRANKA_STATE = """std_msgs/Header header
-float64[2] q
-float64[2] dq
-float64[2] tau_J
-"""
-
-
 @pytest.mark.parametrize("storage", list(StoragePlugin))
 def test_fields_of_other_messages_are_columns(storage: StoragePlugin, run: Recording, tmp_path: Path) -> None:
-    """A type that ROS does not ship, its definition in the bag: `/franka_states:q.0`; wrenches beside it do no harm."""
-    types = get_typestore(Stores.ROS2_HUMBLE)
-    types.register(get_types_from_msg(FRANKA_STATE, "franka_msgs/msg/FrankaState"))
-    known = types.types
-    state, header, time = (
-        known["franka_msgs/msg/FrankaState"],
-        known["std_msgs/msg/Header"],
-        known["builtin_interfaces/msg/Time"],
-    )
-    with Writer(tmp_path / "bag", version=9, storage_plugin=storage) as writer:
-        topic = writer.add_connection("/franka_states", "franka_msgs/msg/FrankaState", typestore=types)
-        for k in range(len(run)):
-            stamp = (
-                time(sec=5, nanosec=round(run.time[k] % 1 * 1e9))
-                if run.time[k] < 1
-                else time(sec=5 + int(run.time[k] + 1e-9), nanosec=round((run.time[k] + 1e-9) % 1 * 1e9))
-            )
-            message = state(
-                header=header(stamp=stamp, frame_id=""), q=run.position[k], dq=run.velocity[k], tau_J=run.effort[k]
-            )
-            writer.write(topic, START + k, types.serialize_cdr(message, "franka_msgs/msg/FrankaState"))
-    mapped(
-        tmp_path,
-        {
-            f"/franka_states:{f}.{i}": f"{'ab'[i]}/{c}"
-            for f, c in (("q", "position"), ("dq", "velocity"), ("tau_J", "effort"))
-            for i in (0, 1)
-        },
-    )
+    """A type that ROS does not ship, its definition in the bag: `/franka_states:q.0`."""
+    channels = (("q", "position"), ("dq", "velocity"), ("tau_J", "effort"))
+    write_states(tmp_path / "bag", "/franka_states", run.replace(time=run.time + 5.0), channels, storage)
+    mapped(tmp_path, places(*((f"/franka_states:{name}", channel) for name, channel in channels)))
     read = load_session(tmp_path).runs[0]
     np.testing.assert_allclose(read.time - 5.0, run.time, atol=1e-6)
     np.testing.assert_array_equal(read.position, run.position)
@@ -188,33 +117,23 @@ def test_fields_of_other_messages_are_columns(storage: StoragePlugin, run: Recor
 
 def test_effort_may_come_in_another_topic(run: Recording, tmp_path: Path) -> None:
     """Positions by JointState at half the rate, effort as a bare array: on the clock of the effort."""
-    types = get_typestore(Stores.ROS2_HUMBLE)
-    known = types.types
-    joint_state, array = known["sensor_msgs/msg/JointState"], known["std_msgs/msg/Float64MultiArray"]
-    header, time, layout = (
-        known["std_msgs/msg/Header"],
-        known["builtin_interfaces/msg/Time"],
-        known["std_msgs/msg/MultiArrayLayout"],
+    state, array, layout = (
+        TYPES.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray", "std_msgs/msg/MultiArrayLayout")
     )
-    with Writer(tmp_path / "bag", version=9) as writer:
-        states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=types)
-        torques = writer.add_connection("/torques", "std_msgs/msg/Float64MultiArray", typestore=types)
-        for k in range(len(run)):
-            receipt = START + round(run.time[k] * 1e9)
-            if k % 2 == 0:
-                message = joint_state(
-                    header(time(0, 0), ""), ["b", "a"], run.position[k, ::-1].copy(), np.empty(0), np.empty(0)
-                )
-                writer.write(states, receipt, types.serialize_cdr(message, "sensor_msgs/msg/JointState"))
-            message = array(layout(dim=[], data_offset=0), run.effort[k])
-            writer.write(torques, receipt, types.serialize_cdr(message, "std_msgs/msg/Float64MultiArray"))
-    mapped(
-        tmp_path,
-        {
-            **{f"/joint_states:position.{j}": f"{j}/position" for j in "ab"},
-            **{f"/torques:data.{i}": f"{'ab'[i]}/effort" for i in (0, 1)},
-        },
-    )
+    received, empty = [round(time * 1e9) for time in run.time], np.empty(0)
+    states = [
+        (received[k], state(stamped(0.0), ["b", "a"], run.position[k, ::-1].copy(), empty, empty))
+        for k in range(0, len(run), 2)
+    ]
+    torques = [(received[k], array(layout(dim=[], data_offset=0), run.effort[k])) for k in range(len(run))]
+    topics = {
+        "/joint_states": ("sensor_msgs/msg/JointState", states),
+        "/torques": ("std_msgs/msg/Float64MultiArray", torques),
+    }
+    write_topics(tmp_path / "bag", topics)
+    positions = {f"/joint_states:position.{j}": f"{j}/position" for j in "ab"}
+    mapped(tmp_path, {**positions, **places(("/torques:data", "effort"))})
     read = load_session(tmp_path).runs[0].select(("a", "b"))
     assert len(read) == len(run) - 1  # the last torque comes after the last position
     np.testing.assert_array_equal(read.effort, run.effort[:-1])
@@ -237,7 +156,7 @@ def write_old_bag(path: Path, run: Recording) -> None:
                 np.empty(0),
                 run.effort[k],
             )
-            writer.write(topic, START + nanoseconds, types.serialize_ros1(message, kind))
+            writer.write(topic, RECEIPT_NS + nanoseconds, types.serialize_ros1(message, kind))
 
 
 def test_a_bag_of_ros_1_gives_back_the_run(run: Recording, tmp_path: Path) -> None:
@@ -258,8 +177,6 @@ def test_logs_of_universal_robots_and_franka_are_text_tables(separator: str, run
     table = np.column_stack([run.time, run.position, run.velocity, run.effort])
     rows = [separator.join(repr(float(cell)) for cell in row) for row in table]
     (tmp_path / "run.csv").write_text("\n".join([separator.join(names), *rows]) + "\n")
-    columns = {"timestamp": "time"}
-    for c, native in (("q", "position"), ("qd", "velocity"), ("current_as_torque", "effort")):
-        columns |= {f"actual_{c}_{i}": f"{'ab'[i]}/{native}" for i in (0, 1)}
-    mapped(tmp_path, columns)
+    arrays = (("actual_q", "position"), ("actual_qd", "velocity"), ("actual_current_as_torque", "effort"))
+    mapped(tmp_path, {"timestamp": "time", **places(*arrays, mark="_")})
     np.testing.assert_array_equal(load_session(tmp_path).runs[0].effort, run.effort)

@@ -16,6 +16,7 @@ from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.servos.servo_fit import ServoJoint
 from ident.servos.servo_result import ServoArm
+from tests.ident.foreign import lerobot
 from tests.ident.servos.servo_plant import Servo, one_link, record
 from tests.schemas import check_file, check_record
 
@@ -131,29 +132,17 @@ def test_a_table_without_effort_goes_through_the_command(tmp_path: Path) -> None
 
 def test_a_data_set_of_an_so101_is_told_in_one_command(tmp_path: Path) -> None:
     """LeRobot's names and degrees: nothing has to be written before."""
-    import json
-
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     names = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"]
-    runs = [record(Servo(load=0.0, zero=0.0), k) for k in range(4)]
-    for folder in ("data/chunk-000", "meta"):
-        (tmp_path / folder).mkdir(parents=True)
-    labels = {"dtype": "float32", "shape": [6], "names": [f"{name}.pos" for name in names]}
-    features = dict.fromkeys(["observation.state", "action"], labels)
-    (tmp_path / "meta/info.json").write_text(json.dumps({"features": features}))
-    table: dict[str, list[object]] = {"observation.state": [], "action": [], "timestamp": [], "episode_index": []}
-    for k, run in enumerate(runs):
+    episodes = []
+    for run in (record(Servo(load=0.0, zero=0.0), k) for k in range(4)):
         assert run.position_command is not None
-        for column, values in (("observation.state", run.position), ("action", run.position_command)):
-            table[column] += [[float(row[0])] * 6 for row in np.degrees(values)]
-        table["timestamp"] += run.time.tolist()
-        table["episode_index"] += [k] * len(run)
-    pq.write_table(pa.table(table), tmp_path / "data/chunk-000/file-000.parquet")
+        pair = {"observation.state": run.position, "action": run.position_command}
+        columns = {name: np.repeat(np.degrees(values), 6, axis=1) for name, values in pair.items()}
+        episodes.append({**columns, "timestamp": run.time})
+    lerobot(tmp_path, [f"{name}.pos" for name in names], *episodes)
     found = CliRunner().invoke(app, ["servo", str(tmp_path), "--robot", "so101", "--json", str(tmp_path / "out.json")])
     assert found.exit_code == 0, found.output
-    joints = json.loads((tmp_path / "out.json").read_text())["joints"]
+    joints = check_file(tmp_path / "out.json")["joints"]
     assert set(joints) >= set(names[:5])
     lag = joints["shoulder_pan"]["figures"]["lag_s"]
     assert lag["value"] == pytest.approx(0.6 / 8.0, rel=0.03)
