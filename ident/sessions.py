@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
-from ident.checks.accepted import TOLD_BY_A_FIT, check_accepted, overrule
-from ident.checks.report import as_mounted
+from ident.checks.report import TOLD_BY_A_FIT, as_mounted, check_accepted, overrule
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
 from ident.errors import RecordingError, RobotError
 from ident.model.hybrid import HybridModel

@@ -11,8 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ident.arrays import Array, Bool, Float
-from ident.motion.butterworth import design_lowpass
-from ident.motion.zero_phase import filter_both_ways
+from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.recordings.recording import Recording, Session
 
 # Arms move below some hertz; what lies above 5 Hz is mostly noise of currents and differentiated encoders.

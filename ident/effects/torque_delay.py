@@ -11,7 +11,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import coefficient_interval
 from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square
 from ident.laws.sensing import shifted
-from ident.motion.spectrum import mean_spectrum
+from ident.motion.encoder import mean_spectrum
 
 DELAYS = (0.002, 0.008, 0.02)  # [s]
 # What a delay of so much must change, as a share of the rated torque of some joint, to be seen.

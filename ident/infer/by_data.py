@@ -14,8 +14,7 @@ from ident.arrays import Array, Float
 from ident.checks.effort import States, check_effort, collect_states, fit_signed
 from ident.checks.settings import USUAL_EFFORT
 from ident.errors import RecordingError
-from ident.infer.foreign import ForeignTable
-from ident.infer.guess import Reason, Signals
+from ident.infer.guess import ForeignTable, Reason, Signals
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.errors import RecordingError
-from ident.infer.foreign import ForeignTable
-from ident.infer.guess import Reason, Signals
+from ident.infer.guess import ForeignTable, Reason, Signals
 from ident.infer.names import ColumnFamily, find_families, find_time
 from ident.recordings.columns import listed
 from ident.recordings.joint_names import map_by_ending

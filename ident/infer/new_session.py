@@ -19,8 +19,7 @@ from ident.errors import InputError, RecordingError
 from ident.files import atomic_write
 from ident.infer.by_data import guess_by_data
 from ident.infer.by_name import guess_by_name
-from ident.infer.foreign import ForeignTable, read_foreign
-from ident.infer.guess import Guess, Reason, Signals
+from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
 from ident.infer.units import (
     Unit,
     angle_unit,

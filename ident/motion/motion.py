@@ -16,12 +16,10 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import RecordingError
-from ident.motion.butterworth import design_lowpass
-from ident.motion.encoder_band import find_signal_band, keep_band
-from ident.motion.encoder_noise import draw_errors, find_resolution
+from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band
+from ident.motion.filter import design_lowpass, filter_both_ways, filter_together
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
-from ident.motion.zero_phase import filter_both_ways, filter_together
 from ident.recordings.recording import Payload, Recording, Session
 
 FILTER_ORDER = 4

@@ -14,10 +14,9 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
+from ident.robot.chain import compute_joint_poses, compute_regressor
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.names import find_urdf, split_tip
-from ident.robot.poses import compute_joint_poses
-from ident.robot.regressor import compute_regressor
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
 from ident.robot.xacro_files import SUFFIX, expand
 from ident.safe_read import read_text

@@ -30,7 +30,8 @@ from ident.simulation.answer import Answer, TrueEffect, seal
 from plan.planners import Budget, Ledger
 from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
 from tests.ident.export.diagnoses import write_diagnosis
-from tests.ident.recordings.test_bags import rows_of, write_bag
+from tests.ident.foreign import write_bag
+from tests.ident.recordings.test_bags import rows_of
 from tests.ident.recordings.test_foreign_files import write_old_bag
 
 ROWS = 120

@@ -17,7 +17,7 @@ from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
 from ident.diagnosis.regression.partition import Partition
 from ident.diagnosis.regression.runs import noisier_run
 from ident.effects.base import RunContext, SessionContext
-from ident.robot.regressor import PER_LINK
+from ident.robot.chain import PER_LINK
 
 # Samples (after decimation) that are in memory at once, unless a run has more: their tables (some MiB a joint) fit into
 # memory that the chunk before has just let go.

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.checks.accepted import TOLD_BY_A_FIT, overrule
-from ident.checks.report import TelemetryReport
+from ident.checks.report import TOLD_BY_A_FIT, TelemetryReport, overrule
 from ident.cli.app import main
 from ident.model.hybrid import HybridModel
 from ident.recordings.recording import Session, TelemetryIssue

@@ -1,4 +1,4 @@
-"""Up to which frequency a run's smoothed acceleration is motion, and from which on it is encoder noise.
+"""What encoders add to positions, and up to which frequency a run's smoothed acceleration is motion.
 
 A smoother of one bandwidth lets encoder noise through wherever a motion is slower than that bandwidth. Such noise
 stands in every column that is made of the motion: it makes coefficients too small, and other columns made of the same
@@ -20,11 +20,34 @@ from __future__ import annotations
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.motion.butterworth import design_lowpass
+from ident.motion.filter import design_lowpass, filter_both_ways
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels
-from ident.motion.spectrum import mean_spectrum
-from ident.motion.zero_phase import filter_both_ways
+
+
+def mean_spectrum(
+    values: Float[Array, "T n"], rate: float, length: int
+) -> tuple[Float[Array, " f"], Float[Array, "f n"]]:
+    """One-sided power density; as scipy.signal's `welch` without detrending, whose import takes a second.
+
+    Args:
+        values: Signals, evenly sampled.
+        rate: Sampling rate [Hz].
+        length: Samples of a stretch, no more than there are.
+
+    Returns:
+        Frequencies [Hz] and density [unit² / Hz].
+    """
+    window = np.sin(np.pi * np.arange(length) / length) ** 2
+    step = length - length // 2
+    starts = range(0, len(values) - length + 1, step)
+    total = np.zeros((length // 2 + 1, values.shape[1]))
+    for start in starts:
+        total += np.abs(np.fft.rfft(window[:, None] * values[start : start + length], axis=0)) ** 2
+    total /= len(starts) * rate * np.sum(window**2)
+    total[1 : -1 if length % 2 == 0 else None] *= 2.0
+    return np.fft.rfftfreq(length, 1.0 / rate), total
+
 
 # How the cut is made decides nothing. Order of the cutting filter: steep, for what is half kept near the cut looks like
 # elasticity; how far a run is extended beyond its ends, and over how much its states fade in, in periods of the cut.
@@ -85,3 +108,52 @@ def _coasted(state: Float[Array, " 3"], time: Float[Array, " t"]) -> Float[Array
     """States before or after one, at constant acceleration: a low-pass leaves these as they are."""
     q, dq, ddq = state
     return np.stack([q + dq * time + 0.5 * ddq * time**2, dq + ddq * time, np.full_like(time, ddq)], axis=1)
+
+
+# Changes from sample to sample are steps of a resolution where nearly all small ones are whole multiples of it. Of more
+# than so many steps at once no remainder can be told.
+STEPS_SHARE, WHOLE_WITHIN, MOST_STEPS = 0.98, 0.05, 10.0
+LEAST_CHANGES = 20
+# A finer step than this many standard deviations of the noise can't be told from none.
+LEAST_STEP = 1.0
+
+
+def find_resolution(position: Float[Array, "T n"]) -> Float[Array, " n"]:
+    """Step of each joint's encoder as logged; 0 where there is none to be seen [rad].
+
+    Args:
+        position: Measured positions of a run [rad].
+    """
+    found = np.zeros(position.shape[1])
+    for j, change in enumerate(np.abs(np.diff(position, axis=0)).T):
+        moved = change[change > 1e-9]
+        if len(moved) < LEAST_CHANGES:
+            continue
+        step = float(np.median(moved[moved < 1.5 * moved.min()]))
+        multiples = moved[moved < MOST_STEPS * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < WHOLE_WITHIN
+        if len(multiples) >= LEAST_CHANGES and np.mean(whole) > STEPS_SHARE:
+            found[j] = step
+    return found
+
+
+def draw_errors(
+    q: Float[Array, "T n"], levels: NoiseLevels, resolution: Float[Array, " n"], rng: np.random.Generator
+) -> Float[Array, "T n"]:
+    """Errors of one more measurement of a motion by the same encoders [rad].
+
+    Args:
+        q: The motion, smoothed [rad].
+        levels: Noise of the joints.
+        resolution: Of each encoder, 0 for none [rad].
+        rng: Source of chance.
+    """
+    std = np.sqrt(levels.position)
+    coarse = resolution > LEAST_STEP * std
+    steps = np.where(coarse, resolution, 1.0)
+    # Steps alone have a variance of a twelfth of their square; what is beyond that is noise before the step.
+    before = np.where(coarse, np.sqrt(np.maximum(levels.position - resolution**2 / 12, 0.0)), std)
+    error = before * rng.standard_normal(q.shape)
+    shift = steps * rng.uniform(size=q.shape[1])
+    stepped = steps * np.round((q + error + shift) / steps) - shift - q
+    return np.where(coarse, stepped, error)

@@ -6,13 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import welch
 
-from ident.motion.encoder_band import keep_band
-from ident.motion.encoder_noise import draw_errors, find_resolution
+from ident.motion.encoder import draw_errors, find_resolution, keep_band, mean_spectrum
 from ident.motion.motion import prepare_run, session_noise
 from ident.motion.out_of_core import SpooledMotions, within_band
 from ident.motion.smoothing import NoiseLevels, smooth
 from ident.recordings.recording import Recording, Session
+
+
+@pytest.mark.parametrize("length", [64, 65, 300])
+def test_the_spectrum_is_the_reference_s(length: int) -> None:
+    """Frequencies and densities are those of Welch's method, for even and odd stretches and one that is all."""
+    values = np.random.default_rng(1).standard_normal((300, 2))
+    frequencies, power = mean_spectrum(values, 125.0, length)
+    reference = welch(values, 125.0, nperseg=length, axis=0, detrend=False)
+    assert np.allclose(frequencies, reference[0])
+    assert np.allclose(power, reference[1], rtol=1e-9)
+
+
+def test_power_adds_up_to_the_variance() -> None:
+    """White noise of variance one has a density of 2 / rate, whose sum over all frequencies is one."""
+    frequencies, power = mean_spectrum(np.random.default_rng(2).standard_normal((20_000, 1)), 100.0, 200)
+    assert np.trapezoid(power[:, 0], frequencies) == pytest.approx(1.0, rel=0.05)
+
 
 RATE, NOISE = 200.0, 1e-4
 
