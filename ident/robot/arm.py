@@ -14,7 +14,7 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
-from ident.robot.chain import compute_joint_poses, compute_regressor
+from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
@@ -123,12 +123,12 @@ class ArmModel:
     @property
     def joint_axes(self) -> Float[Array, "n 3"]:
         """Axis of each joint in its own frame, unit length."""
-        return self.chain[2]
+        return self.chain.axes
 
     @property
     def sliding_joints(self) -> Bool[Array, " n"]:
         """Which joints are prismatic."""
-        return self.chain[3]
+        return self.chain.sliding
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -172,7 +172,7 @@ class ArmModel:
         columns: Sequence[int] | None = None,
     ) -> Float[Array, "T n k"]:
         """Y with τ = Y π, π the `inertial_parameters`; all of its columns, or those asked for."""
-        return compute_regressor(*self.chain, q, dq, ddq, columns)
+        return compute_regressor(self.chain, q, dq, ddq, columns)
 
     def derivatives(
         self, q: Float[Array, "T n"], dq: Float[Array, "T n"], ddq: Float[Array, "T n"]
@@ -273,7 +273,7 @@ class ArmModel:
         """Orientation and place [m] of some links in the base frame, for T positions at once."""
         frames = {frame.name: frame for frame in self.model.frames if frame.type == pin.FrameType.BODY}
         joints = {name: int(frames[name].parentJoint) for name in links}
-        poses = compute_joint_poses(*self.chain[:4], np.asarray(q, dtype=float), sorted(set(joints.values())))
+        poses = compute_joint_poses(self.chain, np.asarray(q, dtype=float), sorted(set(joints.values())))
         found = {}
         for name, joint in joints.items():
             (turn, origin), placed = poses[joint], frames[name].placement
@@ -319,17 +319,19 @@ class ArmModel:
         return pin.ModelPool(self.model, THREADS)
 
     @cached_property
-    def chain(self) -> tuple[Array, Array, Array, Array, Array]:
+    def chain(self) -> Chain:
         """Joint placements, axes, which joints slide, and gravity, as plain arrays."""
         model, n = self.model, self.n
         rotations = np.array([model.jointPlacements[i].rotation for i in range(1, n + 1)])
         offsets = np.array([model.jointPlacements[i].translation for i in range(1, n + 1)])
         axes, sliding = np.zeros((n, 3)), np.zeros(n, dtype=bool)
         for i in range(n):
-            linear, angular = _joint_axis(model, i + 1)
-            sliding[i] = bool(np.linalg.norm(linear) > 0.5)
-            axes[i] = linear if sliding[i] else angular
-        return rotations, offsets, axes, sliding, np.array(model.gravity.linear)
+            data = model.joints[i + 1].createData()
+            model.joints[i + 1].calc(data, np.zeros(1))
+            subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
+            sliding[i] = bool(np.linalg.norm(subspace[:3]) > 0.5)
+            axes[i] = subspace[:3] if sliding[i] else subspace[3:]
+        return Chain(rotations, offsets, axes, sliding, np.array(model.gravity.linear))
 
     def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
         """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""
@@ -370,14 +372,6 @@ def _inertia(link: Float[Array, " 10"]) -> pin.Inertia:
     inertia = pin.Inertia.Zero()
     inertia.mass, inertia.lever, inertia.inertia = mass, lever, about_origin + mass * cross @ cross
     return inertia
-
-
-def _joint_axis(model: pin.Model, joint: int) -> tuple[Array, Array]:
-    """Linear and angular part of a one-axis joint's motion, in the joint frame."""
-    data = model.joints[joint].createData()
-    model.joints[joint].calc(data, np.zeros(1))
-    subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
-    return subspace[:3], subspace[3:]
 
 
 def _require_serial_arm(model: pin.Model, where: str, urdf: str) -> None:

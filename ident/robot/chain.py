@@ -14,33 +14,47 @@ as in Khalil and Dombre, Modeling, Identification and Control of Robots (2002), 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
 
+PER_LINK = 10
+
+
+class Chain(NamedTuple):
+    """A chain of n one-axis joints.
+
+    Attributes:
+        rotations: Axes of each joint frame in its parent's, at zero, shape (n, 3, 3).
+        offsets: Origin of each joint frame in its parent's [m], shape (n, 3).
+        axes: Joint axes in the joint frames, unit length, shape (n, 3).
+        sliding: Whether each joint is prismatic.
+        gravity: Gravity in the base frame [m/s²].
+    """
+
+    rotations: Array
+    offsets: Array
+    axes: Array
+    sliding: Array
+    gravity: Array
+
 
 def compute_joint_poses(
-    rotations: Float[Array, "n 3 3"],
-    offsets: Float[Array, "n 3"],
-    axes: Float[Array, "n 3"],
-    sliding: Array,
-    q: Float[Array, "T n"],
-    wanted: Sequence[int],
+    chain: Chain, q: Float[Array, "T n"], wanted: Sequence[int]
 ) -> dict[int, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
     """Orientation and origin [m] of some joints' frames in the base frame, their own motion included.
 
     Args:
-        rotations: Axes of each joint frame in its parent's, at zero.
-        offsets: Origin of each joint frame in its parent's [m].
-        axes: Joint axes in the joint frames, unit length.
-        sliding: Whether each joint is prismatic.
+        chain: The chain.
         q: Positions [rad or m].
         wanted: Which joints, from 1 as Pinocchio counts them; 0 is the base.
 
     Source: Rodrigues' rotation, R (cos q + (1 − cos q) z zᵀ + sin q [z]×) about an axis z.
     """
+    rotations, offsets, axes, sliding, _ = chain
     turn, origin = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     found = {0: (turn, origin)} if 0 in wanted else {}
     for i in range(max(wanted, default=0)):
@@ -58,15 +72,8 @@ def compute_joint_poses(
     return found
 
 
-PER_LINK = 10
-
-
 def compute_regressor(
-    rotations: Float[Array, "n 3 3"],
-    offsets: Float[Array, "n 3"],
-    axes: Float[Array, "n 3"],
-    sliding: Array,
-    gravity: Float[Array, " 3"],
+    chain: Chain,
     q: Float[Array, "T n"],
     dq: Float[Array, "T n"],
     ddq: Float[Array, "T n"],
@@ -75,11 +82,7 @@ def compute_regressor(
     """Torque regressor of a chain.
 
     Args:
-        rotations: Axes of each joint frame in its parent's, at zero.
-        offsets: Origin of each joint frame in its parent's [m].
-        axes: Joint axes in the joint frames, unit length.
-        sliding: Whether each joint is prismatic.
-        gravity: Gravity in the base frame [m/s²].
+        chain: The chain.
         q, dq, ddq: Joint states [rad, rad/s, rad/s²].
         columns: Which of the 10 n columns are wanted, in this order; all of them if None.
 
@@ -91,13 +94,9 @@ def compute_regressor(
     place = np.full(PER_LINK * n, -1.0)
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
-    chain = [_doubles(values) for values in (rotations, offsets, axes, sliding, gravity)]
-    _fill_regressor(*chain, _doubles(q), _doubles(dq), _doubles(ddq), place, np.empty((n, 6)), np.empty((3, 3)), out)
+    given = [np.ascontiguousarray(values, dtype=float) for values in (*chain, q, dq, ddq)]
+    _fill_regressor(*given, place, np.empty((n, 6)), np.empty((3, 3)), out)
     return out
-
-
-def _doubles(values: Array) -> Float[Array, "..."]:
-    return np.ascontiguousarray(values, dtype=float)
 
 
 @compiled("f3 f2 f2 f1 f1 f2 f2 f2 f1 f2 f2 f3")

@@ -12,6 +12,19 @@ from ident.recordings.recording import TelemetryIssue
 ByJoint = dict[str, float]
 
 
+class OriginRecord(TypedDict):
+    """Base of every file: where it comes from."""
+
+    provenance: Provenance
+
+
+class ArmRecord(OriginRecord):
+    """Base of files about one arm."""
+
+    robot: str
+    joints: list[str]
+
+
 class IntervalRecord(TypedDict):
     """A figure with its 95 % interval."""
 
@@ -144,12 +157,10 @@ class NextExperimentRecord(TypedDict):
     minutes: float
 
 
-class DiagnosisRecord(TypedDict):
+class DiagnosisRecord(ArmRecord):
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told."""
 
     schema: Literal["ident.diagnosis/1"]
-    robot: str
-    joints: list[str]
     session: AmountRecord
     telemetry: list[TelemetryIssue]
     verdict: Verdict
@@ -159,7 +170,6 @@ class DiagnosisRecord(TypedDict):
     heldout: HeldoutRecord
     not_testable: list[NotTestableRecord]
     next_experiment: NextExperimentRecord | None
-    provenance: Provenance
     nearest: NotRequired[dict[str, Any] | None]
     outside_score: NotRequired[float]
     leftover: NotRequired[dict[str, float]]
@@ -248,12 +258,10 @@ class SamplesUsedRecord(TypedDict):
     why: str
 
 
-class ArmComparisonRecord(TypedDict):
+class ArmComparisonRecord(ArmRecord):
     """What changed between two sets of recordings of one arm: figures are after minus before."""
 
     schema: Literal["ident.comparison/1"]
-    robot: str
-    joints: list[str]
     before: SideRecord
     after: SideRecord
     telemetry: list[TelemetryIssue]
@@ -262,7 +270,6 @@ class ArmComparisonRecord(TypedDict):
     heldout: ComparedHeldoutRecord
     friction_run_spread: ByJoint
     not_testable: list[NotTestableRecord]
-    provenance: Provenance
     samples_used: NotRequired[list[SamplesUsedRecord]]
     still: NotRequired[list[StillJointRecord]]
     reservations: NotRequired[list[dict[str, Any]]]

@@ -10,9 +10,8 @@ from ident.checks.report import JointEffort
 from ident.infer.guess import Reason
 from ident.monitor.alarms import Alarm
 from ident.monitor.outliers import OddSession
-from ident.provenance import Provenance
 from ident.recordings.recording import TelemetryIssue
-from ident.schemas.diagnosis import DiagnosisRecord
+from ident.schemas.diagnosis import ArmRecord, DiagnosisRecord, OriginRecord
 
 # Rung -> joint (and `total`) -> figure; null where a joint never moves, spreads of a single run too.
 LadderTable = dict[str, dict[str, float | None]]
@@ -33,12 +32,11 @@ class InspectedRecord(TypedDict):
     telemetry: list[TelemetryIssue]
 
 
-class TelemetryRecord(TypedDict):
+class TelemetryRecord(OriginRecord):
     """The telemetry checks of all sessions."""
 
     schema: Literal["ident.telemetry/1"]
     sessions: list[InspectedRecord]
-    provenance: Provenance
 
 
 class ModelRobotRecord(TypedDict):
@@ -68,7 +66,7 @@ class NamedLawRecord(TypedDict):
     coefficients: list[list[float]]
 
 
-class FitRecord(TypedDict):
+class FitRecord(OriginRecord):
     """A fitted model; its provenance holds options, files and versions too."""
 
     schema: Literal["ident.fit/1"]
@@ -79,7 +77,6 @@ class FitRecord(TypedDict):
     trained: NotRequired[dict[str, Any]]
     coupling: NotRequired[dict[str, Any]]
     named: NotRequired[list[NamedLawRecord]]
-    provenance: Provenance
 
 
 class LadderSpreadRecord(TypedDict):
@@ -102,51 +99,39 @@ class SessionScoreRecord(TypedDict):
     r2_moving: LadderTable
 
 
-class EvaluationRecord(TypedDict):
+class EvaluationRecord(ArmRecord):
     """Scores of one model."""
 
     schema: Literal["ident.evaluation/1"]
     model: str
-    robot: str
-    joints: list[str]
     sessions: list[SessionScoreRecord]
     pooled: SessionScoreRecord
-    provenance: Provenance
 
 
-class EvaluationsRecord(TypedDict):
+class EvaluationsRecord(ArmRecord):
     """Scores of several models on the same recordings."""
 
     schema: Literal["ident.evaluations/1"]
-    robot: str
-    joints: list[str]
     models: list[EvaluationRecord]
-    provenance: Provenance
 
 
-class ViewRecord(TypedDict):
+class ViewRecord(ArmRecord):
     """Runs that a timeline shows."""
 
     schema: Literal["ident.view/1"]
-    robot: str
-    joints: list[str]
     runs: list[str]
-    provenance: Provenance
 
 
-class DemoRecord(TypedDict):
+class DemoRecord(ArmRecord):
     """The main job on the shipped recordings."""
 
     schema: Literal["ident.demo/1"]
-    robot: str
-    joints: list[str]
     models: list[EvaluationRecord]
     diagnoses: list[DiagnosisRecord]
-    provenance: Provenance
     files: NotRequired[list[str]]
 
 
-class NewSessionRecord(TypedDict):
+class NewSessionRecord(OriginRecord):
     """A session.toml that was guessed: columns by their native names, other keys, and the evidence."""
 
     schema: Literal["ident.new/1"]
@@ -158,7 +143,6 @@ class NewSessionRecord(TypedDict):
     reasons: list[Reason]
     left_out: list[str]
     telemetry: list[TelemetryIssue]
-    provenance: Provenance
 
 
 class FigurePointRecord(TypedDict):
@@ -203,14 +187,13 @@ class WatchedArmRecord(TypedDict):
     hint: NotRequired[Alarm | None]
 
 
-class WatchRecord(TypedDict):
+class WatchRecord(OriginRecord):
     """All arms of a store, and what has changed; the chance of any false alarm in an arm's life is at most `level`."""
 
     schema: Literal["ident.watch/1"]
     level: float
     arms: list[WatchedArmRecord]
     alarms: list[Alarm]
-    provenance: Provenance
     fresh: NotRequired[list[str]]
     waiting: NotRequired[list[str]]
     odd: NotRequired[list[OddSession]]
@@ -251,12 +234,11 @@ class ClosedArmRecord(TypedDict):
     randomised_after_rad: NotRequired[float]
 
 
-class CloseRecord(TypedDict):
+class CloseRecord(OriginRecord):
     """All arms of a loop."""
 
     schema: Literal["ident.close/1"]
     arms: list[ClosedArmRecord]
-    provenance: Provenance
 
 
 class FigureRangeRecord(TypedDict):
@@ -278,17 +260,14 @@ class HeldOutRangesRecord(TypedDict):
     habit: float
 
 
-class RangesRecord(TypedDict):
+class RangesRecord(ArmRecord):
     """Ranges by `joint/figure`."""
 
     schema: Literal["ident.ranges/1"]
-    robot: str
-    joints: list[str]
     days: list[str]
     ranges: dict[str, FigureRangeRecord]
     noise_Nm: dict[str, float]
     heldout: HeldOutRangesRecord
-    provenance: Provenance
 
 
 class ServoFigureRecord(TypedDict):
@@ -308,10 +287,9 @@ class ServoJointRecord(TypedDict):
     heldout: dict[str, float] | None
 
 
-class ServoRecord(TypedDict):
+class ServoRecord(OriginRecord):
     """Joints of a position-only arm."""
 
     schema: Literal["ident.servo/1"]
     robot: str
     joints: dict[str, ServoJointRecord]
-    provenance: Provenance

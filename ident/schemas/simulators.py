@@ -6,8 +6,7 @@ from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from ident.provenance import Provenance
-from ident.schemas.diagnosis import IntervalRecord
+from ident.schemas.diagnosis import ArmRecord, IntervalRecord, OriginRecord
 
 
 class PatchedEffectRecord(TypedDict):
@@ -19,12 +18,10 @@ class PatchedEffectRecord(TypedDict):
     formats: dict[str, dict[str, Any]]
 
 
-class PatchRecord(TypedDict):
+class PatchRecord(ArmRecord):
     """What a patch holds, and how near it comes."""
 
     schema: Literal["ident.patch/1"]
-    robot: str
-    joints: list[str]
     diagnosis: str
     verdict: str
     baseline: str
@@ -32,23 +29,19 @@ class PatchRecord(TypedDict):
     effects: list[PatchedEffectRecord]
     told: list[str]
     structure: dict[str, dict[str, Any]]
-    provenance: Provenance
     heldout: NotRequired[dict[str, Any]]
     written: NotRequired[dict[str, str]]
     merged: NotRequired[dict[str, Any]]
 
 
-class ExportRecord(TypedDict):
+class ExportRecord(ArmRecord):
     """Files of an identified arm, and how near each comes when it is loaded back."""
 
     schema: Literal["ident.export/1"]
-    robot: str
-    joints: list[str]
     files: list[str]
     changed_links: list[str]
     left_out: list[str]
     loaded_back: dict[str, dict[str, Any]]
-    provenance: Provenance
     merged: NotRequired[dict[str, Any]]
     torque_rmse_Nm: NotRequired[dict[str, dict[str, float]]]
     heldout: NotRequired[dict[str, Any]]
@@ -66,17 +59,14 @@ class CheckRecord(TypedDict):
     passed: bool
 
 
-class VerificationRecord(TypedDict):
+class VerificationRecord(ArmRecord):
     """A model against limits."""
 
     schema: Literal["ident.verification/1"]
     model: str
-    robot: str
-    joints: list[str]
     passed: bool
     in_sample: bool
     checks: list[CheckRecord]
-    provenance: Provenance
 
 
 class SimulatedRecord(TypedDict):
@@ -92,14 +82,11 @@ class SimulatedRecord(TypedDict):
     key: str
 
 
-class SimulationRecord(TypedDict):
+class SimulationRecord(ArmRecord):
     """Sessions of the simulated arm."""
 
     schema: Literal["ident.simulation/1"]
-    robot: str
-    joints: list[str]
     sessions: list[SimulatedRecord]
-    provenance: Provenance
 
 
 class BlindOutcomeRecord(TypedDict):
@@ -112,7 +99,7 @@ class BlindOutcomeRecord(TypedDict):
     verdict: str
 
 
-class BlindRecord(TypedDict):
+class BlindRecord(OriginRecord):
     """The check on withheld effects."""
 
     schema: Literal["ident.blind/1"]
@@ -138,4 +125,3 @@ class BlindRecord(TypedDict):
     seconds_per_case: float | None
     outcomes: list[BlindOutcomeRecord]
     run: dict[str, Any]
-    provenance: Provenance
