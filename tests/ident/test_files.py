@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import subprocess
 import sys
@@ -12,7 +11,7 @@ import pytest
 
 from ident import files
 from ident.errors import InputError
-from ident.files import atomic_folder, atomic_write, deliver, sha256_of
+from ident.files import atomic_folder, atomic_write, deliver
 from ident.outputs import MARKER
 
 
@@ -66,11 +65,6 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match="not a folder"), atomic_folder(tmp_path / "file", "model"):
         pass
-
-
-def test_the_hash_is_that_of_the_bytes(tmp_path: Path) -> None:
-    (tmp_path / "file").write_bytes(b"abc")
-    assert sha256_of(tmp_path / "file") == hashlib.sha256(b"abc").hexdigest()
 
 
 def write(target: Path, kind: str = "model", content: str = "new") -> None:

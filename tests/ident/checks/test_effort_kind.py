@@ -63,14 +63,6 @@ def test_a_current_is_no_torque_without_gravity(clean: Session, arm: ArmModel) -
     assert "gravity_compensated" not in {one.kind for one in report.effort}
 
 
-def test_what_neither_gravity_nor_motion_explains_is_external(clean: Session, arm: ArmModel) -> None:
-    noise = np.random.default_rng(3)
-    report = inspect(spoil(clean, lambda run: run.replace(effort=noise.normal(size=run.effort.shape))), arm)
-    assert not report.find("effort_gravity_compensated")
-    assert not report.is_fit
-    assert "external_torque" in {one.kind for one in report.effort}
-
-
 def test_a_spring_that_carries_the_arm_is_not_gravity_taken_out(clean: Session, arm: ArmModel) -> None:
     """It hides gravity on its own joint; the others show it."""
 

@@ -125,11 +125,6 @@ def test_friction_alone_is_not_far(clean: Session) -> None:
     assert mend_channel_spikes(spoil(clean, leaps))[1] == []
 
 
-def test_a_clean_session_has_no_spikes(clean: Session) -> None:
-    assert mend_channel_spikes(clean) == (clean, [])
-    assert mend_absurd(clean)[1] == []
-
-
 def with_time(change: Column) -> Callable[[Recording], Recording]:
     def changed(run: Recording) -> Recording:
         return run.replace(time=change(np.array(run.time)))

@@ -9,7 +9,7 @@ from ident.motion.motion import Lowpass, prepare
 from ident.recordings.recording import Payload, Recording, Session
 from ident.robot.arm import ArmModel
 from ident.sessions import load_robot
-from tests.ident.made_up import made_motions, made_session, two_joint_arm
+from tests.ident.made_up import made_motions, two_joint_arm
 
 
 def _run(time: np.ndarray, name: str = "run", effort: np.ndarray | None = None) -> Recording:
@@ -135,13 +135,3 @@ def test_selected_joints_keep_their_columns() -> None:
     assert np.array_equal(part.tau, motion.tau[:, [4, 1]])
     assert np.array_equal(part.std, motion.std[:, [4, 1]])
     assert part.payload == payload
-
-
-def test_a_session_becomes_one_motion_a_run() -> None:
-    """Order, names and payload are kept; the smoothed states are near the true ones."""
-    arm = two_joint_arm()
-    session = made_session(arm, lambda q, dq, ddq: q, [1, 2, 3]).replace(payload=Payload(0.5))
-    motions = prepare(session)
-    assert [motion.name for motion in motions] == ["run_1", "run_2", "run_3"]
-    assert all(motion.payload == Payload(0.5) for motion in motions)
-    assert all(np.abs(motion.q - run.position).max() < 2e-4 for motion, run in zip(motions, session.runs, strict=True))

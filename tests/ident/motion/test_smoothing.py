@@ -154,21 +154,3 @@ def test_a_noisy_joint_at_rest_has_almost_no_speed() -> None:
     z = 0.4 + 2e-5 * np.random.default_rng(6).standard_normal((4000, 1))
     found = smooth(time, z, fit_noise_levels([time], [z]))
     assert np.abs(found.dq).max() < 1e-3
-
-
-def test_noise_free_positions_pass_through() -> None:
-    """Exact positions of a smooth motion give its derivatives to 1e-4 of their size, away from the ends."""
-    time = 0.002 * np.arange(3000)
-    q = np.sin(4 * time)[:, None]
-    found = smooth(time, q, fit_noise_levels([time], [q]))
-    middle = slice(100, -100)
-    assert np.allclose(found.dq[middle, 0], 4 * np.cos(4 * time)[middle], atol=4e-4)
-    assert np.allclose(found.ddq[middle, 0], -16 * np.sin(4 * time)[middle], atol=16e-3)
-
-
-def test_results_are_read_only() -> None:
-    """Smoothed arrays can't be changed by those who use them."""
-    time, z = _swings(np.random.default_rng(7), 0.01, 200, 0.0, 1e-5)
-    found = smooth(time, z, fit_noise_levels([time], [z]))
-    for values in (found.q, found.dq, found.ddq, found.std):
-        assert not values.flags.writeable
