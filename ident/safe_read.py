@@ -8,6 +8,7 @@ import os
 import re
 import stat
 import tomllib
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from ident.errors import InputError, first_line
 LARGEST_TEXT = 1 << 28
 # Settings are written by hand [bytes].
 LARGEST_TOML = 1 << 24
-# Tables nest three or four levels deep; far fewer than this where Python's own recursion ends.
+# Tables and elements of robots nest three to five levels deep; far fewer than this where Python's own recursion ends.
 DEEPEST = 64
 # The time that the reader of TOML takes for a dotted key grows with the square of its parts.
 LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
@@ -117,6 +118,31 @@ def read_toml(path: Path, remedy: str, error: type[InputError] = InputError) -> 
     except (ValueError, RecursionError) as failed:
         raise error(path, f"not TOML ({first_line(failed)})", remedy) from None
     return record
+
+
+def require_no_entities(text: str, where: str | Path, remedy: str, error: type[InputError]) -> None:
+    """Raises for an XML text that defines entities: they read other files or grow without end."""
+    if "<!ENTITY" in text:
+        raise error(where, "it defines entities, which no robot needs", remedy)
+
+
+def read_xml(text: str, where: str | Path, remedy: str, error: type[InputError]) -> ET.Element:
+    """The root element of an XML text.
+
+    Raises:
+        InputError: Not XML, with entities of its own, or nested deeper than readers of robots can follow.
+    """
+    require_no_entities(text, where, remedy, error)
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as failed:
+        raise error(where, f"not XML ({failed})", remedy) from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > DEEPEST:
+            raise error(where, f"its elements nest more than {DEEPEST} levels deep", remedy)
+    return root
 
 
 def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -> dict[str, np.ndarray]:

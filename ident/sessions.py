@@ -23,8 +23,7 @@ from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.out_of_core import emptied, hold, pieces_of
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.provenance import SessionStamp, StampLedger
-from ident.recordings.frames import Source, gather_sources
-from ident.recordings.load import PART_SAMPLES, TOPIC, load_parts, robot_named_in
+from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts, robot_named_in
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel

@@ -12,7 +12,7 @@ from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.load import TOPIC
-from ident.robot.content import content_of
+from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, load_robot
 
 

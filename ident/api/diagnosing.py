@@ -22,7 +22,7 @@ from ident.motion.motion import Motion
 from ident.provenance import Provenance
 from ident.recordings.load import TOPIC
 from ident.recordings.recording import Session
-from ident.robot.content import content_of
+from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, inspect_sources
 
 Catalogue = str | Path | Sequence[Effect]

@@ -10,8 +10,7 @@ from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
 from ident.servos.runs import load_goals, runs_of
-from ident.servos.servo_fit import fit_servos
-from ident.servos.servo_result import ServoArm
+from ident.servos.servo_fit import ServoArm, fit_servos
 from ident.sessions import Robot, load_robot
 
 Goals = str | Path | Session

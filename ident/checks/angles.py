@@ -10,8 +10,7 @@ from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, joints_at
-from ident.recordings.blocks import cut_before
-from ident.recordings.recording import Recording, Session, TelemetryIssue
+from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
 TURN = 2.0 * math.pi

@@ -6,8 +6,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.report import Findings
-from ident.recordings.blocks import cut_before
-from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 
 # Rows dropped for their time: a hiccup of the logger up to here, another clock beyond.
 FEW_ROWS = 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -18,7 +19,6 @@ from ident.checks.excitation import Amount
 from ident.checks.motion import mend_time_base, mend_time_unit, mend_velocity
 from ident.checks.mount import mend_mount
 from ident.checks.permuted import check_order
-from ident.checks.repeated import Repeats
 from ident.checks.report import TelemetryReport, as_mounted
 from ident.checks.scale import Gains, check_absent, check_gains, check_rating, check_scales
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
@@ -26,6 +26,33 @@ from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
+
+
+class Repeats:
+    """Takes note of the runs that pass, and of those that equal an earlier one to the last bit, time included."""
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, str] = {}
+        self._told: list[str] = []
+
+    def take(self, session: Session, report: TelemetryReport) -> None:
+        """One more session, or part of one, as it was read."""
+        for run in session.runs:
+            found = hashlib.blake2b(digest_size=16)
+            for values in (run.time, run.position, run.effort):
+                found.update(values.tobytes())
+            mark, name = found.digest(), f"{session.name}/{run.name}"
+            if len(run) and mark in self._known:
+                self._told.append(f"{name} is {self._known[mark]} once more")
+            self._known.setdefault(mark, name)
+
+    def issues(self) -> list[TelemetryIssue]:
+        """What the runs so far come to."""
+        if not self._told:
+            return []
+        more = f", and {len(self._told) - 1} more" if len(self._told) > 1 else ""
+        return [TelemetryIssue("repeated_session", (), "fatal", self._told[0] + more, "give every recording once")]
+
 
 Mending = Callable[[Session], tuple[Session, list[TelemetryIssue]]]
 

@@ -10,7 +10,7 @@ from ident.checks.effort import TRANSITION_RAD_S, States, jackknife
 from ident.checks.report import TelemetryReport, joints_at
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
-from ident.robot.rated_torque import rated_torque
+from ident.robot.traits import rated_torque
 
 # Share of a torque that the recorded motion explains: below the first, others moved; above the second, none did.
 OWN_MOTION = (0.85, 0.95)

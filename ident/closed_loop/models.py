@@ -14,7 +14,7 @@ from ident.export.python import describe_arm
 from ident.laws.motion import Losses
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.robot.rated_torque import rated_torque
+from ident.robot.traits import rated_torque
 
 
 def as_urdf(arm: ArmModel, payload: Payload | None = None) -> LawModel:

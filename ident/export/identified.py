@@ -28,7 +28,7 @@ from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.provenance import files_of
 from ident.robot.arm import ArmModel
-from ident.robot.content import content_of
+from ident.robot.traits import content_of
 from ident.safe_read import read_record, require_finite
 
 COMPARISON = "ident.comparison/1"

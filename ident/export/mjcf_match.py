@@ -17,7 +17,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.robot.poses import compute_joint_poses
+from ident.robot.chain import compute_joint_poses
 
 # Poses at which the axes are compared; a handful fixes a rigid motion many times over.
 POSES = 12
@@ -79,7 +79,7 @@ def match_file(arm: ArmModel, model: mujoco.MjModel, where: Path) -> Match:
     low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
     poses = np.concatenate([np.zeros((1, arm.n)), rng.uniform(low, high, (POSES - 1, arm.n))])
     bodies = [model.body(model.jnt_bodyid[i]).name for i in ids]
-    frames = compute_joint_poses(*arm.chain[:4], poses, range(1, arm.n + 1))
+    frames = compute_joint_poses(arm.chain, poses, range(1, arm.n + 1))
     turns, places = (np.stack([frames[j + 1][k] for j in range(arm.n)], axis=1) for k in range(2))
     directions, points, theirs, theirs_at = _their_frames(model, ids, poses)
     ours = _lines(turns @ arm.joint_axes[:, :, None], places)

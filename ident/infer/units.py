@@ -12,8 +12,8 @@ from ident.checks.effort import SignedFit, States, collect_states, fit_signed
 from ident.checks.filtered_run import compare_velocities
 from ident.checks.settings import USUAL_EFFORT
 from ident.infer.by_data import follow
+from ident.infer.by_name import words_of
 from ident.infer.guess import Reason, Signals
-from ident.infer.names import words_of
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import TIME_UNITS
 from ident.robot.arm import ArmModel

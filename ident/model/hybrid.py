@@ -29,8 +29,8 @@ from ident.progress import stage
 from ident.recordings.recording import Payload
 from ident.results import Result
 from ident.robot.arm import STANDARD_GRAVITY, ArmModel
-from ident.robot.content import are_same
 from ident.robot.lumped import build_lumped_arm
+from ident.robot.traits import are_same
 from ident.safe_read import read_text, read_toml
 
 if TYPE_CHECKING:  # only models with a net need its modules

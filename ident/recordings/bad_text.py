@@ -15,7 +15,7 @@ from ident.arrays import Array, Bool, Float, Int
 from ident.errors import RecordingError
 from ident.recordings.bad_cells import MOST_CELLS, Damage, describe_damage, without_infinity
 from ident.recordings.columns import Table
-from ident.recordings.dialect import TextLayout
+from ident.recordings.text import TextLayout
 
 NUMBER = r"^[\s\"]*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?[\s\"]*$"
 MISSING = r"(?i)^[\s\"]*[-+]?(|nan|n/a|na|null|none|inf|infinity|1\.#\w+)[\s\"]*$"

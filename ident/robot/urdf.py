@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.errors import RobotError
-from ident.robot.untrusted_xml import read_xml
 from ident.robot.urdf_checks import check_urdf
+from ident.safe_read import read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 # A branch with more joints than a finger has is another arm.

@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError, RobotError
-from ident.robot.untrusted_xml import read_xml, require_no_entities
 from ident.robot.xacro_expressions import HarmfulExpression, Lookup, evaluate, require_plain
-from ident.safe_read import read_text
+from ident.safe_read import read_text, read_xml, require_no_entities
 
 SUFFIX = ".xacro"
 # Processor time in which the largest descriptions are expanded many times over [s].

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from ident.robot.rated_torque import rated_torque
+from ident.robot.traits import rated_torque
 from ident.simulation.contact import Contact, no_contact
 from ident.simulation.friction import FrictionLaw, plain_friction
 from ident.simulation.mjcf import Bodies, nominal_bodies

@@ -10,7 +10,7 @@ import pinocchio as pin
 from ident.arrays import Array, Float
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
-from ident.robot.rated_torque import rated_torque
+from ident.robot.traits import rated_torque
 
 # Shares of the limits that motions may use: friction, payloads and tracking errors need the rest.
 SPEED_SHARE = 0.85

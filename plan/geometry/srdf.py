@@ -7,8 +7,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from ident.robot.arm import ArmModel
-from ident.robot.untrusted_xml import read_xml
-from ident.safe_read import read_text
+from ident.safe_read import read_text, read_xml
 from plan.errors import SceneError
 
 

@@ -17,8 +17,7 @@ import pytest
 import ident
 import plan
 from ident.errors import InputError
-from ident.recordings.frames import gather_sources, read_frame
-from ident.recordings.load import load_recording
+from ident.recordings.load import gather_sources, load_recording, read_frame
 from ident.robot.names import data_path
 
 E1 = Path(data_path("logs/tm5_900")) / "E1"

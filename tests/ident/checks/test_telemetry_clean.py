@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from ident.checks import TelemetryReport, inspect
-from ident.recordings.blocks import cut_before
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session
+from ident.recordings.recording import Recording, Session, cut_before
 from ident.robot.arm import ArmModel
 
 HARMLESS = {"jitter", "clock_restarts", "joints_renamed"}

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.checks.excitation import Amount
-from ident.checks.independence import Independence
+from ident.checks.excitation import Amount, Independence
 from ident.checks.report import TelemetryReport
 from ident.recordings.recording import Recording, Session, TelemetryIssue
 from ident.robot.arm import ArmModel

@@ -18,7 +18,7 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
-from ident.robot.content import content_of
+from ident.robot.traits import content_of
 from ident.sessions import open_sessions
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.made_up import made_session

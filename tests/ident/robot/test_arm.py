@@ -1,4 +1,6 @@
-"""Laws of the rigid arm."""
+"""Laws of the rigid arm: inverse dynamics, its derivatives, and the regressor, τ = Y π."""
+
+from __future__ import annotations
 
 from pathlib import Path
 
@@ -242,3 +244,62 @@ def test_missing_meshes_are_an_input_error(tmp_path: Path) -> None:
 def test_digest_tells_arms_apart(tm5: ArmModel) -> None:
     """Equal URDF text, equal digest; a locked joint makes another arm."""
     assert tm5.digest == ArmModel.load("tm5_900").digest != tm5.locked(["joint_6"]).digest
+
+
+@pytest.mark.parametrize("outer", [1.0, -3.0])
+def test_derivatives_are_those_of_inverse_dynamics(outer: float) -> None:
+    """Central differences by each joint's position, velocity and acceleration; the mass matrix is symmetric. So it is
+    where tuning makes the outer links weigh less than nothing.
+    """
+    arm = ArmModel.load("tm5-900")
+    scale = np.ones(10 * arm.n)
+    scale[-30::10] = outer
+    arm = arm.with_inertial_parameters(scale * arm.inertial_parameters)
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5, arm.n))
+    found = arm.derivatives(*states)
+    for which in range(3):
+        for j in range(arm.n):
+            step = np.zeros_like(states)
+            step[which, :, j] = 1e-5
+            slope = (arm.inverse_dynamics(*(states + step)) - arm.inverse_dynamics(*(states - step))) / 2e-5
+            np.testing.assert_allclose(found[which][:, :, j], slope, atol=1e-6)
+    np.testing.assert_allclose(found[2], np.swapaxes(found[2], 1, 2))
+
+
+@pytest.mark.parametrize("robot", ["tm5-900", "panda", "ur10", "z1", "xarm7", "sliding"])
+def test_regressor_times_parameters_is_the_torque(robot: str) -> None:
+    """Y π = inverse dynamics to 1e-11 of the torque's size, turning and sliding joints, gravity askew."""
+    arm = sliding_arm() if robot == "sliding" else ArmModel.load(robot)
+    states = random_states(np.random.default_rng(1), 300, arm.n)
+    for tilted in (arm, arm.with_gravity(np.array([1.0, -2.0, 4.0]))):
+        torque = tilted.inverse_dynamics(*states)
+        product = tilted.regressor(*states) @ arm.inertial_parameters
+        assert np.allclose(product, torque, rtol=0, atol=1e-11 * np.abs(torque).max())
+
+
+@pytest.mark.parametrize("robot", ["panda", "sliding"])
+def test_regressor_equals_pinocchios_own(robot: str) -> None:
+    """Every column, not only the sum, is Pinocchio's joint torque regressor to 1e-11 of the largest."""
+    arm = sliding_arm() if robot == "sliding" else ArmModel.load(robot)
+    states = random_states(np.random.default_rng(2), 20, arm.n)
+    data = arm.model.createData()
+    expected = np.array(
+        [pin.computeJointTorqueRegressor(arm.model, data, *state) for state in zip(*states, strict=True)]
+    )
+    assert np.allclose(arm.regressor(*states), expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_link_moves_no_joint_beyond_it() -> None:
+    """Y is block upper triangular: joint j does not feel links before it."""
+    arm = ArmModel.load("tm5-900")
+    blocks = arm.regressor(*random_states(np.random.default_rng(3), 10, 6)).reshape(10, 6, 6, 10)
+    for j in range(6):
+        assert np.all(blocks[:, j, :j] == 0.0)
+        assert np.any(blocks[:, j, j:] != 0.0)
+
+
+def test_some_columns_are_those_of_all_in_the_order_asked() -> None:
+    arm = ArmModel.load("panda")
+    states = random_states(np.random.default_rng(3), 20, arm.n)
+    chosen = (41, 3, 10, 69)
+    assert np.array_equal(arm.regressor(*states, chosen), arm.regressor(*states)[:, :, list(chosen)])

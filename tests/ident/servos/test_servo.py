@@ -14,8 +14,7 @@ from ident.cli.app import app
 from ident.errors import InputError
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
-from ident.servos.servo_fit import ServoJoint
-from ident.servos.servo_result import ServoArm
+from ident.servos.servo_fit import ServoArm, ServoJoint
 from tests.ident.foreign import lerobot
 from tests.ident.servos.servo_plant import Servo, one_link, record
 from tests.schemas import check_file, check_record

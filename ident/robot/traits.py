@@ -1,4 +1,4 @@
-"""What an arm is, whatever it is called: two files of one arm have one content, another arm of its name has not."""
+"""What follows from an arm: whether two are the same one, whatever they are called; the rated torque of its joints."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 
+from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 
 # Descriptions that passed through xacro round their numbers: places that count.
@@ -24,3 +25,12 @@ def are_same(arm: ArmModel, other: ArmModel) -> bool:
     """Whether two arms are one where they have joints in common."""
     common = [name for name in arm.joint_names if name in other.joint_names]
     return bool(common) and content_of(arm.keeping(common)) == content_of(other.keeping(common))
+
+
+def rated_torque(arm: ArmModel) -> Float[Array, " n"]:
+    """Rated torque of each joint [N m]; a URDF without limits is given one by its gravity torque."""
+    limit = np.array(arm.effort_limit)
+    if np.all((limit > 0.0) & (limit < 1e5)):
+        return limit
+    gravity = np.abs(arm.gravity(np.random.default_rng(0).uniform(-1.5, 1.5, (64, arm.n)))).max(axis=0)
+    return np.where((limit > 0.0) & (limit < 1e5), limit, np.maximum(4.0 * gravity, 0.1 * gravity.max()))
