@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float
+from ident.arrays import Array, Float
 from ident.checks.report import Findings
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 
@@ -31,10 +31,12 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         kept, late = drop_late_rows(run)
         steps = np.diff(run.time)
         restarts = np.flatnonzero(steps < 0)
+        cells = np.column_stack([run.time[:, None], run.position, run.effort])
+        repeated = int((cells[1:] == cells[:-1]).all(axis=1).sum())
         shortest = int(np.diff([0, *(restarts + 1), len(run)]).min())
         if not late:
             runs.append(run)
-        elif late <= FEW_ROWS * len(run) or _repeats(run).sum() == late:
+        elif late <= FEW_ROWS * len(run) or repeated == late:
             dropped.note(run, f"{late} of {len(run)} rows are repeated or late in time, dropped")
             runs.append(kept)
         elif 0 < len(restarts) <= MOST_RESTARTS and shortest >= SHORTEST_PIECE:
@@ -62,12 +64,6 @@ def drop_late_rows(run: Recording) -> tuple[Recording, int]:
     peak = np.maximum.accumulate(np.where(ahead, -np.inf, time))
     keep = ~ahead & np.concatenate([[True], time[1:] > peak[:-1]])
     return (run if keep.all() else run.at(keep)), int((~keep).sum())
-
-
-def _repeats(run: Recording) -> Bool[Array, " T"]:
-    """Rows that equal the row before in all they hold."""
-    whole = np.column_stack([run.time[:, None], run.position, run.effort])
-    return np.concatenate([[False], (whole[1:] == whole[:-1]).all(axis=1)])
 
 
 def _cut(run: Recording, rows: Array) -> list[Recording]:

@@ -190,26 +190,20 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
         if wrong[joint].explained > max(held.sign_explains, right[joint].explained + held.sign_better)
     ]
     upright = {joint: wrong[joint] if joint in flipped else right[joint] for joint in tested}
-    issues = _tell_flipped(session, flipped, right, wrong)
+    issues: list[TelemetryIssue] = []
+    if flipped:
+        worst = max(flipped, key=lambda j: wrong[j].explained)
+        evidence = (
+            f"{session.name}: gravity, inertia and friction explain {wrong[worst].explained:.0%} of minus the effort "
+            f"of {session.joints[worst]}, and {max(right[worst].explained, 0.0):.0%} of the effort"
+        )
+        lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
+        remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
+        issues.append(TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy))
     # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
     sprung = {joint: fit_signed(states, joint, -1.0 if joint in flipped else 1.0, spring=True) for joint in tested}
     issues += _check_scale(session, states, upright, sprung)
     return issues + _check_origin(session, arm, states)
-
-
-def _tell_flipped(
-    session: Session, flipped: list[int], right: dict[int, SignedFit], wrong: dict[int, SignedFit]
-) -> list[TelemetryIssue]:
-    if not flipped:
-        return []
-    joint = max(flipped, key=lambda j: wrong[j].explained)
-    evidence = (
-        f"{session.name}: gravity, inertia and friction explain {wrong[joint].explained:.0%} of minus the effort of "
-        f"{session.joints[joint]}, and {max(right[joint].explained, 0.0):.0%} of the effort"
-    )
-    lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
-    remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
-    return [TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy)]
 
 
 def _check_scale(

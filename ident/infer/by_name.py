@@ -97,7 +97,11 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
         joints: The robot's joints; empty where there is no robot.
     """
     members: dict[str, dict[str, str]] = defaultdict(dict)
-    shorts = _short_names(joints)
+    # Joints' names, and what is left of them without the word joint -> the joint's place.
+    shorts = {name: i for i, name in enumerate(joints)}
+    for i, name in enumerate(joints):
+        shorts.setdefault(re.sub(r"_?joint_?", "", name, flags=re.IGNORECASE) or name, i)
+    shorts = {name: i for name, i in shorts.items() if len(name) > 1 and not name.isdecimal()}
     for name in names:
         for template, label in _readings(name, shorts):
             members[template].setdefault(label, name)
@@ -105,14 +109,6 @@ def find_families(names: Sequence[str], joints: Sequence[str]) -> list[ColumnFam
         family for template, by_label in members.items() if (family := _family(template, by_label, shorts)) is not None
     ]
     return sorted(found, key=lambda family: family.doubt)
-
-
-def _short_names(joints: Sequence[str]) -> dict[str, int]:
-    """Joints' names and what is left of them without the word joint -> the joint's place."""
-    shorts = {name: i for i, name in enumerate(joints)}
-    for i, name in enumerate(joints):
-        shorts.setdefault(re.sub(r"_?joint_?", "", name, flags=re.IGNORECASE) or name, i)
-    return {name: i for name, i in shorts.items() if len(name) > 1 and not name.isdecimal()}
 
 
 def _readings(name: str, shorts: dict[str, int]) -> list[tuple[str, str]]:

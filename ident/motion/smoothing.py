@@ -260,17 +260,6 @@ def _intervals(time: Float[Array, " T"]) -> tuple[Float[Array, " T-1"], bool]:
     return dt, False
 
 
-def _evenly(runs: Sequence[Array], most: int) -> list[slice]:
-    """The middle part of each run, so that together they hold at most `most` samples."""
-    share = min(1.0, most / max(1, sum(len(run) for run in runs)))
-    slices = []
-    for run in runs:
-        kept = max(min(len(run), 50), int(len(run) * share))
-        start = (len(run) - kept) // 2
-        slices.append(slice(start, start + kept))
-    return slices
-
-
 def fit_noise_levels(
     times: Sequence[Float[Array, " T"]],
     positions: Sequence[Float[Array, "T n"]],
@@ -286,8 +275,12 @@ def fit_noise_levels(
         positions: Measured positions of each run [rad].
         settings: Between which corners it is searched.
     """
-    cuts = _evenly(times, LIKELIHOOD_SAMPLES)
-    parts = [(np.asarray(t[cut]), np.asarray(z[cut])) for t, z, cut in zip(times, positions, cuts, strict=True)]
+    # The middle of each run, so that together they hold no more samples than change anything.
+    share, parts = min(1.0, LIKELIHOOD_SAMPLES / max(1, sum(map(len, times)))), []
+    for t, z in zip(times, positions, strict=True):
+        kept = max(min(len(t), 50), int(len(t) * share))
+        cut = slice((len(t) - kept) // 2, (len(t) - kept) // 2 + kept)
+        parts.append((np.asarray(t[cut]), np.asarray(z[cut])))
     steps = [_intervals(t) for t, _ in parts]
     interval = float(np.median(np.concatenate([dt for dt, _ in steps])))
     n = positions[0].shape[1]

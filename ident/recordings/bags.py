@@ -46,7 +46,13 @@ def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColum
         RecordingError: Not a bag, a damaged one, or no joint states with torque on the topic.
     """
     if settings is None:
-        return held_columns(_load_all(path), path)
+        topics = load_topics(path)
+        if not topics:
+            remedy = "record it with a ROS that writes definitions"
+            raise RecordingError(path, "no message in it can be read", remedy)
+        most = max(len(one.rows) for one in topics.values())
+        kept = {name: one for name, one in topics.items() if len(one.rows) > max(1, LEAST_TALK * most)}
+        return held_columns(join_topics(kept, set(kept)), path)
     fields = {name: native for name, native in settings.columns.items() if name.startswith("/") and SEPARATOR in name}
     if not fields:
         return _open_joint_states(path, topic)
@@ -274,13 +280,3 @@ def join_topics(topics: dict[str, Topic], leading: set[str]) -> Columns:
         for place, column in enumerate(topics[name].names):
             columns[f"{name}{SEPARATOR}{column}"] = _interpolate(clock, time, table[:, place])
     return {name: values[inside] for name, values in columns.items()}
-
-
-def _load_all(path: Path) -> Columns:
-    """All topics that speak about as often as the most talkative one, on its clock."""
-    topics = load_topics(path)
-    if not topics:
-        raise RecordingError(path, "no message in it can be read", "record it with a ROS that writes definitions")
-    most = max(len(topic.rows) for topic in topics.values())
-    kept = {name: topic for name, topic in topics.items() if len(topic.rows) > max(1, LEAST_TALK * most)}
-    return join_topics(kept, set(kept))

@@ -78,7 +78,9 @@ def read_dataset(path: Path, session_file: SessionFile) -> Iterator[Recording]:
             session_file = replace(session_file, angle_factor=math.radians(1.0))
             what = f"{path.name}: angles reach beyond {MOST_RADIANS:g}: taken as degrees, as LeRobot logs its arms"
             notes = (TelemetryIssue("units_degrees", (), "note", what, 'none needed; or write angle_unit = "rad"'),)
-        settings = _with_clock(columns, session_file) if session_file.columns else _usual_names(columns, session_file)
+        settings = session_file if session_file.columns else _usual_names(columns, session_file)
+        if CLOCK in columns and TIME not in settings.columns.values() and settings.sample_rate_hz is None:
+            settings = replace(settings, columns={CLOCK: TIME, **settings.columns})
         for run in _episodes(file, columns, settings):
             yield run.replace(issues=(*run.issues, *notes))
             notes = ()
@@ -140,13 +142,6 @@ def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> Sessi
     joints = {native.partition("/")[0] for native in chosen.values() if native.endswith("/position")}
     kept = {name: native for name, native in chosen.items() if native == TIME or native.partition("/")[0] in joints}
     return replace(session_file, columns=kept)
-
-
-def _with_clock(columns: Mapping[str, Any], session_file: SessionFile) -> SessionFile:
-    """The user's settings; their time is the data set's where they name none."""
-    if CLOCK not in columns or TIME in session_file.columns.values() or session_file.sample_rate_hz is not None:
-        return session_file
-    return replace(session_file, columns={CLOCK: TIME, **session_file.columns})
 
 
 def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> Iterator[Recording]:

@@ -138,13 +138,19 @@ def load_session_file(path: Path) -> SessionFile:
     angles = _one_of(data, "angle_unit", path, ("rad", "deg"), 'write "rad" or "deg"')
     times = _one_of(data, "time_unit", path, tuple(TIME_UNITS), f"write one of: {', '.join(TIME_UNITS)}")
     kind = _one_of(data, "effort_kind", path, EFFORT_KINDS, f"write {' or '.join(map(repr, EFFORT_KINDS))}")
+    robot = data.get("robot")
+    if robot is not None and not isinstance(robot, str):
+        raise RecordingError(path, f"robot = {robot!r}", "give a name or a URDF path in quotes")
+    # A relative URDF path is relative to the file that names it.
+    if robot and robot.endswith((".urdf", ".xml")) and (path.parent / robot).is_file():
+        robot = str(path.parent / robot)
     return SessionFile(
         path=path,
         columns=_columns(data, path),
         drive_gain=gains,
         effort_sign=signs,
         payload=_payload(data, path),
-        robot=_robot(data, path),
+        robot=robot,
         sample_rate_hz=_positive(data, "sample_rate_hz", path, "rate [Hz]"),
         angle_factor=math.tau / counts if counts else math.radians(1.0) if angles == "deg" else 1.0,
         angle_zero=0.0 if counts is None else counts / 2.0,
@@ -206,15 +212,6 @@ def _three(values: Any, path: Path, key: str, frame: str) -> tuple[float, float,
         raise RecordingError(path, f"{key} = {values!r}", f"give three numbers, frame of the {frame}")
     x, y, z = (_number(value, path, key) for value in values)
     return x, y, z
-
-
-def _robot(data: dict[str, Any], path: Path) -> str | None:
-    robot = data.get("robot")
-    if robot is not None and not isinstance(robot, str):
-        raise RecordingError(path, f"robot = {robot!r}", "give a name or a URDF path in quotes")
-    # A relative URDF path is relative to the file that names it.
-    beside = path.parent / robot if robot else path
-    return str(beside) if robot and robot.endswith((".urdf", ".xml")) and beside.is_file() else robot
 
 
 def _positive(data: dict[str, Any], key: str, path: Path, what: str) -> float | None:

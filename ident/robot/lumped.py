@@ -149,30 +149,19 @@ def build_lumped_arm(arm: ArmModel, parameters: LumpedParameters | None = None) 
     for i, ((mass, com, moments), (xyz, rpy), limit) in enumerate(zip(links, origins, limits, strict=False)):
         if i == 1:  # turn joint 2's zero within its own plane
             rpy = tuple(_turned(rpy, p.offset[1]))
-        parts.append(_joint_text(names[i], i, xyz, rpy, p.sign[i], limit))
-        parts.append(_link_text(i, mass, com, moments))
+        lower, upper, velocity, effort = (repr(float(value)) for value in limit)
+        ixx, iyy, izz = (repr(float(value)) for value in moments)
+        turn = " ".join(repr(float(value)) for value in rpy)
+        parts.append(
+            f'  <joint name="{names[i]}" type="revolute"><parent link="{"base" if i == 0 else f"lumped_{i}"}"/>'
+            f'<child link="lumped_{i + 1}"/><origin xyz="{xyz}" rpy="{turn}"/><axis xyz="0 0 {p.sign[i]}"/>'
+            f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/></joint>'
+            f'<link name="lumped_{i + 1}"><inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
+            f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
+        )
     return ArmModel.from_urdf("\n".join([*parts, "</robot>"]), arm.source).with_gravity(arm.model.gravity.linear)
 
 
 def _turned(rpy: tuple[float, ...], angle: float) -> Array:
     turned = pin.rpy.rpyToMatrix(np.array(rpy)) @ pin.utils.rotate("z", angle)
     return pin.rpy.matrixToRpy(turned)
-
-
-def _joint_text(name: str, i: int, xyz: str, rpy: tuple[float, ...], sign: int, limit: tuple[float, ...]) -> str:
-    lower, upper, velocity, effort = (repr(float(value)) for value in limit)
-    turn = " ".join(repr(float(value)) for value in rpy)
-    parent = "base" if i == 0 else f"lumped_{i}"
-    return (
-        f'  <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="lumped_{i + 1}"/>'
-        f'<origin xyz="{xyz}" rpy="{turn}"/><axis xyz="0 0 {sign}"/>'
-        f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="{effort}"/></joint>'
-    )
-
-
-def _link_text(i: int, mass: float, com: float, moments: tuple[float, ...]) -> str:
-    ixx, iyy, izz = (repr(float(value)) for value in moments)
-    return (
-        f'  <link name="lumped_{i + 1}"><inertial><origin xyz="{com!r} 0 0"/><mass value="{mass!r}"/>'
-        f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
-    )

@@ -37,33 +37,25 @@ def check_urdf(root: ET.Element, where: str) -> None:
     if moving > MOST_MOVING:
         raise RobotError(where, f"it has {moving} joints that move", "give the URDF of one arm")
     for kind in ("link", "joint"):
-        _require_names(root.findall(kind), kind, where)
+        counts = Counter(element.get("name") or "" for element in root.findall(kind))
+        if "" in counts:
+            raise RobotError(where, f"a <{kind}> has no name", 'add name="…"')
+        twice = next((name for name, count in counts.items() if count > 1), None)
+        if twice is not None:
+            raise RobotError(where, f"two {kind}s are named {twice!r}", "rename one")
     for link in root.findall("link"):
         _check_inertial(link, where)
         _check_shapes(link, where)
     for joint in root.findall("joint"):
         _check_joint(joint, where)
     for element in root.findall("transmission/actuator/mechanicalReduction"):
-        _check_reduction(element, where)
+        try:
+            usable = np.isfinite(float(element.text or "")) and float(element.text or "") != 0.0
+        except ValueError:
+            usable = False
+        if not usable:
+            raise RobotError(where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
     _check_tree(root, where)
-
-
-def _check_reduction(element: ET.Element, where: str) -> None:
-    try:
-        usable = np.isfinite(float(element.text or "")) and float(element.text or "") != 0.0
-    except ValueError:
-        usable = False
-    if not usable:
-        raise RobotError(where, f"a <mechanicalReduction> is {element.text!r}", "give a number other than zero")
-
-
-def _require_names(elements: list[ET.Element], kind: str, where: str) -> None:
-    counts = Counter(element.get("name") or "" for element in elements)
-    if "" in counts:
-        raise RobotError(where, f"a <{kind}> has no name", 'add name="…"')
-    twice = next((name for name, count in counts.items() if count > 1), None)
-    if twice is not None:
-        raise RobotError(where, f"two {kind}s are named {twice!r}", "rename one")
 
 
 def _numbers(element: ET.Element | None, key: str, default: str, count: int, place: str, where: str) -> np.ndarray:

@@ -83,7 +83,10 @@ class _Expansion:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.xacro, self.walked = _package()
-        self.own = _own_folder(path.resolve())
+        # The package that it belongs to; without one, its folder, or the one above `urdf/`.
+        place = path.resolve()
+        beside = place.parent.parent if place.parent.name in BESIDE else place.parent
+        self.own = next((folder for folder in place.parents if (folder / "package.xml").is_file()), beside)
         self.end, self.left = time.thread_time() + LONGEST_S, LARGEST
 
     def text(self) -> str:
@@ -231,12 +234,6 @@ def _typed(value: str) -> Any:
         except ValueError:
             continue
     return {"true": True, "false": False}.get(value.lower(), value)
-
-
-def _own_folder(path: Path) -> Path:
-    """The package that a description belongs to; without one, its folder, or the one above `urdf/`."""
-    marked = next((folder for folder in path.parents if (folder / "package.xml").is_file()), None)
-    return marked or (path.parent.parent if path.parent.name in BESIDE else path.parent)
 
 
 def _package_name(folder: Path) -> str | None:
