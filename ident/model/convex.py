@@ -127,7 +127,8 @@ def solve_partly_non_negative(
     triangle = np.asarray(np.linalg.qr(np.column_stack([table[:, free], table[:, kept], target]), mode="r"))
     count = len(free)
     found = np.zeros(table.shape[1])
-    found[kept], _ = nnls(triangle[count:, count:-1], triangle[count:, -1])
+    if triangle[count:, count:-1].size:  # SciPy's routine spoils memory where there is nothing to solve
+        found[kept], _ = nnls(triangle[count:, count:-1], triangle[count:, -1])
     left = triangle[:count, -1] - triangle[:count, count:-1] @ found[kept]
     found[free] = np.linalg.lstsq(triangle[:count, :count], left, rcond=None)[0]
     return found
