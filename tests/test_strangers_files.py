@@ -93,7 +93,7 @@ def use_diagnosis(given: Folder, out: Folder) -> None:
 
 
 def use_scene(given: Folder, out: Folder) -> None:
-    open_task(given / "scene.toml", given / "model", "energy", "absolute", None, None, 1)
+    open_task(given / "scene.toml", given / "model")
 
 
 USES: dict[str, Callable[[Folder, Folder], None]] = {

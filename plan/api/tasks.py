@@ -16,14 +16,17 @@ from plan.planners import METHODS, Budget, default_budget, make_planner
 from plan.planners.base import Planner, Progress
 from plan.problem.execution import execute
 from plan.problem.extrapolation import require_inside
+from plan.problem.options import CompareOptions, SolveOptions, TaskOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
 from plan.problem.task_file import Task, Trial, load_task, load_trials
 from plan.solving.compare import Comparison, compare
 from plan.solving.goals import rank_goals, reach_goals
+from plan.solving.parallel import require_workers
 from plan.solving.set_up import require_valid_ends, set_up
 from plan.solving.solve import solve
 
+DEFAULTS = TaskOptions()
 # What a comparison's folder holds: all methods, and the best plan.
 COMPARISON_FILES = ("comparison.png", "best.png", "best.rrd", "best.json")
 
@@ -36,7 +39,7 @@ class OpenedTask:
         task: The scene file's contents.
         problem: The problem, started from the straight line.
         trial: Taught via points, if the user gave some.
-        others: The same problem with the other goals that bring a frame to the task's pose.
+        others: The same problem with the other goals, or those that bring a frame to the task's pose.
     """
 
     task: Task
@@ -46,16 +49,7 @@ class OpenedTask:
 
 
 def open_task(
-    scene: Task | str | Path,
-    model: HybridModel | str | Path | None,
-    objective: str,
-    metric: str,
-    variables: str | None,
-    vias: str | Path | None,
-    trial: int,
-    shapes: str | None = None,
-    inside: bool = False,
-    reserve: bool = True,
+    scene: Task | str | Path, model: HybridModel | str | Path | None = None, options: TaskOptions = DEFAULTS
 ) -> OpenedTask:
     """Reads scene, model and taught via points, and checks start and goal.
 
@@ -63,18 +57,18 @@ def open_task(
         InputError: Any of them is at fault.
     """
     task = _task(scene)
-    fitted = None if model is None else load_model(model)
-    problem = set_up(task, fitted, objective, metric, variables, shapes, inside, reserve)  # type: ignore[arg-type]
+    problem = set_up(task, None if model is None else load_model(model), options)
     problem, *others = reach_goals(problem, task)
-    if inside:
+    if options.inside:
         require_inside(problem, task.source)
     require_valid_ends(problem, task)
     taught = task.taught[0] if task.taught else None
-    if vias is not None:
-        trials = load_trials(vias, task.n)
-        if trial > len(trials):
-            raise SceneError(vias, f"it has {len(trials)} trials, not {trial}", f"use --trial 1 to {len(trials)}")
-        taught = trials[trial - 1]
+    if options.vias is not None:
+        trials = load_trials(options.vias, task.n)
+        if options.trial > len(trials):
+            what = f"it has {len(trials)} trials, not {options.trial}"
+            raise SceneError(options.vias, what, f"use --trial 1 to {len(trials)}")
+        taught = trials[options.trial - 1]
     return OpenedTask(task, problem, taught, tuple(others))
 
 
@@ -87,40 +81,46 @@ def _task(scene: Task | str | Path) -> Task:
 
 
 def solve_task(
-    opened: OpenedTask,
-    method: str | Planner,
-    seed: int,
-    evaluations: int | None,
-    seconds: float | None,
-    gap: bool,
-    resume: Path | None,
-    progress: Progress | None,
+    opened: OpenedTask, options: SolveOptions, planner: Planner | None = None, progress: Progress | None = None
 ) -> PlanResult:
-    """Solves an opened task.
+    """Solves an opened task, with a planner of one's own if one is given.
 
     Raises:
         MethodError: No such method, or not for this task.
     """
-    planner = method if isinstance(method, Planner) else make_planner(method, opened.problem.objective)
-    name = method.name if isinstance(method, Planner) else method
+    name = options.method if planner is None else planner.name
+    require_workers(name, options.workers, options.resume is not None)
+    planner = planner or make_planner(name, opened.problem.objective)
     usual = default_budget(name)
     budget = Budget(
-        usual.evaluations if evaluations is None else evaluations, usual.seconds if seconds is None else seconds
+        usual.evaluations if options.evaluations is None else options.evaluations,
+        usual.seconds if options.seconds is None else options.seconds,
     )
-    problem, note = _with_goal(opened, budget, seed)
-    result = solve(problem, name, seed, budget, opened.trial, progress, resume, gap, planner)
+    problem, note = _with_goal(opened, budget, options.seed)
+    result = solve(
+        problem,
+        name,
+        options.seed,
+        budget,
+        opened.trial,
+        progress,
+        options.resume,
+        options.gap,
+        planner,
+        workers=options.workers,
+    )
     return result if note is None else replace(result, notes=(note, *result.notes))
 
 
 def _with_goal(opened: OpenedTask, budget: Budget, seed: int) -> tuple[PlanningProblem, str | None]:
     """The problem with the goal that is cheapest to go to, and what was chosen from, in words."""
-    if opened.task.pose is None:
-        return opened.problem, None
+    posed = opened.task.pose is not None
     if not opened.others:
-        return opened.problem, "one joint position brings the frame to the goal's pose"
+        return opened.problem, "one joint position brings the frame to the goal's pose" if posed else None
     ranked = rank_goals([opened.problem, *opened.others], budget, np.random.default_rng(seed))
     reached = sum(np.isfinite(cost) for cost, _ in ranked)
-    what = f"{len(ranked)} joint positions bring the frame to the goal's pose; short searches reached {reached} of them"
+    which = f"{len(ranked)} joint positions bring the frame to the goal's pose" if posed else f"{len(ranked)} goals"
+    what = f"{which}; short searches reached {reached} of them"
     return ranked[0][1], f"{what}, and the cheapest was taken"
 
 
@@ -159,25 +159,19 @@ def save_motion(result: PlanResult, out: Path | None, rate: float) -> str | None
     return f"motion written to {out}: {len(execution.times)} points, {execution.duration:.4f} s{longer}"
 
 
-def compare_task(
-    opened: OpenedTask,
-    methods: str | None,
-    seeds: int,
-    evaluations: int,
-    seconds: float,
-    progress: Progress | None,
-) -> Comparison:
+def compare_task(opened: OpenedTask, options: CompareOptions, progress: Progress | None = None) -> Comparison:
     """Compares methods on an opened task.
 
     Raises:
         MethodError: No such method.
     """
+    methods = options.methods
     chosen = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
     if chosen is not None and not chosen:
         raise MethodError("--methods", "names no method", f"use some of: {', '.join(METHODS)}")
-    name = opened.task.source.stem
     problem = _with_goal(opened, Budget(), 0)[0]
-    return compare(problem, name, chosen, seeds, evaluations, seconds, opened.trial, progress)
+    where = options.seeds, options.evaluations, options.seconds
+    return compare(problem, opened.task.source.stem, chosen, *where, opened.trial, progress)
 
 
 def save_comparison(opened: OpenedTask, comparison: Comparison, json_file: Path | None, out: Path | None) -> None:

@@ -15,6 +15,8 @@ from ident.files import write_record
 from ident.outputs import check_outputs
 from ident.process import run_command
 from ident.show.console import progress_line
+from plan.cli.options import takes
+from plan.problem.options import CompareOptions, SolveOptions
 from plan.show.console import print_comparison, print_result, progress_bar
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
@@ -25,44 +27,19 @@ SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_defau
 ModelFolder = Annotated[
     Path | None, typer.Option("--model", help="Folder of a fitted model; the rigid arm without losses if not given.")
 ]
-Objective = Annotated[str, typer.Option(help="energy or time.")]
-Metric = Annotated[str, typer.Option(help="signed (the paper's), positive, absolute or copper.")]
-Variables = Annotated[
-    str | None, typer.Option(help="What is searched: vias, times or both. Energy: vias; time: both, if not given.")
-]
-Vias = Annotated[Path | None, typer.Option(help="File of taught via points ([[trial]] tables) to start from.")]
 Shapes = Annotated[
     str | None,
     typer.Option(help="For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."),
 ]
-Inside = Annotated[
-    bool,
-    typer.Option("--stay-inside", help="Keep positions, speeds and accelerations where the model was fitted."),
-]
-Reserve = Annotated[bool, typer.Option(help="Set torque aside for what the model's intervals leave open.")]
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.", min=0)]
 
 
 @app.command()
+@takes(SolveOptions)
 def solve(
     scene: SceneFile,
+    options: SolveOptions,
     model: ModelFolder = None,
-    objective: Objective = "energy",
-    method: Annotated[
-        str, typer.Option(help="sqp, reference, cma, ppo, ppo-paper, ga, ga-pymoo, brute, compress, toppra or ompl.")
-    ] = "sqp",
-    metric: Metric = "absolute",
-    variables: Variables = None,
-    vias: Vias = None,
-    trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
-    shapes: Shapes = None,
-    inside: Inside = False,
-    reserve: Reserve = True,
-    seed: Seed = 0,
-    evaluations: Annotated[int | None, typer.Option(help="Most trajectories evaluated.", min=1)] = None,
-    seconds: Annotated[float | None, typer.Option(help="Longest search, in processor time [s].", min=0.0)] = None,
-    gap: Annotated[bool, typer.Option(help="Run the default method too and tell the gap to it.")] = True,
-    resume: Annotated[Path | None, typer.Option(help="Checkpoint file: written on the way, taken up if there.")] = None,
     json_file: JsonFile = None,
     picture: Annotated[Path | None, typer.Option(help="Draw motion and torques into this file (PNG, SVG).")] = None,
     rrd: Annotated[Path | None, typer.Option(help="Write the motion as a Rerun recording.")] = None,
@@ -75,27 +52,29 @@ def solve(
     began, before = time.perf_counter(), time.process_time()
     from plan.problem.task_file import load_task
 
-    task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is told at once
+    task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is reported at once
     from plan.api.planning import origin
     from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
+    from plan.planners.base import processor_seconds
     from plan.problem.execution import require_writable
 
     if out is not None:
         require_writable(out, rate)
     places = {"--json": json_file, "--picture": picture, "--rrd": rrd, "--out": out}
-    if resume is not None and not resume.exists():  # one that is there is looked at by whoever takes it up
-        places["--resume"] = resume
-    check_outputs([scene, model, vias, resume], places)
+    if options.resume is not None and not options.resume.exists():  # one that is there is looked at by whoever reads it
+        places["--resume"] = options.resume
+    check_outputs([scene, model, options.vias, options.resume], places)
     if picture is not None:
         from plan.show.pictures import require_picture
 
         require_picture(picture)
-    opened = open_task(task, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
-    with progress_bar(console, method) as progress:
-        result = solve_task(opened, method, seed, evaluations, seconds, gap, resume, progress)
-    result = result.with_provenance(origin("plan solve", opened, model, {"method": method, "seed": seed}))
+    opened = open_task(task, model, options)
+    with progress_bar(console, options.method) as progress:
+        result = solve_task(opened, options, progress=progress)
+    asked = {"method": options.method, "seed": options.seed}
+    result = result.with_provenance(origin("plan solve", opened, model, asked))
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
-    result = replace(result, seconds=spent, cpu_seconds=time.process_time())
+    result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     save_outputs(opened, result, json_file, picture, rrd)
     written = save_motion(result, out, rate)
     print_result(console, result)
@@ -106,23 +85,11 @@ def solve(
 
 
 @app.command()
+@takes(CompareOptions)
 def compare(
     scene: SceneFile,
+    options: CompareOptions,
     model: ModelFolder = None,
-    objective: Objective = "energy",
-    metric: Metric = "absolute",
-    variables: Variables = None,
-    vias: Vias = None,
-    trial: Annotated[int, typer.Option(help="Which of the taught motions, from 1.", min=1)] = 1,
-    shapes: Shapes = None,
-    inside: Inside = False,
-    reserve: Reserve = True,
-    methods: Annotated[
-        str | None, typer.Option(help="Names, with commas; all that can do the task if not given.")
-    ] = None,
-    seeds: Annotated[int, typer.Option(help="Number of seeds.", min=1)] = 5,
-    evaluations: Annotated[int, typer.Option(help="Evaluations at which costs are compared.", min=1)] = 2100,
-    seconds: Annotated[float, typer.Option(help="Time at which costs are compared [s].", min=0.0)] = 1.0,
     json_file: JsonFile = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the Rerun recording.")] = None,
 ) -> None:
@@ -134,11 +101,12 @@ def compare(
     from plan.api.tasks import COMPARISON_FILES, compare_task, open_task, save_comparison
 
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
-    check_outputs([scene, model, vias], {**written, "--json": json_file})
-    opened = open_task(task, model, objective, metric, variables, vias, trial, shapes, inside, reserve)
+    check_outputs([scene, model, options.vias], {**written, "--json": json_file})
+    opened = open_task(task, model, options)
     with progress_bar(console, "compare") as progress:
-        table = compare_task(opened, methods, seeds, evaluations, seconds, progress)
-    table = table.with_provenance(origin("plan compare", opened, model, {"methods": methods, "seeds": seeds}))
+        table = compare_task(opened, options, progress)
+    asked = {"methods": options.methods, "seeds": options.seeds}
+    table = table.with_provenance(origin("plan compare", opened, model, asked))
     print_comparison(console, table)
     save_comparison(opened, table, json_file, out)
 
@@ -154,8 +122,8 @@ def paper(
 ) -> None:
     """The paper's planning tables and figures beside ours, on one page."""
     from ident.model.hybrid import HybridModel
-    from plan.show.paper_page import FILES, write_page
-    from plan.solving.paper import Effort, repeat_paper
+    from plan.paper.page import FILES, write_page
+    from plan.paper.repeat import Effort, repeat_paper
 
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)

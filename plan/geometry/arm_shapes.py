@@ -94,19 +94,20 @@ WORDS: dict[StandIn, str] = {
 }
 
 
-def arm_shapes(arm: ArmModel, stand_in: StandIn | None = None) -> ArmShapes:
+def arm_shapes(arm: ArmModel, wanted: str | None = None) -> ArmShapes:
     """The shapes of all links that move, and of the base.
 
     Args:
         arm: The arm.
-        stand_in: What stands in for links without collision geometry.
+        wanted: What stands in for links without collision geometry.
 
     Raises:
         RobotError: A link has no collision geometry and nothing may stand in, or its meshes can't be read.
         MethodError: No such stand-in.
     """
-    if stand_in is not None and stand_in not in STAND_INS:
-        raise MethodError("--shapes", f"{stand_in!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
+    stand_in = next((one for one in STAND_INS if one == wanted), None)
+    if stand_in is None and wanted is not None:
+        raise MethodError("--shapes", f"{wanted!r} is unknown", f"use one of: {', '.join(STAND_INS)}")
     meshes: list[tuple[str, int, float | None]] = []
     found = _read(arm, arm.geometry.geometryObjects, meshes)
     bare = bare_links(arm)

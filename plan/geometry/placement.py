@@ -96,3 +96,44 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
                     + z * (axis[0] * lever[1] - axis[1] * lever[0])
                 )
     return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
+    """Where a frame is along T positions, and how it moves with each joint.
+
+    Args:
+        chain: The arm's kinematics.
+        q: Positions, shape (T, n) [rad].
+        joint: The joint that carries the frame, 0 for the world.
+        turn, place: The frame in that joint's.
+
+    Returns:
+        Place (T, 3) and axes (T, 3, 3) in the base frame; change of place (T, n, 3) and turn (T, n, 3) by the joints.
+    """
+    count, n = q.shape
+    at, axes = np.empty((count, 3)), np.empty((count, 3, 3))
+    linear, angular = np.zeros((count, n, 3)), np.zeros((count, n, 3))
+    rot, origin = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for t in range(count):
+        place_frames(chain, q[t], rot, origin)
+        for k in range(3):
+            at[t, k] = origin[joint, k]
+            for m in range(3):
+                at[t, k] += rot[joint, k, m] * place[m]
+                axes[t, k, m] = 0.0
+                for i in range(3):
+                    axes[t, k, m] += rot[joint, k, i] * turn[i, m]
+        for j in range(joint):
+            x, y, z = 0.0, 0.0, 0.0
+            for m in range(3):
+                x += rot[j + 1, 0, m] * chain[2][j, m]
+                y += rot[j + 1, 1, m] * chain[2][j, m]
+                z += rot[j + 1, 2, m] * chain[2][j, m]
+            if chain[3][j] > 0.5:
+                linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = x, y, z
+                continue
+            angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = x, y, z
+            a, b, c = at[t, 0] - origin[j + 1, 0], at[t, 1] - origin[j + 1, 1], at[t, 2] - origin[j + 1, 2]
+            linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+    return at, axes, linear, angular

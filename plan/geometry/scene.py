@@ -13,7 +13,7 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
-from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, StandIn, arm_shapes
+from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, arm_shapes
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
 from plan.geometry.link_pairs import (
@@ -76,7 +76,7 @@ class Scene:
         arm: ArmModel,
         obstacles: Sequence[Box] = (),
         self_collision: bool = True,
-        stand_in: StandIn | None = None,
+        stand_in: str | None = None,
         carried: Sequence[Carried] = (),
         disabled: Mapping[frozenset[str], str] | None = None,
     ) -> Scene:

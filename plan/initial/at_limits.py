@@ -34,7 +34,8 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
         needs.append(np.sqrt(np.abs(ddq[0]).max(axis=0) / limits.acceleration))
     if limits.jerk is not None:
         needs.append(np.cbrt(unit.top_jerk[0] / limits.jerk))
-    least = max(float(np.max(np.concatenate(needs))), 1e-3)
+    tool = _tool_speed(problem, q[0], dq[0])
+    least = max(tool, float(np.max(np.concatenate(needs))), 1e-3)
     times = least * SLOWER
     while times[-1] / times[0] > 1.001:
         kept = _torque_kept(problem, (q, dq, ddq), times)
@@ -45,6 +46,14 @@ def at_its_limits(problem: PlanningProblem) -> PlanningProblem:
         times = np.geomspace(times[max(first - 1, 0)], times[first], len(SLOWER)) if first else times[:1]
     total = float(f"{times[-1] * 1.0005:.{DIGITS - 1}e}")
     return replace(problem, durations=shares * total)
+
+
+def _tool_speed(problem: PlanningProblem, q: Float[Array, "T n"], dq: Float[Array, "T n"]) -> float:
+    """Duration that the tool's top speed asks for, of a motion given at unit duration [s]."""
+    if problem.rules is None:
+        return 0.0
+    rows = [row for row in problem.rules.rows(q, dq) if row.by_speed is not None]
+    return max((float(np.sqrt(row.value.max() / row.aim)) for row in rows), default=0.0)
 
 
 def _points(problem: PlanningProblem) -> Float[Array, "K n"]:

@@ -56,7 +56,7 @@ def iterate_ways(
         if seed is not None and not seed.reason and len(seed.vias):
             yield from_vias(problem, seed.vias, seed.label, problem.via_count)
         if blocked:
-            drawn = (_drawn_way(problem, rng, FURTHER, reach) for reach in REACHES)
+            drawn = (drawn_way(problem, rng, FURTHER, reach) for reach in REACHES)
             way = next((one for one in drawn if one is not None), None)
             if way is not None:
                 yield from_vias(problem, way, f"trees {number}", problem.via_count)
@@ -93,7 +93,7 @@ def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array,
     """Via points of the first way for which there is time; else of the quickest one found, None if there is none."""
     best, quickest = None, np.inf
     for nodes, reach in QUICK:
-        found = _drawn_way(problem, rng, nodes, reach)
+        found = drawn_way(problem, rng, nodes, reach)
         if found is None:
             continue
         points = np.concatenate([[problem.start], found, [problem.goal]])
@@ -101,17 +101,22 @@ def _any_way(problem: PlanningProblem, rng: np.random.Generator) -> Float[Array,
         if problem.objective == "time" or need < problem.durations.sum():
             return found
         best, quickest = (found, need) if need < quickest else (best, quickest)
-    return _drawn_way(problem, rng, *PATIENT) if best is None else best
+    return drawn_way(problem, rng, *PATIENT) if best is None else best
 
 
-def _drawn_way(
-    problem: PlanningProblem, rng: np.random.Generator, nodes: int, reach: float
+def drawn_way(
+    problem: PlanningProblem,
+    rng: np.random.Generator,
+    nodes: int,
+    reach: float,
+    ends: tuple[Float[Array, " n"], Float[Array, " n"]] | None = None,
 ) -> Float[Array, "V n"] | None:
+    """Via points of a way of trees between start and goal, or other ends; None where so many nodes find none."""
     options = TreeOptions(margins=problem.margins, nodes=nodes)
-    ends = np.stack([problem.start, problem.goal])
-    low = np.maximum(problem.limits.lower, ends.min(axis=0) - reach)
-    high = np.minimum(problem.limits.upper, ends.max(axis=0) + reach)
-    path = connect(problem.scene, problem.start, problem.goal, low, high, options, rng)
+    ends = (problem.start, problem.goal) if ends is None else ends
+    low = np.maximum(problem.limits.lower, np.min(ends, axis=0) - reach)
+    high = np.minimum(problem.limits.upper, np.max(ends, axis=0) + reach)
+    path = connect(problem.scene, *ends, low, high, options, rng)
     if not path.found:
         return None
     return prune(problem.scene, path.points, options)[1:-1]

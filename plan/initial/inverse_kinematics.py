@@ -59,7 +59,7 @@ def reach_pose(
     low, high = np.maximum(lower, start - np.pi), np.minimum(upper, start + np.pi)
     wide = low >= high
     low, high = np.where(wide, lower, low), np.where(wide, upper, high)
-    solver = _Solver(arm, pose, frame)
+    solver = PoseSolver(arm, pose, frame)
     found: list[Array] = []
     outside: list[Array] = []
     nearest = (np.inf, np.inf)
@@ -76,7 +76,7 @@ def reach_pose(
     return Ways(tuple(freeze(q) for q in found[:MOST]), len(outside), nearest)
 
 
-class _Solver:
+class PoseSolver:
     """One frame, one pose.
 
     Args:

@@ -1,4 +1,4 @@
-"""The planners: one file each, one interface."""
+"""The planners: one file each, one interface; those of the paper and its peers are loaded when they are named."""
 
 from __future__ import annotations
 
@@ -15,25 +15,23 @@ __all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "default_budge
 
 def _planner(module: str, name: str, **options: Any) -> Planner:
     """A planner from its file, which is loaded now: the libraries of some take seconds to load."""
-    found: Planner = getattr(import_module(f"plan.planners.{module}"), name)(**options)
+    found: Planner = getattr(import_module(f"plan.{module}"), name)(**options)
     return found
 
 
 METHODS: dict[str, Callable[[], Planner]] = {
-    "sqp": partial(_planner, "sequential", "Sequential"),
-    "reference": partial(_planner, "reference", "Reference"),
-    "cma": partial(_planner, "evolution", "Evolution"),
-    "ppo": partial(_planner, "ppo", "Ppo"),
-    "ppo-paper": partial(_planner, "ppo", "Ppo", reward="paper"),
-    "ga": partial(_planner, "genetic", "PaperGenetic"),
-    "ga-pymoo": partial(_planner, "genetic", "StrongGenetic"),
-    "brute": partial(_planner, "brute_force", "BruteForce"),
-    "compress": partial(_planner, "compression", "Compression"),
-    "toppra": partial(_planner, "toppra", "Toppra"),
-    "ompl": partial(_planner, "ompl_toppra", "OmplToppra"),
+    "sqp": partial(_planner, "planners.sequential", "Sequential"),
+    "reference": partial(_planner, "planners.reference", "Reference"),
+    "cma": partial(_planner, "planners.evolution", "Evolution"),
+    "ppo": partial(_planner, "paper.ppo", "Ppo"),
+    "ga": partial(_planner, "paper.genetic", "PaperGenetic"),
+    "ga-pymoo": partial(_planner, "paper.genetic", "StrongGenetic"),
+    "brute": partial(_planner, "paper.brute_force", "BruteForce"),
+    "compress": partial(_planner, "paper.compression", "Compression"),
+    "toppra": partial(_planner, "paper.toppra", "Toppra"),
 }
-# Methods that shorten time only, and peers that are there to be compared with when they are named.
-TIME_ONLY, PEERS = ("compress", "toppra"), ("ompl",)
+# Methods that shorten time only.
+TIME_ONLY = ("compress", "toppra")
 
 
 def make_planner(method: str, objective: str) -> Planner:
@@ -46,8 +44,6 @@ def make_planner(method: str, objective: str) -> Planner:
         raise MethodError("--method", f"{method!r} is unknown", f"use one of: {', '.join(METHODS)}")
     if method in TIME_ONLY and objective != "time":
         raise MethodError("--method", f"{method} shortens time only", "use --objective time, or another method")
-    if method == "ompl" and not import_module("plan.planners.ompl_toppra").is_installed():
-        raise MethodError("--method ompl", "OMPL is not installed", "pip install ompl, or use another method")
     return METHODS[method]()
 
 

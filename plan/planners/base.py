@@ -28,13 +28,19 @@ CHECKPOINT_EVERY = 2.0
 JOURNAL_REMEDY = "choose another file for --resume, or remove it yourself"
 
 
+def processor_seconds() -> float:
+    """Processor time of this process and of those that it started and that have ended [s]."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
 @dataclass(frozen=True)
 class Budget:
     """What a search may spend, whichever ends first.
 
     Attributes:
         evaluations: Trajectories evaluated.
-        seconds: Processor time of this process, which a busy machine does not stretch [s].
+        seconds: Processor time, which a busy machine does not stretch [s].
     """
 
     evaluations: int = 20_000
@@ -107,7 +113,7 @@ class Ledger:
     _told: list[Array] = field(default_factory=list)
     _replay: Array | None = None
     _started: float = field(default_factory=time.perf_counter)
-    _cpu_started: float = field(default_factory=time.process_time)
+    _cpu_started: float = field(default_factory=processor_seconds)
     _seconds_before: float = 0.0
     _cpu_before: float = 0.0
     _saved: float = 0.0
@@ -139,8 +145,8 @@ class Ledger:
 
     @property
     def cpu_seconds(self) -> float:
-        """Processor time of this process since the search began, that of the interrupted search included [s]."""
-        return self._cpu_before + time.process_time() - self._cpu_started
+        """Processor time since the search began, that of the interrupted search included [s]."""
+        return self._cpu_before + processor_seconds() - self._cpu_started
 
     @property
     def remaining(self) -> int:

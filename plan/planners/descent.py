@@ -12,9 +12,9 @@ from plan.planners.local_model import LocalModel, Look
 from plan.planners.subproblem import ConstraintRows, solve_step
 from plan.planners.transcription import DEGREE
 
-# Price of the largest excess over a limit (a share of it) and of the clearance's shortfall (10 cm), as shares of the
-# cost; raised tenfold, so many times at most, where something stays broken.
-PRICES, RAISES = (4.0, 20.0), 3
+# Price of the largest excess over a limit (a share of it), of the clearance's shortfall (10 cm) and of the excess over
+# a rule of the way, as shares of the cost; raised tenfold, so many times at most, where something stays broken.
+PRICES, RAISES = (4.0, 20.0, 20.0), 3
 # A step must bring this share of what was promised; one that brings the larger share may be longer next time.
 LEAST, GOOD = 0.05, 0.5
 # Shortest step worth another try [rad].
@@ -26,8 +26,9 @@ CALM = 2e-3
 # Length of the step by which curvature is measured [rad], and the factors that are believed.
 PROBE, STIFFEST = 0.01, (1e-3, 1e2)
 # What counts as kept: of a limit as a share of it (half of what the search aims lower than the ledger asks for), of the
-# clearance as a share of 10 cm. A quarter of a millimetre more than the margin is asked for.
-KEPT, KEPT_CLEAR = 5e-5, 1e-3
+# clearance as a share of 10 cm, of a rule of the way in its unit. A quarter of a millimetre more than the margin is
+# asked for, and of a rule a tenth more.
+KEPT, KEPT_CLEAR, KEPT_RULE = 5e-5, 1e-3, 2e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +52,16 @@ class Course:
     @property
     def kept(self) -> bool:
         """Whether all limits hold as far as the search looks."""
-        return self.look.limits <= KEPT and self.look.clearance <= KEPT_CLEAR
+        return not _breaks(self.look)
 
     @property
     def rank(self) -> tuple[bool, float]:
         """Allowed before not allowed, then by what is broken or by cost."""
-        return (not self.kept, self.look.cost if self.kept else self.look.limits + self.look.clearance)
+        return (not self.kept, self.look.cost if self.kept else self.look.broken)
+
+
+def _breaks(look: Look) -> bool:
+    return look.limits > KEPT or look.clearance > KEPT_CLEAR or look.rules > KEPT_RULE
 
 
 def begin(local: LocalModel, x: Float[Array, " d"]) -> Course:
@@ -126,19 +131,19 @@ def descend(
         if slope is not None and not local.timed:
             curvature = _learn(curvature, taken, (gradient - slope) / scale)
         slope = gradient
-        clear = local.clearance_rows(x)
+        clear, ruled = local.clearance_rows(x), local.rule_rows(x)
         taken = np.zeros(0)
         while reach > SHORTEST and ledger.remaining > 0:
             span = np.full(local.size, reach)
             if local.timed:
                 span[-1] = min(reach, 0.2) * x[-1]
             bounds = np.maximum(low - x, -span), np.minimum(high - x, span)
-            found = solve_step(gradient / scale, curvature, [rows, clear], prices, *bounds)
+            found = solve_step(gradient / scale, curvature, [rows, clear, ruled], prices, *bounds)
             if found is None:
                 reach *= 0.3
                 continue
             if found.promised < tolerance:
-                if (now.limits > KEPT or now.clearance > KEPT_CLEAR) and raised < RAISES:
+                if _breaks(now) and raised < RAISES:
                     prices, raised = prices * 10.0, raised + 1
                     continue
                 return Course(local, x, now, curvature, True)

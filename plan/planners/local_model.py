@@ -24,6 +24,8 @@ NEAR, MOST_NEAR = 0.06, 60
 # Places along a motion at which all pairs are looked at; where a gap dips to within so much of the margin [m], it is
 # looked at more closely, as shares of the distance of two places.
 PLACES, CLOSE, CLOSER = 64, 0.03, np.arange(-8, 9) / 8
+# Rules of the way that are broken by less than minus so many units are not watched.
+WATCHED_RULE = 0.5
 # Unit of the clearance's shortfall [m].
 CLEARANCE_UNIT = 0.1
 # Clearance asked for beyond the margin, for what happens between the watched places [m].
@@ -38,15 +40,22 @@ class Look:
         cost: Energy [J] or duration [s], rounded as the search rounds it.
         limits: Largest excess over a limit, as a share of it.
         clearance: Shortfall of the clearance, in units of 10 cm.
+        rules: Largest excess of a rule of the way, in units of 10 cm, a tenth of a radian, or a limit.
     """
 
     cost: float
     limits: float
     clearance: float
+    rules: float = 0.0
 
-    def merit(self, weights: Float[Array, " 2"], scale: float) -> float:
+    @property
+    def broken(self) -> float:
+        """Sum of what is broken."""
+        return self.limits + self.clearance + self.rules
+
+    def merit(self, weights: Float[Array, " 3"], scale: float) -> float:
         """One number to bring down."""
-        return float(self.cost / scale + weights @ [self.limits, self.clearance])
+        return float(self.cost / scale + weights @ [self.limits, self.clearance, self.rules])
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +129,8 @@ class LocalModel:
         limits = self.problem.limits
         outside = max(float((q - limits.upper).max()), float((limits.lower - q).max()))
         excess = max(outside, *(float(share.max()) - 1.0 for share in shares), 0.0)
-        return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)))
+        rules = 0.0 if self.problem.rules is None else self.problem.rules.excess(q, dq)
+        return Look(cost, excess, self._shortfall(self.grid.splines(coefficients, duration)), rules)
 
     def gradient(self, x: Float[Array, " d"]) -> tuple[Float[Array, " d"], ConstraintRows]:
         """Derivative of the cost, and the limits that are near, to first order."""
@@ -170,6 +180,26 @@ class LocalModel:
         local = [-slopes / CLEARANCE_UNIT, np.zeros_like(slopes), np.zeros_like(slopes)]
         room = (found - self._extra) / CLEARANCE_UNIT
         return ConstraintRows(self._rows(*self.grid.at(shares), local), room)
+
+    def rule_rows(self, x: Float[Array, " d"]) -> ConstraintRows:
+        """What the way has to keep, to first order: all along, and where via points are passed."""
+        rules, none = self.problem.rules, ConstraintRows.none(self.size)
+        if rules is None:
+            return none
+        coefficients, duration = self.split(x)
+        states, found = self.grid.states(coefficients, duration), [none]
+        for row in rules.rows(*states[:2]):
+            nodes = np.flatnonzero(row.excess > -WATCHED_RULE)
+            nodes = nodes[nodes % 2 == 0] if row.sparse else nodes
+            by_speed = np.zeros_like(row.by_position) if row.by_speed is None else row.by_speed
+            local = [part[nodes] / row.unit for part in (row.by_position, by_speed)]
+            local.append(np.zeros_like(local[0]))
+            found.append(ConstraintRows(self._node_rows(nodes, local, states, duration), -row.excess[nodes]))
+        for number, node in enumerate(rules.when_passed(states[0]) if rules.rules.vias else ()):
+            excess, slopes = rules.via_rows(number, states[0][node], states[1][node])
+            at, still = np.full(len(excess), node), np.zeros_like(slopes)
+            found.append(ConstraintRows(self._node_rows(at, [slopes, still, still], states, duration), -excess))
+        return ConstraintRows.join(found)
 
     # Parts of the above.
 

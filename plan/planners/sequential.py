@@ -14,9 +14,10 @@ from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
 from plan.initial.at_limits import at_its_limits, quickest_of_each_joint
 from plan.initial.initial_guesses import iterate_ways
+from plan.initial.rule_starts import iterate_rule_ways
 from plan.initial.starts import straight
 from plan.planners.base import Candidate, Ledger, Planner
-from plan.planners.descent import KEPT, KEPT_CLEAR, Course, begin, descend, refine
+from plan.planners.descent import KEPT, KEPT_CLEAR, KEPT_RULE, Course, begin, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
 from plan.planners.transcription import Grid
@@ -80,6 +81,7 @@ class Sequential(Planner):
         kept: Starts that go on to the first finer grid, to the second, and so on; the last number counts from there on.
         gains: Share of the cost that a finer grid must bring for another one to follow, for energy and for time.
         levels: Most refinements, for energy and for time.
+        share: Which of so many equal shares of the starts is tried here.
         named: Whether to search what is named free and no more, though the task would allow it: for comparisons.
     """
 
@@ -90,6 +92,7 @@ class Sequential(Planner):
     kept: tuple[int, ...] = (4, 2, 1)
     gains: tuple[float, float] = (0.005, 0.001)
     levels: tuple[int, int] = (3, 3)
+    share: tuple[int, int] = (0, 1)
     named: bool = False
     name: ClassVar[str] = "sqp"
     explores: ClassVar[bool] = True
@@ -104,7 +107,7 @@ class Sequential(Planner):
         if self.named or not given.grows or given.free == "times":
             self._search_named(problems, ledger, rng)
             return
-        ways = self._initial(problems, ledger, rng)
+        ways = islice(self._initial(problems, ledger, rng), self.share[0], None, self.share[1])
         courses = self._round(islice(ways, max(self.starts, len(problems))), ledger, (), self.kept)
         if given.objective == "energy" and given.n <= FEW and ledger.remaining > 0:
             self._round(islice(ways, self.more * self.starts), ledger, courses, tuple(2 * count for count in self.kept))
@@ -204,9 +207,13 @@ class Sequential(Planner):
         )
         if base.objective == "time":
             base = at_its_limits(base)
-            each = quickest_of_each_joint(base)
+            each = None if base.way.given else quickest_of_each_joint(base)
             if each is not None and base.grows:
                 yield each
+        way = first.way
+        if way.straight is not None or way.vias:
+            yield from iterate_rule_ways(base, rng)
+            return
         yield from iterate_ways(base, rng, lambda: ledger.best is not None and ledger.best.feasible)
 
     def _finer(
@@ -302,7 +309,7 @@ def peaks(course: Course) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
 
 def nearly_kept(course: Course) -> bool:
     """Whether the clearance holds and no limit is passed by much at the nodes."""
-    return course.look.limits <= NEARLY and course.look.clearance <= KEPT_CLEAR
+    return course.look.limits <= NEARLY and course.look.clearance <= KEPT_CLEAR and course.look.rules <= KEPT_RULE
 
 
 def passes_between(course: Course) -> bool:

@@ -42,17 +42,20 @@ class Pose:
             object.__setattr__(self, "rotation", freeze(self.rotation))
 
 
-def read_pose(reader: Reader, task: Mapping[str, Any]) -> Pose | None:
-    """The goal's pose; None where the goal is given by its joint angles.
+def read_poses(reader: Reader, task: Mapping[str, Any]) -> list[Pose]:
+    """The goal's pose, or the poses of which any will do; none where the goal is given by its joint angles.
 
     Raises:
         SceneError: A key is missing, unknown or of the wrong kind, or both kinds of goal are given.
     """
-    table = task.get("goal_pose")
-    if table is None:
-        return None
-    if "goal_deg" in task:
-        raise SceneError(reader.file, "task has both goal_deg and goal_pose", "give one of them")
+    tables = task.get("goal_pose", [])
+    for key in ("goal_deg", "goals_deg"):
+        if key in task and tables:
+            raise SceneError(reader.file, f"task has both {key} and goal_pose", "give one of them")
+    return [_pose(reader, table) for table in (tables if isinstance(tables, list) else [tables])]
+
+
+def _pose(reader: Reader, table: Any) -> Pose:
     if not isinstance(table, dict):
         raise SceneError(reader.file, "task.goal_pose is not a table", "write [task.goal_pose] and its keys")
     reader.only(table, POSE_KEYS, "task.goal_pose")

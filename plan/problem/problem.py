@@ -14,6 +14,8 @@ from plan.dynamics.manipulability import Manipulability
 from plan.dynamics.power import Metric, TorqueModel, _integral, section_nodes
 from plan.geometry.margins import Margins, find_margins
 from plan.geometry.scene import Scene
+from plan.problem.rule_values import Rules
+from plan.problem.rules import WayRules
 from plan.spline import Splines
 
 Objective = Literal["energy", "time"]
@@ -37,6 +39,7 @@ TICK = 1e-3
 # where the task asks for one: a motion that is planned and run in joint angles passes singular positions at no cost.
 SINGULAR = 0.02
 SINGULAR_PENALTY = 0.2
+NO_RULES = WayRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,8 @@ class BatchEvaluation:
     Attributes:
         cost: Energy by the metric [J] or duration [s], with the penalty for singular positions where one is asked for.
         collision: Shortfall of the clearance, in units of 2 cm (mean over time) and 5 cm (worst).
-        speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too.
+        speed, torque: Worst excess over the limit, as a share of it; speed's holds that of acceleration and jerk too,
+            and of the way's rules.
         position: Worst excess over the position limits [rad].
         gap: Smallest separation seen; of a pair that may be nearer than others, counted as more by that [m].
         peak: Peak torque of each joint [N m].
@@ -124,6 +128,7 @@ class PlanningProblem:
         trained: Where the model was fitted; None where that is not known.
         avoid_singular: Whether singular positions are fined, as in the paper's section 2.2.
         carried: What the arm carries, and the frame on which each of it hangs, for results.
+        way: What the motion has to keep on its way beside limits and clearance.
         notes: What is to be said of the task in its result.
         not_the_arms: Joints that the robot itself locks, such as a gripper's: no controller of the arm has them.
     """
@@ -144,6 +149,7 @@ class PlanningProblem:
     trained: TrainingRange | None = None
     avoid_singular: bool = False
     carried: tuple[dict[str, object], ...] = ()
+    way: WayRules = NO_RULES
     notes: tuple[str, ...] = ()
     not_the_arms: frozenset[str] = frozenset()
 
@@ -218,11 +224,16 @@ class PlanningProblem:
         cost = splines.total if self.objective == "time" else _integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
         spare, shortfall = self.scene.sweep(splines, self.margins)
+        rules = self.rules
+        broken = (
+            0.0 if rules is None else np.array([rules.excess(*way, aimed=False) for way in zip(q, dq, strict=True)])
+        )
         over = np.maximum(splines.highest - self.limits.upper, self.limits.lower - splines.lowest).max(axis=1) + INSIDE
         return BatchEvaluation(
             cost=cost * (1.0 + SINGULAR_PENALTY * self._singular(q)) if self.avoid_singular else cost,
             collision=shortfall / 0.02 + np.maximum(-spare, 0.0) / 0.05,
-            speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines)),
+            speed=np.maximum(_excess(splines.top_speed / (SHARE * self.limits.speed)), self._rate_excess(splines))
+            + broken,
             torque=_excess(peak / (SHARE * self.limits.torque)),
             position=np.maximum(over, 0.0),
             gap=spare + self.margins.asked,
@@ -249,6 +260,13 @@ class PlanningProblem:
     def ends(self) -> Float[Array, "2 n"]:
         """Start and goal [rad]."""
         return np.stack([self.start, self.goal])
+
+    @cached_property
+    def rules(self) -> Rules | None:
+        """What the way has to keep, for this start and goal; None where nothing is asked for."""
+        if not self.way.given:
+            return None
+        return Rules(self.scene.arm, self.scene.chain, self.way, self.start, self.goal)
 
     @cached_property
     def margins(self) -> Margins:

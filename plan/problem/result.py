@@ -20,6 +20,7 @@ from plan.geometry.margins import SHORT, Cut, find_cuts, uncut
 from plan.geometry.scene import Unchecked, limits_of_proof
 from plan.problem.extrapolation import Extrapolation, find_extrapolation
 from plan.problem.problem import TICK, PlanningProblem
+from plan.problem.rule_values import RuleCheck
 from plan.problem.time_law import STANDING, TimeLaw, find_time_law
 from plan.spline import Splines
 
@@ -53,6 +54,7 @@ class Certificate:
         cuts: Pairs of links that are nearer to each other than that at an end, and the proven clearance of each.
         unchecked: Pairs of links of whose clearance nothing is said.
         shapes: Where the links' shapes come from.
+        rules: What the way had to keep, and did.
         coarser: Obstacles that count as larger than their files say.
     """
 
@@ -72,6 +74,7 @@ class Certificate:
     extrapolation: tuple[Extrapolation, ...] | None = None
     reserve: Float[Array, " n"] | None = None
     energy_half_width: float | None = None
+    rules: tuple[RuleCheck, ...] = ()
 
     @property
     def shares(self) -> dict[str, Float[Array, " n"] | None]:
@@ -100,7 +103,7 @@ class Certificate:
             found.append(f"started from rest it reaches {100 * max(self.time_law.shares):.1f} % of a limit")
         if self.position_margin < -ROUNDING:
             found.append(f"a joint passes its position limit by {np.degrees(-self.position_margin):.2f} deg")
-        return found + self.too_near
+        return [*found, *(str(one) for one in self.rules if not one.kept), *self.too_near]
 
     @property
     def too_near(self) -> list[str]:
@@ -147,6 +150,7 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
         extrapolation=beyond,
         reserve=limits.reserve,
         energy_half_width=None if beyond else _energy_half_width(problem, law),
+        rules=() if problem.rules is None else problem.rules.check(splines),
     )
 
 
@@ -340,6 +344,7 @@ class PlanResult(Result):
             "asked_clearance_m": certificate.asked_clearance,
             "clearance_cuts": [{**cut.to_dict(), "proven_m": one.proven} for cut, one in certificate.cuts],
             "unchecked_pairs": [pair.to_dict() for pair in certificate.unchecked],
+            "rules": [one.to_dict() for one in certificate.rules],
             "coarser_obstacles": list(certificate.coarser),
             **certificate.shapes.to_dict(),
             "start_rad": points[0].tolist(),

@@ -17,7 +17,8 @@ from plan.errors import SceneError
 from plan.geometry.boxes import Box
 from plan.geometry.tool import Carried
 from plan.problem.obstacle_tables import floor_box, read_shape
-from plan.problem.pose import Pose, read_pose
+from plan.problem.pose import Pose, read_poses
+from plan.problem.rules import WayRules, read_rules
 from plan.problem.scene_keys import KEYS
 
 DEFAULT_CLEARANCE = 0.005
@@ -64,6 +65,9 @@ class Task:
         taught: Via points of the file itself.
         pose: Where a frame is to end, in place of the goal's angles.
         avoid_singular: Whether singular positions are fined.
+        others: Further goals, any of which will do as well [rad].
+        other_poses: Further poses likewise.
+        way: What the motion has to keep on its way.
     """
 
     source: Path
@@ -90,6 +94,9 @@ class Task:
     taught: tuple[Trial, ...] = field(default_factory=tuple)
     pose: Pose | None = None
     avoid_singular: bool = False
+    others: tuple[Float[Array, " n"], ...] = ()
+    other_poses: tuple[Pose, ...] = ()
+    way: WayRules = field(default_factory=WayRules)
 
     @property
     def n(self) -> int:
@@ -111,14 +118,15 @@ def load_task(path: str | Path) -> Task:
     limits = document.get("limits", {})
     start = reader.numbers(task, "task.start_deg")
     count = len(start)
-    pose = read_pose(reader, task)
+    poses = read_poses(reader, task)
+    goals = [np.radians(start)] if poses else _goals(reader, task, count)
     taught = _taught(reader, task, count)
     via_points = len(taught[0].vias) if taught else reader.whole(task, "task.via_points", 2)
     return Task(
         source=file,
         robot=reader.text(document, "robot"),
         start=np.radians(start),
-        goal=np.radians(start if pose is not None else reader.numbers(task, "task.goal_deg", count)),
+        goal=goals[0],
         duration=reader.number(task, "task.duration_s") if "duration_s" in task else None,
         via_points=via_points,
         wrist=None if "wrist_deg" not in task else np.radians(reader.numbers(task, "task.wrist_deg")),
@@ -137,8 +145,11 @@ def load_task(path: str | Path) -> Task:
         payload_link=_link(reader, document.get("payload", {})),
         srdf=None if "srdf" not in document else file.parent / reader.text(document, "srdf"),
         taught=taught,
-        pose=pose,
+        pose=poses[0] if poses else None,
         avoid_singular=reader.flag(task, "task.avoid_singular"),
+        others=tuple(goals[1:]),
+        other_poses=tuple(poses[1:]),
+        way=read_rules(reader, document, count),
     )
 
 
@@ -207,6 +218,20 @@ def load_trials(path: str | Path, joints: int) -> list[Trial]:
     return [_trial(reader, entry, f"trial {i}", joints) for i, entry in enumerate(entries, start=1)]
 
 
+def _goals(reader: Reader, task: Mapping[str, Any], joints: int) -> list[Float[Array, " n"]]:
+    """The goal, or the goals of which any will do [rad]."""
+    if "goals_deg" not in task:
+        return [np.radians(reader.numbers(task, "task.goal_deg", joints))]
+    if "goal_deg" in task:
+        raise SceneError(reader.file, "task has both goal_deg and goals_deg", "give one of them")
+    rows = task["goals_deg"]
+    if not isinstance(rows, list) or not rows:
+        raise SceneError(reader.file, "task.goals_deg is not a list of rows", "give rows of joint angles in degrees")
+    return [
+        np.radians(reader.numbers({"row": row}, f"task.goals_deg {i}.row", joints)) for i, row in enumerate(rows, 1)
+    ]
+
+
 def _taught(reader: Reader, task: Mapping[str, Any], joints: int) -> tuple[Trial, ...]:
     return (_trial(reader, task, "task", joints),) if "via_points_deg" in task else ()
 
@@ -228,25 +253,17 @@ def _trial(reader: Reader, entry: Any, name: str, joints: int) -> Trial:
 
 def read_obstacles(reader: Reader, document: Mapping[str, Any]) -> tuple[Box, ...]:
     """The obstacles of a scene file, and its floor as one more."""
-    found = [read_shape(reader, *item) for item in _numbered(reader, document, "obstacle")]
+    found = [read_shape(reader, *item) for item in reader.tables(document, "obstacle", "obstacle")]
     if "floor" in document:
         found.append(floor_box(reader.number(document["floor"], "floor.height_m", 0.0, least=-10.0)))
     return tuple(found)
-
-
-def _numbered(reader: Reader, document: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:
-    """The tables of a list, each with what it is called in messages."""
-    entries = document.get(name, [])
-    if not isinstance(entries, list):
-        raise SceneError(reader.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
-    return [(entry, f"{name} {i}") for i, entry in enumerate(entries, start=1)]
 
 
 def _attached(reader: Reader, document: Mapping[str, Any]) -> tuple[Carried, ...]:
     """What the arm carries, the frame on which it hangs, and the links that it may touch."""
     return tuple(
         Carried(read_shape(reader, entry, key, {"touches", "link"}), _link(reader, entry), _names(reader, entry))
-        for entry, key in _numbered(reader, document, "attached")
+        for entry, key in reader.tables(document, "attached", "attached")
     )
 
 
@@ -287,7 +304,7 @@ class Reader:
             raise SceneError(
                 self.file, f"{place}unknown key {unknown[0]!r}", f"keys are: {', '.join(sorted(KEYS[table]))}"
             )
-        for inner in ("task", "limits", "floor", "payload"):
+        for inner in ("task", "limits", "floor", "payload", "tool"):
             if table == "" and inner in entry:
                 if not isinstance(entry[inner], dict):
                     raise SceneError(self.file, f"{inner} is not a table", f"write [{inner}] and its keys")
@@ -304,6 +321,13 @@ class Reader:
         if not isinstance(found, dict):
             raise SceneError(self.file, f"it has no [{key}] table", "add one")
         return found
+
+    def tables(self, entry: Mapping[str, Any], key: str, name: str) -> list[tuple[Any, str]]:
+        """The tables of a list, each with what it is called in messages."""
+        found = entry.get(key, [])
+        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+            raise SceneError(self.file, f"{name} is not a list of tables", f"write [[{name}]], with two brackets")
+        return [(one, f"{name} {i}") for i, one in enumerate(found, start=1)]
 
     def text(self, entry: Mapping[str, Any], key: str) -> str:
         found = entry.get(key)

@@ -74,6 +74,8 @@ def print_result(console: Console, result: PlanResult) -> None:
         if share is None:
             continue
         console.print(f"peak {name}, share of the limit: {', '.join(f'{value:.3f}' for value in share)}")
+    for rule in certificate.rules:
+        console.print(str(rule), soft_wrap=True, highlight=False)
     _print_trust(console, certificate)
     _print_clearance(console, certificate)
     if result.reference_gap is not None and result.method != "sqp":

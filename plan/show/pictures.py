@@ -27,6 +27,8 @@ SAMPLES = 400
 MAKER = {".png": {"Software": "armgap"}, ".svg": {"Title": "armgap"}}
 BEFORE, AFTER, LIMIT = "#9aa5b1", "#0b6e99", "#b3261e"
 OBSTACLE, TOOL = LIMIT, "#e08e0b"
+# From the side and from above.
+VIEWS = ([0, 2], [0, 1])
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -91,17 +93,36 @@ def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> Non
             if box.name == FLOOR:
                 continue
             at = data.oMi[box.joint]
-            corners = box.corners if box.joint == 0 else box.corners @ at.rotation.T + at.translation
             kind = OBSTACLE if box.body < 0 else TOOL if box.name in carried else AFTER
             label = carried.pop(box.name, None) if alpha > 0.5 else None
-            for axis, columns in zip(views, ([0, 2], [0, 1]), strict=True):
-                flat = corners[:, columns]
-                axis.fill(*flat[ConvexHull(flat).vertices].T, color=kind, alpha=alpha, lw=0, label=label)
+            for part in box.parts:
+                corners = part.corners if box.joint == 0 else part.corners @ at.rotation.T + at.translation
+                for axis, columns in zip(views, VIEWS, strict=True):
+                    flat = corners[:, columns]
+                    axis.fill(*flat[ConvexHull(flat).vertices].T, color=kind, alpha=alpha, lw=0, label=label)
+    _draw_way(views, problem, splines)
     for axis, name in zip(views, ("z", "y"), strict=True):
         axis.set(aspect="equal", xlabel="x [m]", ylabel=f"{name} [m]")
     if views[0].get_legend_handles_labels()[0]:
         figure.legend(*views[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, fontsize=8)
     figure.suptitle("boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9)
+
+
+def _draw_way(views: Any, problem: PlanningProblem, splines: Splines) -> None:
+    """The tool's way where it has to keep something: via points and the axes of cones, too."""
+    rules = problem.rules
+    if rules is None:
+        return
+    place, turn, _, _ = rules.tool(splines.at(np.linspace(0.0, float(splines.total[0]), SAMPLES))[0])
+    vias = [via.target if via.of_tool else rules.tool(via.target[None])[0][0] for via in rules.rules.vias]
+    for axis, columns in zip(views, VIEWS, strict=True):
+        axis.plot(*place[:, columns].T, color="black", lw=1.2, label=f"way of {rules.frame}")
+        for via in vias:
+            axis.plot(*via[columns], "x", color="black", ms=6)
+        for cone in rules.rules.cones:
+            for at, pointing in zip(place[:: SAMPLES // 12], turn[:: SAMPLES // 12] @ cone.axis, strict=True):
+                ends = np.stack([at, at + 0.1 * pointing])
+                axis.plot(*ends[:, columns].T, color=TOOL, lw=0.8)
 
 
 def draw_before_after(problem: PlanningProblem, result: PlanResult) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.results import Result
 from plan.errors import MethodError
-from plan.planners import METHODS, PEERS, TIME_ONLY, default_budget, make_planner
+from plan.planners import METHODS, TIME_ONLY, default_budget, make_planner
 from plan.planners.base import Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -146,14 +146,12 @@ def compare(
 
 
 def able(problem: PlanningProblem) -> list[str]:
-    """Our own methods that can do the task: compression and toppra for time, brute force for small grids."""
+    """The methods that can do the task: compression and toppra for time, brute force for small grids."""
     small = 11**problem.dimension <= 2_000_000 and problem.free == "vias"
     return [
         method
         for method in METHODS
-        if method not in PEERS
-        and (problem.objective == "time" or method not in TIME_ONLY)
-        and (small or method != "brute")
+        if (problem.objective == "time" or method not in TIME_ONLY) and (small or method != "brute")
     ]
 
 

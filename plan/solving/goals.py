@@ -1,4 +1,4 @@
-"""Goals that are given as a pose: every way to stand there, and which of them is the cheapest to go to."""
+"""Goals of which any will do, and poses with every way to stand there: which of them is the cheapest to go to."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.arrays import Array
 from plan.dynamics.power import ChainTorque
 from plan.errors import TaskError
 from plan.geometry.margins import why_refused
@@ -14,6 +15,7 @@ from plan.initial.inverse_kinematics import find_frame, reach_pose
 from plan.initial.starts import straight
 from plan.planners import Budget, Ledger
 from plan.planners.sequential import Sequential
+from plan.problem.pose import Pose
 from plan.problem.problem import PlanningProblem
 from plan.problem.task_file import Task
 
@@ -23,23 +25,40 @@ QUICK_SECONDS = 3.0
 
 
 def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, ...]:
-    """The task once for every joint position that brings its frame to its pose, the nearest first.
+    """The task once for every goal: joint positions that are given, or that bring its frame to a pose, nearest first.
 
     Raises:
-        TaskError: No such frame, or the arm can't bring it there.
+        TaskError: No such frame, or the arm can't bring it to any of the poses.
     """
-    pose, arm, limits = task.pose, problem.scene.arm, problem.limits
-    if pose is None:
-        return (problem,)
+    if task.pose is None:
+        goals = [q for q in (task.goal, *task.others) if _allowed(problem, q)] or [task.goal]
+    else:
+        found = [_reach(problem, task, pose) for pose in (task.pose, *task.other_poses)]
+        goals = [q for one in found if not isinstance(one, TaskError) for q in one]
+        if not goals:
+            raise next(one for one in found if isinstance(one, TaskError))
+    return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
+
+
+def _allowed(problem: PlanningProblem, q: Array) -> bool:
+    """Whether a motion may end at a position."""
+    limits = problem.limits
+    inside = bool(np.all(q >= limits.lower) and np.all(q <= limits.upper))
+    return inside and why_refused(problem.scene, q, limits.clearance) is None
+
+
+def _reach(problem: PlanningProblem, task: Task, pose: Pose) -> list[Array] | TaskError:
+    """Joint positions that bring a frame to its pose, or why there are none."""
+    arm, limits = problem.scene.arm, problem.limits
     frame = find_frame(arm, pose.frame)
     if frame is None:
         names = ", ".join(dict.fromkeys(one.name for one in arm.model.frames if one.name != "universe"))
-        raise TaskError(task.source, f"task.goal_pose: the robot has no frame {pose.frame!r}", f"use one of: {names}")
+        return TaskError(task.source, f"task.goal_pose: the robot has no frame {pose.frame!r}", f"use one of: {names}")
     ways = reach_pose(arm, pose, frame, problem.start, limits.lower, limits.upper)
     named = pose.frame or arm.links[-1]
     if not ways.positions and ways.outside:
         what = f"task.goal_pose: {named} comes there in {ways.outside} ways, all of them out of the position limits"
-        raise TaskError(task.source, what, "move the pose, or widen [limits]")
+        return TaskError(task.source, what, "move the pose, or widen [limits]")
     if not ways.positions:
         place, turn = ways.nearest
         short = f"{1000 * place:.0f} mm" + ("" if pose.rotation is None else f" and {np.degrees(turn):.0f} deg")
@@ -47,13 +66,13 @@ def reach_goals(problem: PlanningProblem, task: Task) -> tuple[PlanningProblem, 
         remedies = ["move the pose"]
         remedies += [] if pose.rotation is None else ["leave its rotation out"]
         remedies += [] if not arm.locked_joints else ["let more joints move"]
-        raise TaskError(task.source, what, ", or ".join(remedies))
-    refused = [why_refused(problem.scene, q, limits.clearance) for q in ways.positions]
-    goals = [q for q, reason in zip(ways.positions, refused, strict=True) if reason is None]
-    if not goals and refused[0] is not None:
-        what = f"task.goal_pose: {named} comes there in {len(refused)} ways, in all of them something is in the way"
-        raise TaskError(task.source, f"{what} (in the nearest {refused[0][0]})", "move the pose or the obstacle")
-    return tuple(replace(problem, goal=q, vias=straight(problem.start, q, problem.via_count)) for q in goals)
+        return TaskError(task.source, what, ", or ".join(remedies))
+    goals = [q for q in ways.positions if why_refused(problem.scene, q, limits.clearance) is None]
+    if goals:
+        return goals
+    refused = why_refused(problem.scene, ways.positions[0], limits.clearance) or ("", "")
+    what = f"task.goal_pose: {named} comes there in {len(ways.positions)} ways, in all of them something is in the way"
+    return TaskError(task.source, f"{what} (in the nearest {refused[0]})", "move the pose or the obstacle")
 
 
 def rank_goals(

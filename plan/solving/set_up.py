@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from ident.robot.arm import ArmModel
 from plan.dynamics.power import METRICS, Metric
 from plan.dynamics.torque_model import reduce_arm, torque_of_model, torque_of_robot
 from plan.errors import MethodError, TaskError
-from plan.geometry.arm_shapes import StandIn
 from plan.geometry.margins import why_refused
 from plan.geometry.scene import Scene
 from plan.geometry.srdf import read_disabled
@@ -22,9 +22,12 @@ from plan.geometry.tool import name_links, place_payload, record_carried
 from plan.initial.starts import straight
 from plan.problem.extrapolation import stay_inside
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
+from plan.problem.options import TaskOptions
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
 from plan.problem.task_file import Task
 
+Choice = TypeVar("Choice", bound=str)
+DEFAULTS = TaskOptions()
 # What a plan without a fitted model leaves out.
 NO_FRICTION = "without --model torque and energy are the rigid arm's: friction and motor inertia are missing"
 
@@ -32,38 +35,23 @@ NO_FRICTION = "without --model torque and energy are the rigid arm's: friction a
 def set_up(
     task: Task,
     model: HybridModel | None = None,
-    objective: Objective = "energy",
-    metric: Metric = "absolute",
-    free: Free | None = None,
-    stand_in: StandIn | None = None,
-    inside: bool = False,
-    reserve: bool = True,
+    options: TaskOptions = DEFAULTS,
 ) -> PlanningProblem:
     """The problem of a task, started from the straight line; a goal that is a pose is still to be reached.
 
     Args:
         task: What to do.
         model: Fitted model; the rigid arm without losses if None.
-        objective: `energy` or `time`.
-        metric: How energy is counted.
-        free: What is searched. If None, via points for energy, via points and time stamps for time; and a planner that
-            can may insert via points.
-        stand_in: What stands in for links without collision geometry.
-        inside: Whether the motion must stay where the model was fitted.
-        reserve: Whether torque is set aside for what the model's intervals leave open.
+        options: How it is taken. Where it names no variables, a planner that can may insert via points.
 
     Raises:
         RobotError: A link has no collision geometry, and nothing stands in.
         TaskError: The task does not fit the robot or the model.
         MethodError: No such objective, metric or choice of variables.
     """
-    for option, value, known in (
-        ("--objective", objective, OBJECTIVES),
-        ("--metric", metric, METRICS),
-        ("--variables", free or FREE[0], FREE),
-    ):
-        if value not in known:
-            raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(known)}")
+    objective = _one_of("--objective", options.objective, OBJECTIVES)
+    metric: Metric = _one_of("--metric", options.metric, METRICS)
+    free: Free | None = None if options.variables is None else _one_of("--variables", options.variables, FREE)
     if objective == "time" and free == "vias":
         raise MethodError("--variables", "time can't fall while the time stamps are fixed", "use times or both")
     robot = ArmModel.load(task.robot)
@@ -83,14 +71,15 @@ def set_up(
     vias = straight(task.start, task.goal, task.via_points)
     trained = None if model is None else model.trained
     makers = find_makers_limits(robot)
-    limits = _limits(task, arm, makers, None if trained is None or not reserve else trained.torque_half_width[: task.n])
-    if inside:
+    doubt = None if trained is None or not options.reserve else trained.torque_half_width[: task.n]
+    limits = _limits(task, arm, makers, doubt)
+    if options.inside:
         limits = stay_inside(limits, _known(model, trained))
     return PlanningProblem(
         scene=Scene.build(
             arm,
             task.obstacles,
-            stand_in=stand_in,
+            stand_in=options.shapes,
             carried=hung,
             disabled=None if task.srdf is None else read_disabled(task.srdf, robot),
         ),
@@ -107,6 +96,7 @@ def set_up(
         grows=free is None,
         trained=trained,
         avoid_singular=task.avoid_singular,
+        way=task.way,
         carried=record_carried(robot, hung, task.payload, task.payload_link),
         not_the_arms=frozenset(robot.locked_joints),
         notes=(
@@ -114,6 +104,18 @@ def set_up(
             *(() if model is not None else (NO_FRICTION,)),
         ),
     )
+
+
+def _one_of(option: str, value: str, known: tuple[Choice, ...]) -> Choice:
+    """The value, if it is known.
+
+    Raises:
+        MethodError: It is not.
+    """
+    for one in known:
+        if one == value:
+            return one
+    raise MethodError(option, f"{value!r} is unknown", f"use one of: {', '.join(map(str, known))}")
 
 
 def _known(model: HybridModel | None, trained: TrainingRange | None) -> TrainingRange:
@@ -145,6 +147,15 @@ def require_valid_ends(problem: PlanningProblem, task: Task) -> None:
         refused = why_refused(scene, q, limits.clearance)
         if refused is not None:
             raise TaskError(task.source, f"{name}: {refused[0]}", refused[1])
+    cones = [] if problem.rules is None else problem.rules.rows(problem.ends, np.zeros_like(problem.ends))
+    for number, row in enumerate((row for row in cones if row.name == "cone"), start=1):
+        if row.value.max() > row.limit:
+            end = ("task.start_deg", "task.goal_deg")[int(row.value.argmax())]
+            what = f"{end}: the tool's axis breaks tool.cone {number}"
+            raise TaskError(task.source, what, "move that position, or change the cone")
+    for number, via in enumerate(problem.way.vias, start=1):
+        if not via.of_tool and np.any((via.target < limits.lower) | (via.target > limits.upper)):
+            raise TaskError(task.source, f"pass {number}.deg is out of the joints' limits", "move that via point")
 
 
 def find_obstruction(problem: PlanningProblem) -> str:
@@ -162,6 +173,9 @@ def find_obstruction(problem: PlanningProblem) -> str:
     need, bound = shortest_duration(problem)
     if problem.objective == "energy" and duration < need:
         return f"{duration:g} s is too short: at the {bound} limits it takes {need:.3f} s at least"
+    tool, rules = problem.way.speed, problem.rules
+    if problem.objective == "energy" and tool is not None and rules is not None and rules.length > tool * duration:
+        return f"{duration:g} s is too short: at {tool:g} m/s the tool takes {rules.length / tool:.3f} s at least"
     still = np.zeros_like(ends)[None]
     holding = np.abs(problem.model.torque(ends[None], still, still)[0])
     share = holding / limits.torque

@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 
 from plan.dynamics.power import ChainTorque
+from plan.initial.compressed import start_compressed
 from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
 from plan.planners import Budget, Candidate, Ledger, default_budget, make_planner
 from plan.planners.base import Planner, Progress
-from plan.planners.compression import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
+from plan.problem.options import DEFAULT_METHOD
 from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, Status, certify, certify_standing
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
+from plan.solving.parallel import search_in_parallel
 from plan.solving.set_up import find_obstruction, with_energy
 from plan.spline import Splines
 
-DEFAULT_METHOD = "sqp"
 # Evaluations for each start of the energy search from whose result time is shortened.
 ENERGY_FIRST = 600
 # Longest run of the default method that is only there to tell the gap, in processor time [s].
@@ -126,6 +127,7 @@ def solve(
     gap: bool = True,
     planner: Planner | None = None,
     starts: Starts | None = None,
+    workers: int = 1,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
@@ -140,6 +142,7 @@ def solve(
         gap: Whether the default method is run too, for `reference_gap`.
         planner: A planner with other options than the method's default.
         starts: Initial trajectories, if they are known already.
+        workers: Processes that share the starts.
 
     Raises:
         MethodError: No such method, or not for this task.
@@ -166,7 +169,10 @@ def solve(
     if starts is None and planner.explores:
         starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, seconds)
-    planner.run(starts.problems, ledger, rng)
+    if workers > 1 and isinstance(planner, Sequential):
+        search_in_parallel(planner, starts.problems, ledger, seed, workers)
+    else:
+        planner.run(starts.problems, ledger, rng)
     best, certificate = _certified(ledger, rng)
     status, reason = _judge(best, certificate, ledger, starts)
     result = PlanResult(

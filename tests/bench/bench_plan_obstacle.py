@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from plan.api.tasks import open_task, save_comparison
+from plan.paper.genetic import PaperGenetic, StrongGenetic
+from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
-from plan.planners.genetic import PaperGenetic, StrongGenetic
-from plan.planners.ppo import Ppo
 from plan.planners.sequential import Sequential
 from plan.problem.result import PlanResult
 from plan.solving.compare import Comparison, cost_at
@@ -28,7 +28,7 @@ TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
 SEEDS = range(5)
 SPENT = ("seconds", "cpu_seconds", "evaluations")
 ROWS: dict[str, tuple[Planner, int]] = {
-    "reference": (Sequential(named=True), 3),
+    "sqp, named": (Sequential(named=True), 3),
     "CMA-ES": (Evolution(), 5),
     "PPO, 2100 epochs as the paper": (Ppo(), 5),
     "PPO, 2100 epochs, paper's reward": (Ppo(reward="paper"), 5),
@@ -39,7 +39,7 @@ ROWS: dict[str, tuple[Planner, int]] = {
 
 
 def main(model: str, out: Path | None) -> None:
-    opened = open_task(TASK, None if model == "none" else Path(model), "energy", "absolute", None, None, 1)
+    opened = open_task(TASK, None if model == "none" else Path(model))
     starts = {seed: find_starts(opened.problem, np.random.default_rng(seed)) for seed in SEEDS}
     results: dict[str, list[PlanResult]] = {}
     for name, (planner, seeds) in ROWS.items():
@@ -85,7 +85,7 @@ def print_table(results: dict[str, list[PlanResult]]) -> None:
 
 def print_seeds(results: dict[str, list[PlanResult]]) -> None:
     """Every seed of the first run: cost reached by each method, or why there is none."""
-    methods = ["reference", "CMA-ES", "PPO, 2100 epochs as the paper"]
+    methods = ["sqp, named", "CMA-ES", "PPO, 2100 epochs as the paper"]
     print("\n| seed | " + " | ".join(methods) + " | why not |\n|---|" + "---|" * (len(methods) + 1))
     tables = [{record["label"]: record for record in results[name][0].starts} for name in methods]
     for label in tables[0]:

@@ -36,14 +36,14 @@ from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
 from plan.initial.rrt import TreeOptions, connect, prune
 from plan.initial.starts import from_vias, straight
+from plan.paper.toppra import Toppra
 from plan.planners import Budget, Ledger
 from plan.planners.evolution import Evolution
-from plan.planners.ompl_toppra import OmplToppra, is_installed
 from plan.planners.sequential import Sequential
-from plan.planners.toppra import Toppra
 from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.result import certify
 from plan.solving.solve import solve
+from tests.bench.peers.ompl_toppra import OmplToppra, is_installed
 
 # Share of a long search that is CMA-ES's.
 POLISHED = 0.2

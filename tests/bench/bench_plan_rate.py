@@ -52,10 +52,7 @@ def main(models: list[str]) -> None:
     print(f"matrix products, float32, one thread: {peak:.1f} GFLOP/s\n")
     print("| model | products a node | trajectories / s | node torques / s | net GFLOP/s | of matrix products [%] |")
     print("|---|---|---|---|---|---|")
-    problems = {
-        model: open_task(TASK, None if model == "none" else Path(model), "energy", "absolute", None, None, 1).problem
-        for model in models
-    }
+    problems = {model: open_task(TASK, None if model == "none" else Path(model)).problem for model in models}
     last = problems[models[-1]]
     assert isinstance(last.model, ChainTorque)
     problems["the paper's net, random weights"] = replace(last, model=replace(last.model, net=paper_net()))

@@ -1,4 +1,4 @@
-"""Table 3's task: brute force, genetic algorithms, PPO and the gradient reference, side by side.
+"""Table 3's task: brute force, genetic algorithms, PPO and gradients on the named knots, side by side.
 
     python tests/bench/bench_plan_table3.py MODEL [MODEL …]
 
@@ -17,13 +17,14 @@ import numpy as np
 
 from plan.api.tasks import open_task
 from plan.dynamics.power import METRICS
+from plan.paper.brute_force import BruteForce
+from plan.paper.genetic import PaperGenetic, StrongGenetic
+from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner
-from plan.planners.brute_force import BruteForce
 from plan.planners.evolution import Evolution
-from plan.planners.genetic import PaperGenetic, StrongGenetic
-from plan.planners.ppo import Ppo
 from plan.planners.sequential import Sequential
+from plan.problem.options import TaskOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.solving.solve import solve
@@ -33,7 +34,7 @@ PAPER = {"initial": 51.11, "brute": 45.46, "ga": 45.73, "ppo": 46.68}
 # Every method with its number of seeds.
 ROWS: dict[str, tuple[Planner, int]] = {
     "brute force, 11⁶": (BruteForce(), 1),
-    "reference": (Sequential(named=True), 5),
+    "sqp, named": (Sequential(named=True), 5),
     "CMA-ES": (Evolution(), 5),
     "GA as the paper, 100 × 200, in batches": (PaperGenetic(), 5),
     "GA as the paper, one child at a time": (PaperGenetic(serial=True), 1),
@@ -46,7 +47,7 @@ ROWS: dict[str, tuple[Planner, int]] = {
 
 def problem_of(model: str, metric: str = "absolute") -> PlanningProblem:
     folder = None if model == "none" else Path(model)
-    return open_task(TASK, folder, "energy", metric, None, None, 1).problem
+    return open_task(TASK, folder, TaskOptions(metric=metric)).problem
 
 
 def run(problem: PlanningProblem, planner: Planner, seed: int) -> PlanResult:
@@ -69,7 +70,7 @@ def methods(model: str) -> PlanResult:
         runs += [run(problem, planner, seed) for seed in range(1, seeds)]
         print(f"done: {name}", file=sys.stderr)
         found[name] = (runs, cold)
-        reference = float(np.median([r.cost for r in runs])) if name == "reference" else reference
+        reference = float(np.median([r.cost for r in runs])) if name == "sqp, named" else reference
     assert reference is not None
     for name, (runs, cold) in found.items():
         costs = np.array([r.cost for r in runs])

@@ -318,6 +318,71 @@ class World:
         return sorted(found)
 
 
+def rule_faults(plan: dict[str, Any], scene: dict[str, Any], world: World, tip: str, steps: int = 4000) -> list[str]:
+    """Which of the scene's rules of the way a plan breaks: `[tool]`, `[[tool.cone]]`, `[[pass]]`, sets of goals.
+
+    Args:
+        plan, scene: As for `faults`.
+        world: Its model places the tool.
+        tip: The frame that counts as the tool where the scene names none.
+        steps: Places at which it is looked at.
+    """
+    n, tool, found = len(plan["joints"]), scene.get("tool", {}), []
+    times = np.array([0.0, *plan["times_s"], plan["duration_s"]])
+    curve = CubicSpline(
+        times, np.array([plan["start_rad"], *plan["via_points_rad"], plan["goal_rad"]]), bc_type="clamped"
+    )
+    t = np.linspace(0.0, times[-1], steps + 1)
+    q, whole, at, turns = curve(t), pin.neutral(world.model), [], []
+    for name, value in plan["held"].items():
+        whole[world.model.joints[world.model.getJointId(name)].idx_q] = value
+    columns = [world.model.joints[world.model.getJointId(name)].idx_q for name in plan["joints"]]
+    frame = world.model.getFrameId(tool.get("frame", tip))
+    for row in q:
+        whole[columns] = row
+        pin.framesForwardKinematics(world.model, world.data, whole)
+        at.append(world.data.oMf[frame].translation.copy())
+        turns.append(world.data.oMf[frame].rotation.copy())
+    place, turned = np.array(at), np.array(turns)
+    if "speed_m_s" in tool:
+        speed = np.linalg.norm(np.diff(place, axis=0), axis=1).max() / (t[1] - t[0])
+        found += [f"tool at {speed:.4f} m/s"] * bool(speed > tool["speed_m_s"] * (1.0 + 1e-6))
+    if tool.get("straight"):
+        way = place[-1] - place[0]
+        share = np.clip((place - place[0]) @ way / (way @ way), 0.0, 1.0)
+        off = np.linalg.norm(place - place[0] - share[:, None] * way, axis=1).max()
+        found += [f"tool {1000 * off:.3f} mm off its line"] * bool(off > tool.get("within_m", 1e-3) + 1e-9)
+        if n >= 6:
+            whole_turn = pin.log3(turned[0].T @ turned[-1])
+            wanted = [turned[0] @ pin.exp3(s * whole_turn) for s in share]
+            angle = max(np.linalg.norm(pin.log3(a.T @ b)) for a, b in zip(wanted, turned, strict=True))
+            found += [f"tool turned by {np.degrees(angle):.3f} deg"] * bool(
+                np.degrees(angle) > tool.get("within_deg", 0.5) + 1e-6
+            )
+    for cone in tool.get("cone", []):
+        axis, towards = (np.array(cone.get(k, [0, 0, z]), dtype=float) for k, z in (("axis", 1), ("towards", -1)))
+        cosine = turned @ (axis / np.linalg.norm(axis)) @ (towards / np.linalg.norm(towards))
+        angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        found += [f"cone: {angle.max():.3f} deg"] * bool(angle.max() > cone.get("allowed_deg", 180.0) + 1e-6)
+        found += [f"cone: {angle.min():.3f} deg"] * bool(angle.min() < cone.get("keep_out_deg", 0.0) - 1e-6)
+    since = 0
+    for number, via in enumerate(scene.get("pass", []), start=1):
+        missed = place - via["xyz_m"] if "xyz_m" in via else np.degrees(q) - via["deg"]
+        within = via.get("within_m", 1e-3) if "xyz_m" in via else via.get("within_deg", 0.1)
+        # Between two places looked at, the motion comes nearer by half a step at most.
+        steps_there = np.abs(np.diff(missed, axis=0)).max(axis=1)
+        near = np.abs(missed).max(axis=1)[:-1] <= within + steps_there / 2
+        hits = np.flatnonzero(near[since:])
+        if len(hits) == 0:
+            found.append(f"via point {number} is not passed in its turn")
+            break
+        since += int(hits[0])
+    goals = scene["task"].get("goals_deg")
+    if goals is not None and min(np.abs(np.degrees(plan["goal_rad"]) - goal).max() for goal in goals) > 1e-6:
+        found.append("goal is none of those")
+    return found
+
+
 def faults(
     plan: dict[str, Any], scene: dict[str, Any], model: Model, world: World, limits: dict[str, Any]
 ) -> list[str]:

@@ -3,15 +3,18 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from ident.errors import InputError
-from plan.api.tasks import open_task, solve_task
+from plan.api.tasks import OpenedTask, open_task, solve_task
 from plan.cli.app import app, main
+from plan.problem.options import SolveOptions, TaskOptions
 from plan.problem.task_file import load_task, load_trials
 from tests.schemas import check_file
 
@@ -25,9 +28,8 @@ def scene(folder: Path, text: str) -> Path:
     return path
 
 
-def opened(path: Path, **changes: object):  # type: ignore[no-untyped-def]
-    options = {"model": None, "objective": "energy", "metric": "absolute", "variables": None, "vias": None, "trial": 1}
-    return open_task(path, **{**options, **changes})  # type: ignore[arg-type]
+def opened(path: Path, model: Path | None = None, **changes: Any) -> OpenedTask:
+    return open_task(path, model, TaskOptions(**changes))
 
 
 def test_solves_and_writes_everything(tmp_path: Path) -> None:
@@ -80,7 +82,7 @@ def test_a_motion_file_is_never_older_than_its_task(tmp_path: Path, name: str) -
 def test_timeline_holds_arm_and_obstacle(tmp_path: Path) -> None:
     """Read back, the recording has the moving arm, the obstacle, torques and clearance."""
     task = opened(DATA / "obstacle.toml")
-    result = solve_task(task, "cma", 0, 3000, None, False, None, None)
+    result = solve_task(task, SolveOptions(method="cma", evaluations=3000, gap=False))
     from plan.show.timeline import save_timeline
 
     save_timeline(task.problem, result, tmp_path / "plan.rrd")
@@ -147,7 +149,7 @@ def test_bad_options() -> None:
         with pytest.raises(InputError, match=words):
             opened(path, **changes)
     with pytest.raises(InputError, match="use one of: sqp"):
-        solve_task(opened(path), "magic", 0, None, None, False, None, None)
+        solve_task(opened(path), SolveOptions(method="magic"))
 
 
 def test_model_of_another_robot(tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_model_of_this_robot(tmp_path: Path) -> None:
     loss = LossParameters(*(np.full(6, value) for value in (0.5, 5.0, 5.0, 0.0, 0.01)))
     HybridModel(arm, arm, arm, loss).save(tmp_path / "model")
     with_loss, without = (
-        solve_task(opened(DATA / "table3.toml", model=folder), "reference", 0, None, None, False, None, None)
+        solve_task(opened(DATA / "table3.toml", model=folder), SolveOptions(method="reference", gap=False))
         for folder in (tmp_path / "model", None)
     )
     assert with_loss.cost > without.cost + 5.0
@@ -284,9 +286,10 @@ def test_usage_errors(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
 def test_resume(tmp_path: Path) -> None:
     """A search stopped by its budget goes on from its checkpoint file."""
     task, journal = opened(DATA / "table3.toml"), tmp_path / "search.npz"
-    first = solve_task(task, "ga", 0, 500, None, False, journal, None)
+    options = SolveOptions(method="ga", evaluations=1000, gap=False)
+    first = solve_task(task, replace(options, evaluations=500, resume=journal))
     assert journal.is_file()
-    second = solve_task(task, "ga", 0, 1000, None, False, journal, None)
-    whole = solve_task(task, "ga", 0, 1000, None, False, None, None)
+    second = solve_task(task, replace(options, resume=journal))
+    whole = solve_task(task, options)
     assert second.cost == whole.cost
     assert second.cost <= first.cost

@@ -17,7 +17,7 @@ DATA = Path(__file__).parents[1] / "data"
 
 
 def blocked() -> PlanningProblem:
-    return open_task(DATA / "obstacle.toml", None, "energy", "absolute", None, None, 1).problem
+    return open_task(DATA / "obstacle.toml").problem
 
 
 def far_way(task: PlanningProblem, seconds: float) -> np.ndarray:
@@ -34,7 +34,7 @@ def test_a_way_must_fit_into_the_duration(monkeypatch: pytest.MonkeyPatch, objec
     total = float(task.durations.sum())
     found = [far_way(task, 1.5 * total), far_way(task, 0.9 * total), far_way(task, 0.5 * total)]
     drawn: Iterator[np.ndarray] = iter(found)
-    monkeypatch.setattr(initial_guesses, "_drawn_way", lambda *_: next(drawn))
+    monkeypatch.setattr(initial_guesses, "drawn_way", lambda *_: next(drawn))
     assert initial_guesses._any_way(task, np.random.default_rng(0)) is found[taken]
 
 
@@ -48,7 +48,7 @@ def test_the_quickest_of_late_ways_and_patience_only_without_any(monkeypatch: py
         asked.append((nodes, reach))
         return late[len(asked) - 1] if late else None
 
-    monkeypatch.setattr(initial_guesses, "_drawn_way", draw)
+    monkeypatch.setattr(initial_guesses, "drawn_way", draw)
     assert initial_guesses._any_way(task, np.random.default_rng(0)) is late[1]
     assert asked == list(initial_guesses.QUICK)
     late.clear()

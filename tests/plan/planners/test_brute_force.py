@@ -9,8 +9,8 @@ import pytest
 from plan.dynamics.chain import Chain
 from plan.dynamics.power import METRICS, ChainTorque
 from plan.errors import MethodError
-from plan.planners.brute_force import BruteForce, make_courses
-from plan.planners.brute_loop import BruteLoop
+from plan.paper.brute_force import BruteForce, make_courses
+from plan.paper.brute_loop import BruteLoop
 from plan.problem.problem import PlanningProblem
 from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
 

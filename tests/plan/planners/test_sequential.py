@@ -8,8 +8,8 @@ import pytest
 from plan.dynamics.power import METRICS
 from plan.initial.at_limits import quickest_of_each_joint
 from plan.initial.starts import straight
+from plan.paper.brute_force import BruteForce
 from plan.planners import local_model, velocity_reversals
-from plan.planners.brute_force import BruteForce
 from plan.planners.descent import begin, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel

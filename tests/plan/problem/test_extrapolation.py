@@ -14,6 +14,8 @@ from ident.robot.arm import ArmModel
 from plan.api.tasks import open_task
 from plan.planners.sequential import Sequential
 from plan.problem.extrapolation import find_extrapolation, require_inside, stay_inside
+from plan.problem.options import TaskOptions
+from plan.problem.problem import Limits
 from plan.problem.result import certify
 from tests.plan.worlds import ledger, problem
 
@@ -79,12 +81,15 @@ def test_a_model_keeps_its_range_and_plans_leave_its_doubt_free(tmp_path: Path) 
     read = HybridModel.load(tmp_path / "model").trained
     assert read is not None
     assert read.to_dict() == trained.to_dict()
-    options = (DATA / "table3.toml", tmp_path / "model", "time", "absolute", None, None, 1, None)
-    kept, whole = (open_task(*options, False, reserve).problem.limits for reserve in (True, False))
+
+    def limits(**options: bool) -> Limits:
+        return open_task(DATA / "table3.toml", tmp_path / "model", TaskOptions("time", **options)).problem.limits
+
+    kept, whole = (limits(reserve=reserve) for reserve in (True, False))
     assert whole.torque - kept.torque == pytest.approx(HALF[:3])
     assert kept.reserve == pytest.approx(HALF[:3])
     assert whole.reserve is None
-    inside = open_task(*options, True).problem.limits
+    inside = limits(inside=True)
     assert inside.speed.max() <= 3.0
     assert inside.acceleration == pytest.approx(np.full(3, 50.0))
 
@@ -93,4 +98,4 @@ def test_staying_inside_needs_a_range() -> None:
     """Without a model, or with one that knows no range, the remedy is named."""
     for model, words in ((None, "give --model"), (fitted(None), "fit it again")):
         with pytest.raises(InputError, match=words):
-            open_task(DATA / "table3.toml", model, "energy", "absolute", None, None, 1, None, True)
+            open_task(DATA / "table3.toml", model, TaskOptions(inside=True))

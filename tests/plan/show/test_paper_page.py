@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from plan.show.paper_page import write_page
+from plan.paper.page import write_page
+from plan.paper.repeat import PAPER, Effort, Line, Repeat, _details, repeat_paper
 from plan.solving.compare import Comparison
-from plan.solving.paper import PAPER, Effort, Line, Repeat, _details, repeat_paper
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
 

@@ -10,6 +10,7 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from plan.api.tasks import open_task, solve_task
 from plan.initial.inverse_kinematics import find_frame, reach_pose
+from plan.problem.options import SolveOptions
 from plan.problem.pose import Pose
 
 TASK = """robot = "tm5-900"
@@ -48,7 +49,7 @@ def scene(folder: Path, pose: str, task: str = TASK) -> Path:
 
 
 def opened(path: Path):  # type: ignore[no-untyped-def]
-    return open_task(path, None, "energy", "absolute", None, None, 1)
+    return open_task(path)
 
 
 @pytest.mark.parametrize("kind", ["rpy_rad", "quaternion_xyzw"])
@@ -59,7 +60,7 @@ def test_a_plan_ends_at_the_pose(tmp_path: Path, kind: str) -> None:
     turn = pin.rpy.matrixToRpy(rotation) if kind == "rpy_rad" else pin.Quaternion(rotation).coeffs()
     task = opened(scene(tmp_path, f'frame = "link_6"\nxyz_m = {place.tolist()}\n{kind} = {turn.tolist()}'))
     assert len(task.others) >= 3
-    result = solve_task(task, "cma", 0, 300, None, False, None, None)
+    result = solve_task(task, SolveOptions(method="cma", evaluations=300, gap=False))
     assert result.splines is not None
     at = arm.forward_kinematics(result.splines.points[0, -1])["link_6"]
     assert at[:3, 3] == pytest.approx(place, abs=1e-6)

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from ident.arrays import Array, Float
+from plan.paper.reward import REWARDS
 from plan.planners.base import Ledger, Planner
-from plan.planners.reward import REWARDS
 from plan.problem.problem import PlanningProblem
 
 HIDDEN = (512, 256)

@@ -17,8 +17,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from plan.dynamics.power import ChainTorque, section_nodes
 from plan.errors import MethodError
+from plan.paper.brute_loop import BruteLoop, Courses
 from plan.planners.base import Ledger, Planner
-from plan.planners.brute_loop import BruteLoop, Courses
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 

@@ -15,15 +15,17 @@ from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from plan.dynamics.power import Metric
 from plan.geometry.boxes import Box
+from plan.initial.compressed import start_compressed
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
+from plan.paper.brute_force import BruteForce
+from plan.paper.compression import Compression
+from plan.paper.genetic import PaperGenetic
+from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner, Progress
-from plan.planners.brute_force import BruteForce
-from plan.planners.compression import Compression, start_compressed
-from plan.planners.genetic import PaperGenetic
-from plan.planners.ppo import Ppo
 from plan.planners.sequential import Sequential
+from plan.problem.options import TaskOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.problem.task_file import Task
@@ -157,7 +159,7 @@ def repeat_paper(model: HybridModel | None, effort: Effort, progress: Progress |
 def _problem(model: HybridModel | None, duration: float, obstacles: tuple[Box, ...]) -> PlanningProblem:
     task = Task(Path("the paper's task"), "tm5-900", START, GOAL, duration, obstacles=obstacles)
     metric: Metric = "absolute" if obstacles else "signed"
-    return set_up(task, model, "energy", metric)
+    return set_up(task, model, TaskOptions(metric=metric))
 
 
 def _timed(problem: PlanningProblem) -> PlanningProblem:

@@ -14,8 +14,8 @@ from ident.arrays import Array, Float
 from plan.geometry.margins import find_margins
 from plan.initial.rrt import TreeOptions, prune
 from plan.initial.starts import from_vias
+from plan.paper.toppra import Toppra
 from plan.planners.base import Ledger, Planner
-from plan.planners.toppra import Toppra
 from plan.problem.problem import PlanningProblem
 from plan.spline import Splines
 

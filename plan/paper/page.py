@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ident.files import atomic_write
+from plan.paper.repeat import Effort, Line, Repeat
 from plan.show.pictures import draw_before_after, draw_comparison, draw_motion, save_figure
-from plan.solving.paper import Effort, Line, Repeat
 
 MISSING = """## What can't be repeated, and why
 

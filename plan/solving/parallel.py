@@ -1,0 +1,104 @@
+"""A search on several cores: every process tries its own share of the starts, and the best motion of all counts."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ident.arrays import Array
+from plan.errors import MethodError
+from plan.planners.base import Budget, Candidate, Ledger
+from plan.planners.sequential import Sequential
+from plan.problem.problem import PlanningProblem
+from plan.spline import Splines
+
+MOST_WORKERS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best motion from one initial trajectory, as it comes from another process.
+
+    Attributes:
+        label: Where it began.
+        points, durations: The motion.
+        cost, violation: As a candidate's.
+    """
+
+    label: str
+    points: Array
+    durations: Array
+    cost: float
+    violation: float
+
+
+# Best motions, evaluations and notes of one process.
+Part = tuple[list[Found], int, list[str]]
+Share = Callable[[int], Part]
+
+
+def require_workers(method: str, workers: int, resumed: bool) -> None:
+    """Raises MethodError for a number of processes, or a method, with which starts can't be shared."""
+    if not 1 <= workers <= MOST_WORKERS:
+        raise MethodError("--workers", f"{workers} processes", f"give 1 to {MOST_WORKERS}")
+    if workers > 1 and method != "sqp":
+        raise MethodError("--workers", f"{method} searches in one process", "use --method sqp, or --workers 1")
+    if workers > 1 and resumed:
+        raise MethodError("--resume", "a search on several cores keeps no checkpoint", "give --workers 1")
+    if workers > 1 and "fork" not in multiprocessing.get_all_start_methods():
+        raise MethodError("--workers", "this system can't share a task between processes", "give --workers 1")
+
+
+def search_in_parallel(
+    planner: Sequential, problems: Sequence[PlanningProblem], ledger: Ledger, seed: int, workers: int
+) -> None:
+    """Searches with so many processes, each with its share of starts, evaluations and processor time.
+
+    Args:
+        planner: Its starts are shared out.
+        problems: The task.
+        ledger: Gets the best motion from every start, and what was spent.
+        seed: Of all processes alike: they know of the same starts, and each tries its own.
+        workers: Number of processes.
+    """
+    share = partial(_share, planner, tuple(problems), ledger.budget, seed, workers)
+    with multiprocessing.get_context("fork").Pool(workers, _take_over, (share,)) as pool:
+        parts = pool.map(_run_share, range(workers), chunksize=1)
+        pool.close()
+        pool.join()  # their processor time counts from now on
+    for found, evaluations, notes in parts:
+        ledger.count(evaluations)
+        ledger.notes.extend(note for note in notes if note not in ledger.notes)
+        for one in found:
+            whole = problems[0].with_initial(Splines(one.points, one.durations), label=one.label)
+            ledger.offer(Candidate(whole, whole.initial, one.cost, one.violation))
+
+
+# In a process that was started for it, the search that it takes its share of: it can't go through a pipe.
+_TAKEN: list[Share] = []
+
+
+def _take_over(share: Share) -> None:
+    _TAKEN.append(share)
+
+
+def _run_share(number: int) -> Part:
+    return _TAKEN[-1](number)
+
+
+def _share(
+    planner: Sequential, problems: tuple[PlanningProblem, ...], budget: Budget, seed: int, workers: int, number: int
+) -> Part:
+    """One process's share: its best motions, what it evaluated, its notes."""
+    ledger = Ledger(Budget(max(1, budget.evaluations // workers), budget.seconds / workers))
+    own = replace(planner, starts=-(-planner.starts // workers), share=(number, workers))
+    own.run(problems, ledger, np.random.default_rng(seed))
+    found = []
+    for label, best in ledger.best_of.items():
+        splines = best.splines
+        found.append(Found(label, splines.points, splines.durations, best.cost, best.violation))
+    return found, ledger.evaluations, ledger.notes
