@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ident.closed_loop.arms import check_effects, close_real, close_simulated
-from ident.closed_loop.exciting import Exciter
+from ident.closed_loop.exciting import Exciter, KindsExciter
 from ident.closed_loop.loop import MOST_ROUNDS
 from ident.closed_loop.recorder import CommandRecorder, Recorder
-from ident.closed_loop.result import Closing
+from ident.closed_loop.result import Closing, close_real, close_simulated
 from ident.errors import InputError
 from ident.outputs import begin_folder
 from ident.provenance import Provenance
@@ -64,11 +63,14 @@ def close(
     if recorder is not None:
         arm = load_robot(robot, ())
         who = CommandRecorder(recorder, folder / "recorded", arm) if isinstance(recorder, str) else recorder
-        found = [close_real(arm, who, folder / "arm_00", exciter, rounds, seed, say)]
+        found = [close_real(arm, who, exciter or KindsExciter(arm, seed), folder / "arm_00", rounds, say)]
     else:
         if not isinstance(robot, str | Path):
             raise InputError("robot", "an arm in memory can't be simulated", "give its URDF's path, or its name")
-        check_effects(effects)
+        from ident.simulation.request import parse_effect
+
+        for one in effects or ():
+            parse_effect(one)  # before anything is simulated
         found = []
         for k in range(arms):
             place = folder / f"arm_{k:02d}"

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import family_for
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
@@ -34,7 +34,9 @@ KIND_OF = {
     "jointwise": "jointwise",
 }
 # One path there and back at two speeds belongs to every round: a check that only sees what was asked for flatters.
-ALWAYS = ("spline", "spline", "spline", "spline")
+ALWAYS = 4
+# Rough duration of a run [s].
+RUN_S = 8.0
 
 
 class Exciter(Protocol):
@@ -51,33 +53,26 @@ class Exciter(Protocol):
 
 
 class KindsExciter:
-    """Kinds of planned motion, by what the last diagnosis leaves open.
+    """Kinds of planned motion, by what the last diagnosis leaves open; drawn from a seed."""
 
-    Args:
-        arm: The nominal arm.
-        catalogue: The effects that are asked for.
-        seed: Of the motions.
-        duration: Rough duration of a run [s].
-    """
-
-    def __init__(self, arm: ArmModel, catalogue: Sequence[Effect], seed: int, duration: float = 8.0) -> None:
-        self.arm, self.catalogue, self.seed, self.duration = arm, catalogue, seed, duration
+    def __init__(self, arm: ArmModel, seed: int) -> None:
+        self.arm, self.seed = arm, seed
 
     def choose(self, record: Mapping[str, Any] | None, number: int) -> Sequence[ReferenceMotion]:
         """One run of each kind at first; then a path with its way back, and up to three kinds that are open."""
         rng = np.random.default_rng([self.seed, number])
         if record is None:
-            return plan_motions(self.arm, tuple(KINDS)[1:] + ALWAYS[:1], len(KINDS) + 1, self.duration, rng)
-        kinds = open_kinds(record, self.catalogue)
-        wanted = plan_motions(self.arm, kinds, len(kinds), self.duration, rng)
-        return (*wanted, *plan_motions(self.arm, ("spline",), len(ALWAYS), self.duration, rng))
+            return plan_motions(self.arm, (*tuple(KINDS)[1:], "spline"), len(KINDS) + 1, RUN_S, rng)
+        kinds = open_kinds(record)
+        wanted = plan_motions(self.arm, kinds, len(kinds), RUN_S, rng)
+        return (*wanted, *plan_motions(self.arm, ("spline",), ALWAYS, RUN_S, rng))
 
 
-def open_kinds(record: Mapping[str, Any], catalogue: Sequence[Effect], most: int = 3) -> tuple[str, ...]:
+def open_kinds(record: Mapping[str, Any], most: int = 3) -> tuple[str, ...]:
     """Kinds of motion that answer what a diagnosis leaves open, the most pressing first.
 
-    Tied classes come first, then the named effects, whose figures more of the same motion sharpens, then what came
-    nearest without a name, then what could not be tested.
+    Tied classes come first, then the identified effects, whose parameters more of the same motion sharpens, then what
+    came nearest without being identified, then what could not be tested.
     """
     findings = record.get("findings", [])
     tied = [list(one["class"]) for one in findings if len(one["class"]) > 1]
@@ -85,7 +80,7 @@ def open_kinds(record: Mapping[str, Any], catalogue: Sequence[Effect], most: int
     nearest = record.get("nearest") or {}
     near = [[nearest["effect"]]] if nearest.get("effect") else []
     unseen = [[one["effect"]] for one in record.get("not_testable", [])]
-    wanted = [KIND_OF[family_for(one, catalogue)] for one in (*tied, *named, *near, *unseen)]
+    wanted = [KIND_OF[family_for(one, CATALOGUE)] for one in (*tied, *named, *near, *unseen)]
     found = [kind for kind in dict.fromkeys(wanted) if kind != "spline"]
     usual = [kind for kind in ("fourier", "chirp", "ladder") if kind not in found]
     return tuple((found + usual)[:most])

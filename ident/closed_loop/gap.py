@@ -1,22 +1,36 @@
-"""How far a model is from recordings that it never saw, in each joint's noise; and whether that is sure."""
+"""How far a model is from recordings that it never saw, in each joint's noise; and whether that is sure.
+
+A model whose friction follows warmth must know more than the motion. A diagnosis reports how much friction changes
+between the coldest and the warmest moment of its recordings, and how fast a joint warms, not how warm it was when. That
+follows from the motion itself: θ' = P − θ / τ with P the power that friction turns into heat, over the clock of all
+runs, pauses included.
+
+Source: the law of `thermal_friction` of the catalogue (Wolf and Iskandar 2018; Simoni 2017).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import t as student
 
 from ident.arrays import Array, Float
-from ident.closed_loop.warmth import NO_WARMTH, Warmth
-from ident.export.law_model import SimulatorModel, log_error
+from ident.effects.hysteresis_thermal import warm_up
+from ident.export.law_model import LawModel, SimulatorModel, log_error
 from ident.motion.motion import Motion
 
 # A gap within so much of the noise counts as closed.
 MARGIN = 1.10
-# One-sided chance that a gap told to be closed is not.
+# One-sided chance that a gap reported as closed is not.
 DOUBT = 0.05
+CONSTANT = "time_constant_s"
+# A joint of which nobody knows how warm it is.
+HALF_WARM = 0.5
+# Heat of less than this is none [J].
+LEAST_HEAT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,21 +59,18 @@ class GapFloors:
 
 
 def measure_floors(
-    model: SimulatorModel, motions: Sequence[Motion], floors: Float[Array, " n"], warmth: Warmth = NO_WARMTH
+    models: Sequence[SimulatorModel], motions: Sequence[Motion], floors: Float[Array, " n"]
 ) -> GapFloors:
-    """Compares what a model says of the log with the log, both through the run's own filter, where a joint slides.
+    """Compares a model with the log, both through the run's own filter, where a joint slides.
 
     Args:
-        model: The model.
+        models: The model for each run, see `follow_warmth`.
         motions: Runs.
         floors: Noise of each joint [N m].
-        warmth: How warm the model's joints are before the first of these runs.
     """
-    squares, counts = [], []
-    for one, run in zip(warmth.along(model, motions), motions, strict=True):
-        squares.append(np.sum((log_error(one, run) / floors) ** 2, axis=0))
-        counts.append(run.settled.sum(axis=0))
-    return pool_runs(np.array(squares), np.array(counts, dtype=float))
+    errors = [log_error(model, run) / floors for model, run in zip(models, motions, strict=True)]
+    squares = np.array([np.sum(error**2, axis=0) for error in errors])
+    return pool_runs(squares, np.array([run.settled.sum(axis=0) for run in motions], dtype=float))
 
 
 def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"]) -> GapFloors:
@@ -82,3 +93,55 @@ def pool_runs(squares: Float[Array, "R n"], counts: Float[Array, "R n"]) -> GapF
     error = np.sqrt(np.sum(apart**2) * runs / (runs - 1))
     upper = together + student.ppf(1.0 - DOUBT, runs - 1) * error
     return GapFloors(np.sqrt(mean), float(np.sqrt(together)), float(np.sqrt(upper)))
+
+
+class TimedRun(Protocol):
+    """A run on a clock."""
+
+    @property
+    def time(self) -> Float[Array, " T"]: ...
+
+    @property
+    def interval(self) -> float: ...
+
+    @property
+    def dq(self) -> Float[Array, "T n"]: ...
+
+
+def follow_warmth(
+    model: SimulatorModel, learned: Sequence[TimedRun], runs: Sequence[TimedRun], cold: bool = False
+) -> list[SimulatorModel]:
+    """The model for each of further runs; one without a law that follows modelled warmth is the same for all.
+
+    Args:
+        model: The model.
+        learned: Runs that its laws were learnt from: their least and largest heat are coldest and warmest.
+        runs: All runs since, in order of time.
+        cold: Whether the joints are cold before these; else they go on from where the learned ones left them.
+    """
+    effects = model.effects if isinstance(model, LawModel) else ()
+    warming = [(j, values[CONSTANT]) for _, j, values in effects if CONSTANT in values]
+    if not warming or not isinstance(model, LawModel):
+        return [model] * len(runs)
+    warmth = [np.full(run.dq.shape, HALF_WARM) for run in runs]
+    for j, constant in warming:
+        known = heat_along(model, j, constant, learned)
+        coldest, warmest = min(one.min() for one in known), max(one.max() for one in known)
+        courses = heat_along(model, j, constant, runs if cold else (*learned, *runs))[-len(runs) :]
+        for values, heat in zip(warmth, courses, strict=True):
+            values[:, j] = (heat - coldest) / max(warmest - coldest, LEAST_HEAT)
+    return [replace(model, warmth=values) for values in warmth]
+
+
+def heat_along(model: LawModel, joint: int, constant: float, runs: Sequence[TimedRun]) -> list[Float[Array, " T"]]:
+    """Heat of a joint over each run, cold before the first [J]; it keeps its heat for a time constant [s]."""
+    found: list[Float[Array, " T"]] = []
+    heat, clock = 0.0, None
+    coulomb, viscous = model.losses.coulomb[joint], model.losses.viscous[joint]
+    for run in runs:
+        rest = 0.0 if clock is None else max(float(run.time[0]) - clock, 0.0)
+        speed = np.abs(run.dq[:, joint])
+        power = speed * (coulomb + viscous * speed)
+        found.append(warm_up(power, run.interval, constant, heat * np.exp(-rest / constant)))
+        heat, clock = float(found[-1][-1]), float(run.time[-1])
+    return found

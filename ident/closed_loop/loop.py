@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from ident.arrays import Array, Float
 from ident.checks import inspect_sessions
 from ident.closed_loop.exciting import Exciter
-from ident.closed_loop.gap import GapFloors, measure_floors
-from ident.closed_loop.models import as_diagnosed, as_urdf
+from ident.closed_loop.gap import GapFloors, follow_warmth, measure_floors
 from ident.closed_loop.recorder import Recorder
-from ident.closed_loop.warmth import Warmth
 from ident.diagnosis.from_reports import diagnose_reports
-from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
+from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.law_model import LawModel
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Session
@@ -45,13 +45,60 @@ class Round:
         minutes: Of motion, in this round.
         gap: Of the model of the round before, on this round's recordings; None in the first.
         verdict: Of the diagnosis of all recordings so far; empty where none was needed.
-        named: Effects that it named, each `effect joint`.
+        named: Effects that it identified, each `effect joint`.
     """
 
     minutes: float
     gap: GapFloors | None
-    verdict: str
-    named: tuple[str, ...]
+    verdict: str = ""
+    named: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class Taught:
+    """A model, what it comes from, and the runs since, which it never saw.
+
+    Attributes:
+        record: The diagnosis.
+        model: The arm as that has it: tuned links and losses, and all identified effects that have a law.
+        learned: Motions that it was made from.
+        unseen: Motions since.
+        looks: How often it was checked.
+    """
+
+    record: dict[str, Any]
+    model: LawModel
+    learned: tuple[Motion, ...]
+    unseen: list[Motion] = field(default_factory=list)
+    looks: int = 0
+
+    @classmethod
+    def by(cls, sessions: Sequence[Session], arm: ArmModel) -> Taught:
+        """Diagnoses all recordings so far."""
+        record, learned = _diagnose(sessions, arm)
+        identified = Diagnosed.of_record(record, needed=False).candidates(arm)["after"]
+        return cls(record, LawModel.of(identified, sessions[-1].payload), learned)
+
+    @property
+    def corner(self) -> float:
+        """Of the common filter of the diagnosis, and so of its noise [Hz]."""
+        return self.learned[0].lowpass.cutoff
+
+    @property
+    def floors(self) -> Float[Array, " n"]:
+        """Noise of each joint [N m]."""
+        return np.array([one["noise_floor_Nm"] for one in self.record["gap"].values()])
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Effects that were identified, each `effect joint`."""
+        return tuple(f"{one['effect']} {', '.join(one['joints'])}" for one in self.record["findings"])
+
+    def check(self, session: Session) -> GapFloors:
+        """The model's gap on all runs since it was made, a further session with them."""
+        self.unseen.extend(prepare(session, self.corner))
+        self.looks += 1
+        return measure_floors(follow_warmth(self.model, self.learned, self.unseen), self.unseen, self.floors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,28 +106,23 @@ class Closed:
     """How the loop ended.
 
     Attributes:
-        closed: Whether it is sure that hardly more than noise is left.
         reason: Why it ended.
         rounds: All rounds.
         before: Gap of the URDF as it is, on the last round's recordings.
         after: Gap of the last model that was checked there.
-        model: That model.
-        record: The diagnosis that it comes from.
-        learned: Motions that it was made from.
-        floors: Noise of each joint [N m].
-        warmth: How warm its joints are after all rounds.
+        last: That model, and what it comes from.
     """
 
-    closed: bool
     reason: str
     rounds: tuple[Round, ...]
     before: GapFloors
     after: GapFloors
-    model: LawModel
-    record: dict[str, Any]
-    learned: tuple[Motion, ...]
-    floors: np.ndarray = field(repr=False)
-    warmth: Warmth
+    last: Taught
+
+    @property
+    def closed(self) -> bool:
+        """Whether it is sure that hardly more than noise is left."""
+        return self.after.closed
 
     @property
     def minutes(self) -> float:
@@ -89,12 +131,7 @@ class Closed:
 
 
 def close_gap(
-    arm: ArmModel,
-    recorder: Recorder,
-    exciter: Exciter,
-    catalogue: Sequence[Effect],
-    most: int = MOST_ROUNDS,
-    say: Say = lambda line: None,
+    arm: ArmModel, recorder: Recorder, exciter: Exciter, most: int = MOST_ROUNDS, say: Say = lambda line: None
 ) -> Closed:
     """Runs the loop until the gap is closed, or the rounds are spent.
 
@@ -102,9 +139,8 @@ def close_gap(
         arm: The arm as its URDF describes it.
         recorder: Who records.
         exciter: Who chooses motions.
-        catalogue: The effects that are asked for.
         most: Most rounds, the first included; at least two, for the second checks the first.
-        say: Told each round in a line.
+        say: Called with a line for each round.
 
     Raises:
         InputError: Recordings that can't be used, or too few rounds.
@@ -113,67 +149,39 @@ def close_gap(
         raise InputError("--rounds", f"{most} round(s) can't be checked", "give 2 or more")
     known: list[Session] = []
     rounds: list[Round] = []
-    state: _Taught | None = None
+    state: Taught | None = None
     reached: list[float] = []
     while True:
-        session = recorder.record(exciter.choose(None if state is None else state.record, len(rounds) + 1))
+        number = len(rounds) + 1
+        session = recorder.record(exciter.choose(None if state is None else state.record, number))
         report = inspect_sessions([session], arm)[0]
         report.require_fit(learning=False)
         known.append(report.session)
         minutes, gap = session.duration / 60.0, None
         if state is not None:
-            state.unseen.extend(prepare(report.session, state.corner))
-            gap = measure_floors(state.model, state.unseen, state.floors, state.warmth)
-            say(_tell(len(rounds) + 1, minutes, gap))
-            last = len(rounds) + 1 >= most
-            state.looks += 1
-            waits = gap.small and state.looks < PATIENCE  # more motion makes it sure, or shows that it was chance
-            if waits and not (gap.closed or last):
-                rounds.append(Round(minutes, gap, "", ()))
+            gap = state.check(report.session)
+            say(_progress_line(number, minutes, gap))
+            # More motion makes a small gap sure, or shows that it was chance.
+            if gap.small and state.looks < PATIENCE and not gap.closed and number < most:
+                rounds.append(Round(minutes, gap))
                 continue
             reached.append(gap.together)
             stalled = _has_stalled(reached)
-            if gap.closed or last or stalled:
-                rounds.append(Round(minutes, gap, "", ()))
-                return state.end(rounds, gap, as_urdf(arm, session.payload), stalled)
-        state = _teach(known, arm, catalogue)
+            if gap.closed or number >= most or stalled:
+                rounds.append(Round(minutes, gap))
+                urdf = LawModel.of(IdentifiedArm.as_urdf(arm), session.payload)
+                return _end(state, rounds, gap, urdf, stalled)
+        state = Taught.by(known, arm)
         rounds.append(Round(minutes, gap, state.record["verdict"], state.named))
-        say(f"round {len(rounds)}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
+        say(f"round {number}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
 
 
-@dataclass(eq=False)
-class _Taught:
-    """A model, what it comes from, and the runs since, which it never saw."""
-
-    record: dict[str, Any]
-    model: LawModel
-    learned: tuple[Motion, ...]
-    warmth: Warmth
-    unseen: list[Motion] = field(default_factory=list)
-    looks: int = 0
-
-    @property
-    def corner(self) -> float:
-        """Of the common filter that the diagnosis, and so its noise, was told with [Hz]."""
-        return self.learned[0].lowpass.cutoff
-
-    @property
-    def floors(self) -> np.ndarray:
-        """Noise of each joint [N m]."""
-        return np.array([one["noise_floor_Nm"] for one in self.record["gap"].values()])
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        return tuple(f"{one['effect']} {', '.join(one['joints'])}" for one in self.record["findings"])
-
-    def end(self, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel, stalled: bool) -> Closed:
-        """How the loop ended."""
-        before = measure_floors(urdf, self.unseen, self.floors)
-        farthest = list(self.record["gap"])[int(np.argmax(gap.joints))]
-        why = "no nearer with more recordings" if stalled else "rounds spent"
-        reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
-        rest = self.model, self.record, self.learned, self.floors, self.warmth.after(self.model, self.unseen)
-        return Closed(gap.closed, reason, tuple(rounds), before, gap, *rest)
+def _end(state: Taught, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel, stalled: bool) -> Closed:
+    before = measure_floors([urdf] * len(state.unseen), state.unseen, state.floors)
+    farthest = list(state.record["gap"])[int(np.argmax(gap.joints))]
+    why = "no nearer with more recordings" if stalled else "rounds spent"
+    reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
+    return Closed(reason, tuple(rounds), before, gap, state)
 
 
 def _has_stalled(reached: Sequence[float]) -> bool:
@@ -182,18 +190,9 @@ def _has_stalled(reached: Sequence[float]) -> bool:
     return bool(before) and min(lately) > PROGRESS * min(before)
 
 
-def _teach(sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]) -> _Taught:
-    """Diagnoses all recordings so far."""
-    record, learned = _diagnose(sessions, arm, catalogue)
-    model = as_diagnosed(arm, record, catalogue, sessions[-1].payload)
-    return _Taught(record, model, learned, Warmth.learnt(model, learned))
-
-
-def _diagnose(
-    sessions: Sequence[Session], arm: ArmModel, catalogue: Sequence[Effect]
-) -> tuple[dict[str, Any], tuple[Motion, ...]]:
+def _diagnose(sessions: Sequence[Session], arm: ArmModel) -> tuple[dict[str, Any], tuple[Motion, ...]]:
     reports = inspect_sessions(join_sessions(sessions), arm)
-    diagnosis, analysis, motions = diagnose_reports(reports, arm, catalogue)
+    diagnosis, analysis, motions = diagnose_reports(reports, arm, CATALOGUE)
     if analysis is None:
         fatal = next(issue for issue in diagnosis.telemetry if issue.severity == "fatal")
         where = str(sessions[-1].path or sessions[-1].name)
@@ -210,7 +209,7 @@ def join_sessions(sessions: Sequence[Session]) -> tuple[Session, ...]:
     return (sessions[0].replace(runs=tuple(runs)),)
 
 
-def _tell(number: int, minutes: float, gap: GapFloors) -> str:
+def _progress_line(number: int, minutes: float, gap: GapFloors) -> str:
     joints = " ".join(f"{value:.2f}" for value in gap.joints)
     left = f"{gap.together:.2f} × the noise ({joints}), at most {gap.upper:.2f}"
     return f"round {number}: {minutes:.1f} min recorded; the last model leaves {left}"

@@ -1,76 +1,36 @@
-"""What `ident close` tells of each arm."""
+"""The loop on one arm, simulated or real, and what `ident close` reports of each."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.closed_loop.loop import Closed, Round
+from ident.closed_loop.exciting import Exciter, KindsExciter
+from ident.closed_loop.loop import MOST_ROUNDS, Closed, Say, close_gap
+from ident.closed_loop.recorder import Recorder
+from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.write import write_patch
+from ident.files import atomic_write
 from ident.results import Result
+from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.close/1"
-# Models beside the closed one, and their keys in the record.
-RIVALS = ("tuned", "net", "randomised")
-
-
-@dataclass(frozen=True, eq=False)
-class ArmClosed:
-    """One arm and how far it came.
-
-    Attributes:
-        seed: Of the arm; None for a real one.
-        effects: What was wrong with it, ID:JOINT:SIZE; empty where nobody knows.
-        loop: How the loop ended.
-        heldout: Gap of each model on motions that served nothing else [noise floors]; empty for a real arm.
-        tracking: Tracking error of one controller designed with each model [rad]; empty for a real arm.
-        patch: Folder of the patch; empty where no effect was named.
-    """
-
-    seed: int | None
-    effects: tuple[str, ...]
-    loop: Closed
-    heldout: Mapping[str, float]
-    tracking: Mapping[str, float]
-    patch: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        loop, joints = self.loop, list(self.loop.record["joints"])
-        found = {
-            "seed": self.seed,
-            "robot": loop.record["robot"],
-            "joints": joints,
-            "effects": list(self.effects),
-            "closed": loop.closed,
-            "reason": loop.reason,
-            "minutes": loop.minutes,
-            "rounds": len(loop.rounds),
-            "by_round": [_round_record(one, joints) for one in loop.rounds],
-            "named": [f"{one['effect']} {', '.join(one['joints'])}" for one in loop.record["findings"]],
-            "gap_floors_before": loop.before.together,
-            "gap_floors_after": loop.after.together,
-            "gap_floors_by_joint": dict(zip(joints, map(float, loop.after.joints), strict=True)),
-            "heldout_floors": dict(self.heldout),
-            "patch": self.patch,
-        }
-        if self.tracking:
-            found |= {"tracking_before_rad": self.tracking["urdf"], "tracking_after_rad": self.tracking["closed"]}
-            found |= {f"{name}_after_rad": self.tracking[name] for name in RIVALS if name in self.tracking}
-        return found
-
-
-def _round_record(one: Round, joints: Sequence[str]) -> dict[str, Any]:
-    gap = None if one.gap is None else dict(zip(joints, map(float, one.gap.joints), strict=True))
-    upper = None if one.gap is None else one.gap.upper
-    return {
-        "minutes": one.minutes,
-        "gap_floors": gap,
-        "gap_upper": upper,
-        "verdict": one.verdict,
-        "named": list(one.named),
-    }
+# Effects of a simulated arm.
+EFFECTS = 3
+# Tracking errors of the models, and their keys in the record.
+TRACKED = {
+    "tracking_before_rad": "urdf",
+    "tracking_after_rad": "closed",
+    "tuned_after_rad": "tuned",
+    "net_after_rad": "net",
+    "randomised_after_rad": "randomised",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,40 +38,128 @@ class Closing(Result):
     """All arms.
 
     Attributes:
-        arms: Each of them.
+        arms: The record of each (`ident.close/1`).
     """
 
-    arms: tuple[ArmClosed, ...]
+    arms: tuple[dict[str, Any], ...]
 
     def to_dict(self) -> dict[str, Any]:
-        arms = [one.to_dict() for one in self.arms]
-        return {"schema": SCHEMA, "arms": arms, "provenance": self.provenance.to_dict()}
+        return {"schema": SCHEMA, "arms": list(self.arms), "provenance": self.provenance.to_dict()}
 
     def summary(self) -> str:
         """One line an arm, and the medians where there are several."""
-        lines = [tell_arm(one) for one in self.arms]
+        lines = [describe_arm(one) for one in self.arms]
         if len(self.arms) > 1:
-            lines.append(tell_all(self.arms))
+            minutes, after = ([one[key] for one in self.arms] for key in ("minutes", "gap_floors_after"))
+            closed = sum(one["closed"] for one in self.arms)
+            line = f"{closed} of {len(lines)} closed; median {np.median(minutes):.1f} min (most {max(minutes):.1f}), "
+            lines.append(f"{line}gap {np.median(after):.2f} x the noise (largest {max(after):.2f})")
         return "\n".join(lines)
 
 
-def tell_arm(one: ArmClosed) -> str:
+def describe_arm(one: Mapping[str, Any]) -> str:
     """One arm in a line."""
-    loop = one.loop
-    end = "closed" if loop.closed else f"not closed ({loop.reason})"
-    who = "arm" if one.seed is None else f"arm {one.seed}"
-    line = f"{who}: {end} after {loop.minutes:.1f} min of motion in {len(loop.rounds)} rounds; torque gap "
-    line += f"{loop.before.together:.1f} -> {loop.after.together:.2f} x the noise"
-    if one.tracking:
-        before, after = (1e3 * one.tracking[name] for name in ("urdf", "closed"))
+    end = "closed" if one["closed"] else f"not closed ({one['reason']})"
+    who = "arm" if one["seed"] is None else f"arm {one['seed']}"
+    line = f"{who}: {end} after {one['minutes']:.1f} min of motion in {one['rounds']} rounds; torque gap "
+    line += f"{one['gap_floors_before']:.1f} -> {one['gap_floors_after']:.2f} x the noise"
+    if "tracking_before_rad" in one:
+        before, after = (1e3 * one[f"tracking_{when}_rad"] for when in ("before", "after"))
         line += f"; the same controller misses by {before:.1f} -> {after:.2f} mrad"
     return line
 
 
-def tell_all(arms: Sequence[ArmClosed]) -> str:
-    """Medians and worst of several arms."""
-    minutes = [one.loop.minutes for one in arms]
-    after = [one.loop.after.together for one in arms]
-    closed = sum(one.loop.closed for one in arms)
-    line = f"{closed} of {len(arms)} closed; median {np.median(minutes):.1f} min (most {max(minutes):.1f}), "
-    return line + f"gap {np.median(after):.2f} x the noise (largest {max(after):.2f})"
+def close_simulated(
+    robot: str,
+    seed: int,
+    folder: Path,
+    most: int = MOST_ROUNDS,
+    effects: Sequence[str] | None = None,
+    compared: bool = True,
+    say: Say = lambda line: None,
+) -> dict[str, Any]:
+    """One simulated arm: the loop, then the rivals on motions that served nothing else.
+
+    Args:
+        robot: URDF path or name.
+        seed: Of the arm, its effects, motions and noise.
+        folder: For diagnosis and patch.
+        most: Most rounds.
+        effects: What is wrong with it, each ID:JOINT:SIZE; three at random if None.
+        compared: Whether rivals are made from the same recordings, and a controller is tried with each.
+        say: Called with a line for each round.
+
+    Returns:
+        Its record, without what is only known of simulated arms where nothing was compared.
+    """
+    from ident.closed_loop.rivals import compare_models
+    from ident.closed_loop.simulated import SimulatedArm, draw_effects
+    from ident.simulation.simulate import SimulationOptions
+
+    arm = ArmModel.load(robot)
+    drawn = effects if effects is not None else draw_effects(arm.joint_names, EFFECTS, np.random.default_rng([seed, 3]))
+    hidden = SimulatedArm(SimulationOptions(robot=robot, seed=seed, effects=tuple(drawn)))
+    loop = close_gap(arm, hidden, KindsExciter(arm, seed), most, say)
+    heldout, tracking = compare_models(arm, hidden, loop.last, seed) if compared else ({}, {})
+    tracked = {key: tracking[name] for key, name in TRACKED.items() if name in tracking}
+    truth = {"seed": seed, "effects": list(hidden.effects), "heldout_floors": heldout}
+    return {**_record(loop, write_files(loop, arm, folder)), **truth, **tracked}
+
+
+def close_real(
+    arm: ArmModel, recorder: Recorder, exciter: Exciter, folder: Path, most: int, say: Say
+) -> dict[str, Any]:
+    """The loop on an arm of which nobody knows the truth: its record."""
+    loop = close_gap(arm, recorder, exciter, most, say)
+    return _record(loop, write_files(loop, arm, folder))
+
+
+def write_files(loop: Closed, arm: ArmModel, folder: Path) -> str:
+    """The last diagnosis, and its patch where an effect is identified; the patch's place below the folder."""
+    record = loop.last.record
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / "diagnosis.json") as part:
+        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    if not record["findings"]:
+        return ""
+    diagnosed = Diagnosed.of_record(record, path=folder / "diagnosis.json")
+    try:
+        write_patch(diagnosed, arm, folder / "patch")
+    except InputError:  # identified, but nothing that a file could hold
+        return ""
+    return "patch"
+
+
+def _record(loop: Closed, patch: str) -> dict[str, Any]:
+    joints = list(loop.last.record["joints"])
+
+    def by_joint(values: Any) -> dict[str, float]:
+        return dict(zip(joints, map(float, values), strict=True))
+
+    rounds = [
+        {
+            "minutes": one.minutes,
+            "gap_floors": None if one.gap is None else by_joint(one.gap.joints),
+            "gap_upper": None if one.gap is None else one.gap.upper,
+            "verdict": one.verdict,
+            "named": list(one.named),
+        }
+        for one in loop.rounds
+    ]
+    return {
+        "seed": None,
+        "robot": loop.last.record["robot"],
+        "joints": joints,
+        "effects": [],
+        "closed": loop.closed,
+        "reason": loop.reason,
+        "minutes": loop.minutes,
+        "rounds": len(loop.rounds),
+        "by_round": rounds,
+        "named": list(loop.last.named),
+        "gap_floors_before": loop.before.together,
+        "gap_floors_after": loop.after.together,
+        "gap_floors_by_joint": by_joint(loop.after.joints),
+        "heldout_floors": {},
+        "patch": patch,
+    }

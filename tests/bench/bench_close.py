@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.closed_loop.arms import close_simulated
+from ident.closed_loop.result import close_simulated
 from ident.errors import InputError
 
 MODELS = ("urdf", "randomised", "tuned", "net", "closed")
@@ -45,7 +45,7 @@ def main() -> None:
                 break
             started = time.process_time()
             try:
-                found = close_simulated(options.robot, seed + k, Path(folder) / str(k)).to_dict()
+                found = close_simulated(options.robot, seed + k, Path(folder) / str(k))
             except InputError as error:
                 print(f"{seed + k}: {error}", flush=True)
                 continue

@@ -13,12 +13,12 @@ import pytest
 from ident.closed_loop import loop
 from ident.closed_loop.exciting import KIND_OF, open_kinds
 from ident.closed_loop.gap import MARGIN, measure_floors, pool_runs
-from ident.closed_loop.models import as_diagnosed, as_tuned, as_urdf
 from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.simulated import draw_effects
-from ident.effects.catalogue import CATALOGUE
 from ident.effects.informative_motions import SHOWINGS
 from ident.errors import InputError
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.law_model import LawModel
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
@@ -100,7 +100,7 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
 def test_a_model_that_is_right_is_closed_once_it_was_checked(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
     """One round teaches, the next one checks: never is a model judged by what it was made from."""
     shown = taught(monkeypatch, arm, [1.0])
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE)
+    found = loop.close_gap(arm, MadeUpArm(arm), Anything())
     assert found.closed
     assert shown == [1]
     assert len(found.rounds) == 2
@@ -112,7 +112,7 @@ def test_a_model_that_is_wrong_is_taught_again_with_all_recordings(
     monkeypatch: pytest.MonkeyPatch, arm: ArmModel
 ) -> None:
     shown = taught(monkeypatch, arm, [0.5, 0.8, 1.0])
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE)
+    found = loop.close_gap(arm, MadeUpArm(arm), Anything())
     assert shown == [1, 2, 3]
     gaps = [one.gap.together for one in found.rounds if one.gap is not None]
     assert gaps == sorted(gaps, reverse=True)
@@ -121,17 +121,17 @@ def test_a_model_that_is_wrong_is_taught_again_with_all_recordings(
 
 def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
     taught(monkeypatch, arm, [0.7] * 8)
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=3)
+    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=3)
     assert not found.closed
     assert len(found.rounds) == 3
     assert "rounds spent" in found.reason
     taught(monkeypatch, arm, [0.7] * 8)
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=8)
+    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=8)
     assert not found.closed
     assert len(found.rounds) == 2 + loop.STALLED_MODELS
     assert "no nearer with more recordings" in found.reason
     with pytest.raises(InputError, match="give 2 or more"):
-        loop.close_gap(arm, MadeUpArm(arm), Anything(), CATALOGUE, most=1)
+        loop.close_gap(arm, MadeUpArm(arm), Anything(), most=1)
 
 
 def test_few_runs_that_differ_make_nothing_sure() -> None:
@@ -147,12 +147,15 @@ def test_few_runs_that_differ_make_nothing_sure() -> None:
 
 def test_the_gap_of_the_truth_is_the_noise(arm: ArmModel) -> None:
     session = MadeUpArm(arm).record(())
-    record = written_record(arm, 1.0)
-    floors = np.full(2, LEFT)
-    runs = prepare(session, FOR_DIAGNOSIS.cutoff_hz)
-    for model in (as_diagnosed(arm, record, CATALOGUE), as_tuned(arm, record, CATALOGUE)):
-        assert measure_floors(model, runs, floors).together == pytest.approx(1.0, abs=0.1)
-    assert measure_floors(as_urdf(arm), runs, floors).together > 10.0
+    floors, runs = np.full(2, LEFT), prepare(session, FOR_DIAGNOSIS.cutoff_hz)
+    identified = Diagnosed.of_record(written_record(arm, 1.0), needed=False).candidates(arm)
+
+    def gap(one: IdentifiedArm) -> float:
+        return measure_floors([LawModel.of(one)] * len(runs), runs, floors).together
+
+    assert gap(identified["after"]) == pytest.approx(1.0, abs=0.1)
+    assert gap(identified["tuned"]) == pytest.approx(1.0, abs=0.1)
+    assert gap(IdentifiedArm.as_urdf(arm)) > 10.0
 
 
 def test_every_family_of_motion_has_a_kind_and_open_questions_come_first() -> None:
@@ -160,9 +163,9 @@ def test_every_family_of_motion_has_a_kind_and_open_questions_come_first() -> No
     assert set(KIND_OF.values()) <= set(KINDS)
     tied = {"findings": [{"effect": "stribeck_friction", "class": ["stribeck_friction", "presliding_hysteresis"]}]}
     unseen = {"findings": [], "not_testable": [{"effect": "torque_delay"}]}
-    assert open_kinds(tied, CATALOGUE)[0] in ("ladder", "sweep")
-    assert open_kinds(unseen, CATALOGUE)[0] == "chirp"
-    assert len(open_kinds({}, CATALOGUE)) == 3
+    assert open_kinds(tied)[0] in ("ladder", "sweep")
+    assert open_kinds(unseen)[0] == "chirp"
+    assert len(open_kinds({})) == 3
 
 
 def test_drawn_effects_can_be_told_from_each_other() -> None:

@@ -11,8 +11,9 @@ import pytest
 
 from ident.arrays import Array
 from ident.closed_loop import loop
-from ident.closed_loop.warmth import NO_WARMTH, PlannedRun, Warmth, put_on_a_clock
-from ident.effects.catalogue import CATALOGUE, find_effect
+from ident.closed_loop.gap import follow_warmth, heat_along
+from ident.closed_loop.rivals import PlannedRun, put_on_a_clock
+from ident.effects.catalogue import find_effect
 from ident.export.law_model import LawModel
 from ident.export.python import describe_arm
 from ident.laws.motion import Losses
@@ -46,7 +47,7 @@ def test_warmth_is_that_of_the_catalogues_columns() -> None:
     model = warm_model(arm, [1])
     name, j, figures = model.effects[0]
     model = replace(model, effects=((name, j, {**figures, **variant.inner}),))
-    followed = Warmth.learnt(model, runs).rested().along(model, runs)
+    followed = follow_warmth(model, runs, runs, cold=True)
     for one, run, columns in zip(followed, session.runs, thermal.columns(session, 1, variant), strict=True):
         assert isinstance(one, LawModel)
         sliding = np.abs(run.direction[:, 1]) > 0.99
@@ -62,13 +63,12 @@ def test_a_joint_goes_on_from_where_runs_left_it() -> None:
     time = 0.01 * np.arange(3000)
     whole = [PlannedRun(time, dq, 0.01)]
     pieces = [PlannedRun(time[:1001], dq[:1001], 0.01), PlannedRun(time[1000:], dq[1000:], 0.01)]
-    learnt = Warmth.learnt(model, pieces[:1])
-    at_once, by_pieces = learnt.rested().after(model, whole), learnt.after(model, pieces[1:])
-    for one, other in zip(at_once.joints, by_pieces.joints, strict=True):
-        assert one.heat == pytest.approx(other.heat, rel=1e-9)
-        assert one.heat > 0.0
+    for joint in (0, 1):
+        at_once, by_pieces = (heat_along(model, joint, CONSTANT, runs)[-1][-1] for runs in (whole, pieces))
+        assert at_once == pytest.approx(by_pieces, rel=1e-9)
+        assert at_once > 0.0
     later = [PlannedRun(1000.0 * CONSTANT + time, dq, 0.01)]
-    cold = learnt.along(model, later)[0]
+    cold = follow_warmth(model, whole, later)[0]
     assert isinstance(cold, LawModel)
     assert cold.warmth[0] == pytest.approx([0.0, 0.0], abs=1e-9)
 
@@ -80,8 +80,8 @@ def test_joints_that_warm_differently_have_each_their_own_torque() -> None:
 
     def torque(joints: Sequence[int], *, followed: bool) -> Array:
         model = warm_model(arm, joints)
-        warmth = Warmth.learnt(model, runs).rested() if followed else NO_WARMTH
-        return warmth.along(model, runs)[0].joint_torque(q, dq, ddq, 0.01)
+        known = follow_warmth(model, runs, runs, cold=True)[0] if followed else model
+        return known.joint_torque(q, dq, ddq, 0.01)
 
     plain, both = torque([], followed=True), torque([0, 1], followed=True)
     apart = torque([0], followed=True) + torque([1], followed=True) - plain
@@ -148,9 +148,9 @@ def test_a_joint_that_warms_is_closed_by_a_law_that_follows_it(monkeypatch: pyte
         return record, tuple(learnt)
 
     monkeypatch.setattr(loop, "_diagnose", diagnose)
-    found = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything(), CATALOGUE)
+    found = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything())
     assert found.closed
     assert len(found.rounds) == 2
-    monkeypatch.setattr(loop.Warmth, "learnt", lambda *_: NO_WARMTH)
-    blind = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything(), CATALOGUE)
+    monkeypatch.setattr(loop, "follow_warmth", lambda model, learned, runs: [model] * len(runs))
+    blind = loop.close_gap(arm, WarmingArm(arm, span=first.warmest), Anything())
     assert not blind.closed
