@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.errors import InputError
+from ident.simulation.friction import scale_friction
 from ident.simulation.hardware import Hardware
 
 
@@ -27,14 +28,7 @@ def _geometry(hardware: Hardware, rng: np.random.Generator) -> Hardware:
 def _friction(hardware: Hardware, rng: np.random.Generator) -> Hardware:
     """Friction half or twice of what an arm of this size has: start values from a data sheet are wrong."""
     factor = np.exp(rng.uniform(-np.log(2.0), np.log(2.0), (2, hardware.n)))
-    law = hardware.friction
-    return hardware.replace(
-        friction=law._replace(
-            coulomb=law.coulomb * factor[0],
-            bristle_stiffness=law.bristle_stiffness * factor[0],
-            viscous=law.viscous * factor[1],
-        )
-    )
+    return hardware.replace(friction=scale_friction(hardware.friction, *factor))
 
 
 def _controller(hardware: Hardware, rng: np.random.Generator) -> Hardware:

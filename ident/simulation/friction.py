@@ -13,70 +13,51 @@ temperature).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
+from ident.simulation.laws import Law, change_law, make_law
 
 # Presliding of the ordinary (stiff) bristles before they slip [rad]: a third of a degree at the motor, behind the gear.
 STIFF_PRESLIDING = 5e-5
 
 
-class FrictionLaw(NamedTuple):
-    """What sets the friction of each of n joints; all arrays have shape (n,), units referred to the joint.
-
-    Attributes:
-        coulomb: Dry friction while sliding [N m].
-        viscous: Viscous drag [N m s/rad].
-        bristle_stiffness: σ0 of the ordinary contact [N m/rad].
-        bristle_damping: σ1 of the ordinary contact at rest [N m s/rad].
-        stribeck, stribeck_velocity, stribeck_exponent: Excess at rest [N m], its velocity [rad/s], its shape.
-        eyring, eyring_velocity: Shear-thinning drag A asinh(v / v_E): A [N m], v_E [rad/s].
-        load, load_floor, load_drive: Mesh friction per transmitted torque, the torque below which the mesh does not
-            feel it [N m], and how much more a driving mesh rubs than a driven one.
-        seat, seat_order, seat_phase: Eccentric bearing seat: relative change of the level, lobes a turn, angle [rad].
-        coulomb_skew, viscous_skew: Difference between forward and backward motion [N m], [N m s/rad].
-        soft, soft_stiffness: A second, soft contact (presliding hysteresis): level [N m], stiffness [N m/rad].
-        thermal_viscous, thermal_coulomb: Decay of viscosity and dry friction per kelvin [1/K].
-        couple_to, couple_ratio: The other joint that also turns this joint's motor, and its ratio.
-        couple_coulomb, couple_viscous: Friction in the motor's combined motion [N m], [N m s/rad].
-        skid, skid_scale: Dry friction that grows with |acceleration| [N m], its scale [rad/s²] (outside the catalogue).
-    """
-
-    coulomb: Array
-    viscous: Array
-    bristle_stiffness: Array
-    bristle_damping: Array
-    stribeck: Array
-    stribeck_velocity: Array
-    stribeck_exponent: Array
-    eyring: Array
-    eyring_velocity: Array
-    load: Array
-    load_floor: Array
-    load_drive: Array
-    seat: Array
-    seat_order: Array
-    seat_phase: Array
-    coulomb_skew: Array
-    viscous_skew: Array
-    soft: Array
-    soft_stiffness: Array
-    thermal_viscous: Array
-    thermal_coulomb: Array
-    couple_to: Array
-    couple_ratio: Array
-    couple_coulomb: Array
-    couple_viscous: Array
-    skid: Array
-    skid_scale: Array
+# Of each joint, units referred to the joint.
+FRICTION: dict[str, float | int] = {
+    "coulomb": 0.0,  # dry friction while sliding [N m]
+    "viscous": 0.0,  # drag [N m s/rad]
+    "bristle_stiffness": 0.0,  # σ0 of the ordinary contact [N m/rad]
+    "bristle_damping": 0.0,  # σ1 of the ordinary contact at rest [N m s/rad]
+    "stribeck": 0.0,  # excess at rest [N m], its velocity [rad/s], its shape
+    "stribeck_velocity": 0.05,
+    "stribeck_exponent": 1.3,
+    "eyring": 0.0,  # shear-thinning drag A asinh(v / v_E): A [N m], v_E [rad/s]
+    "eyring_velocity": 0.1,
+    "load": 0.0,  # mesh friction per transmitted torque
+    "load_floor": 1e-6,  # torque below which the mesh does not feel it [N m]
+    "load_drive": 0.15,  # how much more a driving mesh rubs than a driven one
+    "seat": 0.0,  # eccentric bearing seat: relative change of the level, lobes a turn, angle [rad]
+    "seat_order": 1.0,
+    "seat_phase": 0.0,
+    "coulomb_skew": 0.0,  # difference between forward and backward motion [N m], [N m s/rad]
+    "viscous_skew": 0.0,
+    "soft": 0.0,  # a second, soft contact (presliding hysteresis): level [N m], stiffness [N m/rad]
+    "soft_stiffness": 1.0,
+    "thermal_viscous": 0.0,  # decay of viscosity and dry friction per kelvin [1/K]
+    "thermal_coulomb": 0.0,
+    "couple_to": -1,  # the other joint that also turns this joint's motor, and its ratio
+    "couple_ratio": 0.0,
+    "couple_coulomb": 0.0,  # friction in the motor's combined motion [N m], [N m s/rad]
+    "couple_viscous": 0.0,
+    "skid": 0.0,  # dry friction that grows with |acceleration| [N m], its scale [rad/s²] (outside the catalogue)
+    "skid_scale": 1.0,
+}
 
 
-def plain_friction(
-    coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]
-) -> FrictionLaw:
+def plain_friction(coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]) -> Law:
     """Friction of a healthy joint: Coulomb that sticks, and viscous drag; none of either where they are zero.
 
     Args:
@@ -84,37 +65,25 @@ def plain_friction(
         viscous: Viscous drag [N m s/rad].
         inertia: Least inertia that moves with the joint [kg m²]; sets the bristles' damping.
     """
-    n = len(coulomb)
-    zero, one = np.zeros(n), np.ones(n)
     stiffness = coulomb / STIFF_PRESLIDING
-    return FrictionLaw(
-        coulomb=np.array(coulomb, dtype=float),
-        viscous=np.array(viscous, dtype=float),
+    return make_law(
+        FRICTION,
+        len(coulomb),
+        coulomb=coulomb,
+        viscous=viscous,
         bristle_stiffness=stiffness,
         bristle_damping=0.6 * np.sqrt(stiffness * inertia),
-        stribeck=zero.copy(),
-        stribeck_velocity=0.05 * one,
-        stribeck_exponent=1.3 * one,
-        eyring=zero.copy(),
-        eyring_velocity=0.1 * one,
-        load=zero.copy(),
         load_floor=0.02 * coulomb + 1e-6,
-        load_drive=0.15 * one,
-        seat=zero.copy(),
-        seat_order=one.copy(),
-        seat_phase=zero.copy(),
-        coulomb_skew=zero.copy(),
-        viscous_skew=zero.copy(),
-        soft=zero.copy(),
-        soft_stiffness=one.copy(),
-        thermal_viscous=zero.copy(),
-        thermal_coulomb=zero.copy(),
-        couple_to=np.full(n, -1),
-        couple_ratio=zero.copy(),
-        couple_coulomb=zero.copy(),
-        couple_viscous=zero.copy(),
-        skid=zero.copy(),
-        skid_scale=one.copy(),
+    )
+
+
+def scale_friction(law: Law, coulomb: Array | float, viscous: Array | float) -> Law:
+    """The same joints, rubbing more or less: dry friction with its bristles, and drag, times factors."""
+    return change_law(
+        law,
+        coulomb=law.coulomb * coulomb,
+        bristle_stiffness=law.bristle_stiffness * coulomb,
+        viscous=law.viscous * viscous,
     )
 
 

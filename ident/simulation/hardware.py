@@ -11,12 +11,13 @@ from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
 from ident.simulation.contact import Contact, no_contact
-from ident.simulation.friction import FrictionLaw, plain_friction
+from ident.simulation.friction import plain_friction
+from ident.simulation.laws import Law, change_law, make_law
 from ident.simulation.mjcf import Bodies, nominal_bodies
-from ident.simulation.outside import OutsideLaw, nothing_outside
+from ident.simulation.outside import OUTSIDE
 from ident.simulation.sensing import Sensing, ideal_sensing
-from ident.simulation.thermal import HeatLaw, heat_law
-from ident.simulation.transmission import DriveLaw, rigid_drive
+from ident.simulation.thermal import heat_law
+from ident.simulation.transmission import rigid_drive
 
 # Controller's bandwidth and damping ratio.
 BANDWIDTH_RAD_S = 80.0
@@ -42,10 +43,10 @@ class Hardware:
 
     arm: ArmModel
     bodies: Bodies
-    friction: FrictionLaw
-    drive: DriveLaw
-    heat: HeatLaw
-    outside: OutsideLaw
+    friction: Law
+    drive: Law
+    heat: Law
+    outside: Law
     contact: Contact
     sensing: Sensing
     bandwidth: float = BANDWIDTH_RAD_S
@@ -69,15 +70,9 @@ class Hardware:
         Args:
             part: `friction`, `drive`, `heat` or `outside`.
             joint: Index of the joint.
-            **values: New values by the law's field.
+            **values: New values by the law's column.
         """
-        law = getattr(self, part)
-        changes = {}
-        for name, value in values.items():
-            array = getattr(law, name).copy()
-            array[slice(None) if joint is None else joint] = value
-            changes[name] = array
-        return self.replace(**{part: law._replace(**changes)})
+        return self.replace(**{part: change_law(getattr(self, part), joint, **values)})
 
 
 def gear_ratio(arm: ArmModel) -> Float[Array, " n"]:
@@ -96,7 +91,7 @@ def nominal_hardware(arm: ArmModel) -> Hardware:
         friction=plain_friction(zero, zero, np.ones(n)),
         drive=rigid_drive(zero, scale),
         heat=heat_law(np.ones(n)),
-        outside=nothing_outside(n),
+        outside=make_law(OUTSIDE, n),
         contact=no_contact(),
         sensing=ideal_sensing(n),
         friction_spread=0.0,
@@ -130,14 +125,14 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
     )
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
     ratio = gear_ratio(arm)
-    drive = rigid_drive(rotor, scale)._replace(ripple_order=2.0 * ratio)
+    drive = change_law(rigid_drive(rotor, scale), ripple_order=2.0 * ratio)
     return Hardware(
         arm=arm,
         bodies=bodies,
         friction=plain_friction(coulomb, viscous, rotor),
         drive=drive,
         heat=heat_law(rated_loss),
-        outside=nothing_outside(n),
+        outside=make_law(OUTSIDE, n),
         contact=no_contact(),
         sensing=Sensing.typical(scale, ratio),
     )

@@ -35,7 +35,7 @@ class Engine(NamedTuple):
 
 
 class Laws(NamedTuple):
-    """All that acts on the joints: tables with one record a joint (see `records`), and the push from outside."""
+    """All that acts on the joints: tables with one record a joint, and the push from outside."""
 
     friction: Array
     drive: Array
@@ -44,24 +44,15 @@ class Laws(NamedTuple):
     contact: Contact
 
 
-class Control(NamedTuple):
-    """Joint controller: feed-forward plus PD on the motor encoders.
-
-    Attributes:
-        stiffness, damping: Gains [N m/rad], [N m s/rad], shape (n,).
-        limit: Torque limit [N m], shape (n,).
-        resolution: Of the encoders at the joint [rad], shape (n,).
-        offset: What the encoders read at zero [rad], shape (n,).
-        smoothing: Share of a new velocity estimate that the filter takes at each tick, shape (n,).
-    """
-
-    stiffness: Array
-    damping: Array
-    limit: Array
-    resolution: Array
-    offset: Array
-    smoothing: Array
-
+# Controller of each joint: feed-forward plus PD on the motor encoders.
+CONTROL = {
+    "stiffness": 0.0,  # gains [N m/rad], [N m s/rad]
+    "damping": 0.0,
+    "limit": 0.0,  # torque limit [N m]
+    "resolution": 0.0,  # of the encoders at the joint [rad]
+    "offset": 0.0,  # what the encoders read at zero [rad]
+    "smoothing": 0.0,  # share of a new velocity estimate that the filter takes at each tick
+}
 
 # What the plant remembers of each joint, beside MuJoCo's state.
 STATE = np.dtype(
@@ -89,16 +80,6 @@ STATE = np.dtype(
         )
     ]
 )
-
-
-def records(law: Any) -> Array:
-    """A law of n joints (named arrays) as n records: compiled code passes one table, not dozens of arrays."""
-    columns = [np.asarray(column) for column in law]
-    kinds = [(name, column.dtype) for name, column in zip(law._fields, columns, strict=True)]
-    table = np.zeros(len(columns[0]), dtype=np.dtype(kinds, align=True))
-    for name, column in zip(law._fields, columns, strict=True):
-        table[name] = column
-    return table
 
 
 class Log(NamedTuple):
@@ -275,7 +256,7 @@ def run_loop(
 
     Args:
         engine, laws: The plant.
-        control: The controllers, records of `Control`.
+        control: The controllers, records of `CONTROL`.
         substeps: Steps of the simulation in a tick.
         state: Advanced in place.
         q, dq, feed: Reference position, velocity and feed-forward torque at K ticks, shape (K, n).

@@ -1,7 +1,7 @@
 """Laws that no catalogue lists: causes that a diagnosis has to refuse to name. Never imported by it.
 
 Cable drag, velocity-product drag and brake drag act here as torques in the loop; the sloshing load is a body
-(`mjcf.Slosh`), the skidding friction a level of the bristles (`friction.FrictionLaw.skid`), and the supply's sag a
+(`mjcf.Slosh`), the skidding friction a level of the bristles (`friction.FRICTION`), and the supply's sag a
 reading of the drive (`sensing.Sensing.sag`).
 
 Laws with a memory or of the mesh act here too: a seal that relaxes (Maxwell's element), dry friction that grows while
@@ -14,75 +14,35 @@ and Seering 1996 (kinematic error of a strain-wave gear and its resonance).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from ident.arrays import Array
 
-
-class OutsideLaw(NamedTuple):
-    """Torques outside the catalogue on each of n joints; arrays of shape (n,).
-
-    Attributes:
-        cable: Drag of a cable that bears on the joint in a band of angles [N m].
-        cable_other, cable_share: The joint that moves the band, and by how much.
-        cable_centre, cable_width: The band's centre and half width [rad].
-        product, product_other: Drag per product of two joints' speeds [N m s²/rad²], the other joint.
-        brake, brake_decay: Drag of a brake that lets go late [N m], its decay time [s].
-        seal, seal_relaxation: Stiffness of a seal that relaxes [N m/rad], its relaxation time [s].
-        ageing, ageing_slip: Dry friction per e-fold of the contact's age [N m], slip that renews the contact [rad].
-        tooth, tooth_order: Tooth friction per transmitted torque, teeth a joint turn.
-        wobble, wobble_order, wobble_inertia: Kinematic error [rad], its lobes a joint turn, inertia it shakes [kg m²].
-        wobble_resonance: Of the drive that it meets [rad/s].
-    """
-
-    cable: Array
-    cable_other: Array
-    cable_share: Array
-    cable_centre: Array
-    cable_width: Array
-    product: Array
-    product_other: Array
-    brake: Array
-    brake_decay: Array
-    seal: Array
-    seal_relaxation: Array
-    ageing: Array
-    ageing_slip: Array
-    tooth: Array
-    tooth_order: Array
-    wobble: Array
-    wobble_order: Array
-    wobble_inertia: Array
-    wobble_resonance: Array
-
-
-def nothing_outside(n: int) -> OutsideLaw:
-    """No torque outside the catalogue."""
-    zero = np.zeros(n)
-    return OutsideLaw(
-        cable=zero.copy(),
-        cable_other=np.zeros(n, dtype=np.int64),
-        cable_share=np.full(n, 0.7),
-        cable_centre=zero.copy(),
-        cable_width=np.full(n, 0.5),
-        product=zero.copy(),
-        product_other=np.zeros(n, dtype=np.int64),
-        brake=zero.copy(),
-        brake_decay=np.full(n, 1.0),
-        seal=zero.copy(),
-        seal_relaxation=np.full(n, 0.3),
-        ageing=zero.copy(),
-        ageing_slip=np.full(n, 5e-3),
-        tooth=zero.copy(),
-        tooth_order=np.full(n, 20.0),
-        wobble=zero.copy(),
-        wobble_order=np.full(n, 100.0),
-        wobble_inertia=zero.copy(),
-        wobble_resonance=np.full(n, 60.0),
-    )
+# Torques on each joint.
+OUTSIDE: dict[str, float | int] = {
+    "cable": 0.0,  # drag of a cable that bears on the joint in a band of angles [N m]
+    "cable_other": 0,  # the joint that moves the band, and by how much
+    "cable_share": 0.7,
+    "cable_centre": 0.0,  # the band's centre and half width [rad]
+    "cable_width": 0.5,
+    "product": 0.0,  # drag per product of two joints' speeds [N m s²/rad²], the other joint
+    "product_other": 0,
+    "brake": 0.0,  # drag of a brake that lets go late [N m], its decay time [s]
+    "brake_decay": 1.0,
+    "seal": 0.0,  # stiffness of a seal that relaxes [N m/rad], its relaxation time [s]
+    "seal_relaxation": 0.3,
+    "ageing": 0.0,  # dry friction per e-fold of the contact's age [N m], slip that renews the contact [rad]
+    "ageing_slip": 5e-3,
+    "tooth": 0.0,  # tooth friction per transmitted torque, teeth a joint turn
+    "tooth_order": 20.0,
+    "wobble": 0.0,  # kinematic error [rad], its lobes a joint turn, inertia that it shakes [kg m²]
+    "wobble_order": 100.0,
+    "wobble_inertia": 0.0,
+    "wobble_resonance": 60.0,  # of the drive that it meets [rad/s]
+}
 
 
 @njit(cache=True)
@@ -115,7 +75,7 @@ def remembered_torque(joint: Any, state: Any, angle: float, v: float, dt: float)
     """Torque on a joint [N m] of the laws that have a memory or live in the mesh; advances the memory in place.
 
     Args:
-        joint: A record of `OutsideLaw`.
+        joint: A record of the law.
         state: The joint's own, with `stretched` [N m], `age` [s] and `transmitted` [N m].
         angle, v: Of the joint [rad], [rad/s].
         dt: Step [s].

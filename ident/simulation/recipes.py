@@ -61,10 +61,8 @@ def paper_arm(arm: ArmModel) -> Hardware:
     own = np.exp(0.1 * rng.standard_normal((3, arm.n)))
     rotor = ROTOR_KGM2 * own[2]
     coulomb = COULOMB_NM * own[0]
-    hardware = hardware.replace(
-        friction=plain_friction(coulomb, VISCOUS_NMS_RAD * own[1], rotor),
-        drive=hardware.drive._replace(rotor_inertia=rotor),
-    )
+    hardware = hardware.replace(friction=plain_friction(coulomb, VISCOUS_NMS_RAD * own[1], rotor))
+    hardware = hardware.with_laws("drive", rotor_inertia=rotor)
     return hardware.with_laws(
         "friction",
         stribeck=np.array([0.30, 0.25, 0.25, 0.20, 0.20, 0.20]) * coulomb,

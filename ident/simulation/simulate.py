@@ -14,6 +14,7 @@ from ident.robot.arm import ArmModel
 from ident.simulation.answer import Answer, TrueEffect
 from ident.simulation.causes import CATALOGUE, Circumstances
 from ident.simulation.decoys import add_decoy
+from ident.simulation.friction import scale_friction
 from ident.simulation.hardware import Hardware, draw_hardware
 from ident.simulation.mjcf import AddedBody, as_point
 from ident.simulation.record import Channels, Progress, draw_pauses, no_progress, record_runs
@@ -222,7 +223,8 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
         body = AddedBody(arm.links[-1], options.payload.mass_kg, as_point(options.payload.com_m))
         hardware = hardware.replace(bodies=hardware.bodies.replace(added=(*hardware.bodies.added, body)))
     if options.friction_factors:
-        hardware = _serviced(hardware, np.array(options.friction_factors))
+        factors = np.array(options.friction_factors)
+        hardware = hardware.replace(friction=scale_friction(hardware.friction, factors, factors))
     sensing = hardware.sensing
     sensing = sensing.replace(
         white=options.noise * sensing.white,
@@ -230,17 +232,6 @@ def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Gen
         count_noise=options.noise * sensing.count_noise,
     )
     return hardware.replace(sensing=sensing, friction_spread=0.0 if world else options.friction_spread)
-
-
-def _serviced(hardware: Hardware, factors: Float[Array, " n"]) -> Hardware:
-    """The same arm, its joints rubbing more or less than before."""
-    law = hardware.friction
-    changed = law._replace(
-        coulomb=law.coulomb * factors,
-        bristle_stiffness=law.bristle_stiffness * factors,
-        viscous=law.viscous * factors,
-    )
-    return hardware.replace(friction=changed)
 
 
 def _add_effect(

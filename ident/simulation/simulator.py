@@ -11,9 +11,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.simulation.contact import no_contact
-from ident.simulation.friction import FrictionLaw
 from ident.simulation.hardware import Hardware
-from ident.simulation.loop import Control, Laws, Log, check_finite, engine, fresh_log, fresh_state, records, run_loop
+from ident.simulation.laws import change_law, make_law
+from ident.simulation.loop import CONTROL, Laws, Log, check_finite, engine, fresh_log, fresh_state, run_loop
 from ident.simulation.mjcf import build_model
 from ident.simulation.thermal import cool_down
 from ident.trajectories.reference import TICK_S, ReferenceMotion
@@ -131,25 +131,27 @@ class Simulator:
         spread = np.exp(h.friction_spread * self.rng.standard_normal((2, h.n)))
         if h.friction_path is not None:
             spread = h.friction_path[number % len(h.friction_path)]
-        friction: FrictionLaw = h.friction._replace(
-            coulomb=h.friction.coulomb * spread[0], viscous=h.friction.viscous * spread[1]
-        )
+        law = h.friction
+        friction = change_law(law, coulomb=law.coulomb * spread[0], viscous=law.viscous * spread[1])
         here = h.contact_run in (-1, number)
         contact = h.contact if here else no_contact()
-        return Laws(records(friction), records(h.drive), records(h.heat), records(h.outside), contact)
+        return Laws(friction, h.drive, h.heat, h.outside, contact)
 
     def _control(self) -> Array:
         h = self.hardware
         gains = controller_gains(h)
         filter_rad_s, resolution, self._loop_noise = _feedback(h, gains[1])
-        law = Control(
-            *gains,
-            limit=np.array(h.drive.effort_limit),
+        stiffness, damping = gains
+        return make_law(
+            CONTROL,
+            h.n,
+            stiffness=stiffness,
+            damping=damping,
+            limit=h.drive.effort_limit,
             resolution=resolution,
-            offset=np.array(h.sensing.encoder_offset),
-            smoothing=np.full(h.n, -np.expm1(-filter_rad_s * TICK_S)),
+            offset=h.sensing.encoder_offset,
+            smoothing=-np.expm1(-filter_rad_s * TICK_S),
         )
-        return records(law)
 
     def _approach(self, goal: Float[Array, " n"]) -> ReferenceMotion:
         """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""

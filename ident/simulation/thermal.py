@@ -7,34 +7,29 @@ with temperatures above the ambient.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 from scipy.linalg import expm
 
 from ident.arrays import Array, Float
+from ident.simulation.laws import Law, make_law
 
 AMBIENT_DEGC = 24.0
 
 
-class HeatLaw(NamedTuple):
-    """Thermal network of n joints; arrays of shape (n,).
-
-    Attributes:
-        lubricant, housing: Heat capacities C_1, C_2 [J/K].
-        inner, outer: Conductances G_1, G_2 [W/K].
-        copper: Motor's copper loss per torque squared that reaches the gear [W/(N m)²].
-    """
-
-    lubricant: Array
-    housing: Array
-    inner: Array
-    outer: Array
-    copper: Array
+# Thermal network of each joint.
+HEAT = {
+    "lubricant": 0.0,  # heat capacities C_1, C_2 [J/K]
+    "housing": 0.0,
+    "inner": 0.0,  # conductances G_1, G_2 [W/K]
+    "outer": 0.0,
+    "copper": 0.0,  # motor's copper loss per torque squared that reaches the gear [W/(N m)²]
+}
 
 
-def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> HeatLaw:
+def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> Law:
     """A network whose lubricant settles at a rise above ambient under a rated loss.
 
     Args:
@@ -44,13 +39,8 @@ def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: 
     """
     inner = rated_loss / (0.75 * rise)
     outer = rated_loss / (0.25 * rise)
-    return HeatLaw(
-        lubricant=time_constant * inner,
-        housing=10.0 * time_constant * outer,
-        inner=inner,
-        outer=outer,
-        copper=np.zeros(len(rated_loss)),
-    )
+    capacities = {"lubricant": time_constant * inner, "housing": 10.0 * time_constant * outer}
+    return make_law(HEAT, len(rated_loss), **capacities, inner=inner, outer=outer)
 
 
 @njit(cache=True)
@@ -61,7 +51,7 @@ def warm_up(joint: Any, state: Any, loss: float, dt: float) -> None:
     state.housing_rise += dt * (flow - joint.outer * state.housing_rise) / joint.housing
 
 
-def cool_down(law: HeatLaw, rise: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
+def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
     """Temperatures above ambient [K] after a pause [s] at rest: the exact solution of the linear network."""
     cooled = np.empty_like(rise)
     for j in range(len(rise)):

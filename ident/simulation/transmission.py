@@ -5,63 +5,35 @@ Source: Spong 1987 (two bodies and a spring); Hunt and Crossley 1975 (contact in
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
+from ident.simulation.laws import Law, make_law
+
+# The drive train of each joint, referred to the link side.
+DRIVE: dict[str, float | bool] = {
+    "elastic": False,  # whether motor and link are two bodies; else they move as one
+    "rotor_inertia": 0.0,  # motor and gear inertia times the gear ratio squared [kg m²]
+    "stiffness": 1e4,  # spring between the two [N m/rad], [N m s/rad]
+    "damping": 1.0,
+    "gap": 0.0,  # full width of the free play in the spring [rad]
+    "ripple": 0.0,  # tooth ripple [N m], cycles a joint turn, angle [rad]
+    "ripple_order": 200.0,
+    "ripple_phase": 0.0,
+    "ripple_load": 0.0,  # growth of the ripple with the transmitted torque, relative, at rated torque
+    "hose_stiffness": 0.0,  # dress pack: stiffness at rest [N m/rad], rest angle [rad]
+    "hose_rest": 0.0,
+    "hose_span": 1.5,  # deflection beyond which it stiffens [rad]
+    "effort_limit": 0.0,  # rated peak torque [N m]
+}
 
 
-class DriveLaw(NamedTuple):
-    """The drive train of each of n joints, referred to the link side; arrays of shape (n,).
-
-    Attributes:
-        elastic: Whether motor and link are two bodies; else they move as one.
-        rotor_inertia: Motor and gear inertia times the gear ratio squared [kg m²].
-        stiffness, damping: Spring between the two [N m/rad], [N m s/rad].
-        gap: Full width of the free play in the spring [rad].
-        ripple, ripple_order, ripple_phase: Tooth ripple [N m], cycles a joint turn, angle [rad].
-        ripple_load: Growth of the ripple with the transmitted torque, relative, at rated torque.
-        hose_stiffness, hose_rest, hose_span: Dress pack: stiffness at rest [N m/rad], rest angle [rad], deflection
-            beyond which it stiffens [rad].
-        effort_limit: Rated peak torque [N m].
-    """
-
-    elastic: Array
-    rotor_inertia: Array
-    stiffness: Array
-    damping: Array
-    gap: Array
-    ripple: Array
-    ripple_order: Array
-    ripple_phase: Array
-    ripple_load: Array
-    hose_stiffness: Array
-    hose_rest: Array
-    hose_span: Array
-    effort_limit: Array
-
-
-def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " n"]) -> DriveLaw:
+def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " n"]) -> Law:
     """A healthy drive: rigid, without play, ripple or dress pack."""
-    n = len(rotor_inertia)
-    zero = np.zeros(n)
-    return DriveLaw(
-        elastic=np.zeros(n, dtype=np.bool_),
-        rotor_inertia=np.array(rotor_inertia, dtype=float),
-        stiffness=np.full(n, 1e4),
-        damping=np.full(n, 1.0),
-        gap=zero.copy(),
-        ripple=zero.copy(),
-        ripple_order=np.full(n, 200.0),
-        ripple_phase=zero.copy(),
-        ripple_load=zero.copy(),
-        hose_stiffness=zero.copy(),
-        hose_rest=zero.copy(),
-        hose_span=np.full(n, 1.5),
-        effort_limit=np.array(effort_limit, dtype=float),
-    )
+    return make_law(DRIVE, len(rotor_inertia), rotor_inertia=rotor_inertia, effort_limit=effort_limit)
 
 
 @njit(cache=True)
@@ -69,7 +41,7 @@ def spring_torque(joint: Any, twist: float, rate: float) -> float:
     """Torque that the spring carries from motor to link [N m].
 
     Args:
-        joint: The drive, a record of `DriveLaw`.
+        joint: The drive, a record of the law.
         twist: Motor angle less link angle [rad].
         rate: Its rate [rad/s].
     """

@@ -10,6 +10,7 @@ from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
 from ident.simulation.friction import plain_friction
 from ident.simulation.hardware import Hardware, draw_hardware
+from ident.simulation.laws import change_law
 from ident.simulation.mjcf import Bodies
 from ident.simulation.record import Channels
 from ident.simulation.sensing import Sensing
@@ -39,7 +40,7 @@ def draw_world_arm(arm: ArmModel, world: World, rng: np.random.Generator) -> Har
     return usual.replace(
         bodies=_bodies(usual, world, rng),
         friction=plain_friction(coulomb, viscous, rotor),
-        drive=usual.drive._replace(rotor_inertia=rotor, ripple_order=2.0 * ratio),
+        drive=change_law(usual.drive, rotor_inertia=rotor, ripple_order=2.0 * ratio),
         heat=heat_law(coulomb * 0.6 + viscous * 0.6**2),
         sensing=_sensing(usual.sensing.rated, ratio, sliding, world),
         bandwidth=2.0 * np.pi * world.bandwidth_hz,

@@ -8,7 +8,7 @@ import pytest
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import draw_hardware, nominal_hardware
-from ident.simulation.loop import Laws, advance, engine, fresh_state, records
+from ident.simulation.loop import Laws, advance, engine, fresh_state
 from ident.simulation.mjcf import AddedBody, build_model
 
 
@@ -18,8 +18,7 @@ def compiled(arm, bodies, step=5e-4):
 
 
 def tables(hardware):
-    laws = (hardware.friction, hardware.drive, hardware.heat, hardware.outside)
-    return Laws(*(records(law) for law in laws), hardware.contact)
+    return Laws(hardware.friction, hardware.drive, hardware.heat, hardware.outside, hardware.contact)
 
 
 def random_states(arm, count, seed=0):

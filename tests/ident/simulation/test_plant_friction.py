@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ident.simulation.friction import bristle, plain_friction, sliding_level, viscous_drag
-from ident.simulation.loop import fresh_state, records
+from ident.simulation.laws import change_law
+from ident.simulation.loop import fresh_state
 from ident.simulation.thermal import cool_down, heat_law, warm_up
 
 DT = 5e-4
@@ -12,7 +13,7 @@ DT = 5e-4
 
 def joint(**values):
     law = plain_friction(np.array([10.0]), np.array([5.0]), np.array([1.0]))
-    return records(law._replace(**{name: np.array([value]) for name, value in values.items()}))[0]
+    return change_law(law, **values)[0]
 
 
 def level(record, v, angle=0.0, load=0.0, acceleration=0.0, warm=0.0):
@@ -106,7 +107,7 @@ def test_lubricant_thins_with_speed_and_heat():
 def test_heat_settles_where_loss_and_cooling_balance():
     """Under the rated loss the lubricant ends at the stated rise, and cools down in a pause."""
     network = heat_law(np.array([6.0]), rise=25.0, time_constant=20.0)
-    state, record = fresh_state(1), records(network)[0]
+    state, record = fresh_state(1), network[0]
     for _ in range(200000):
         warm_up(record, state[0], 6.0, 0.02)
     assert state["lubricant_rise"][0] == pytest.approx(25.0, rel=0.02)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.simulation.loop import fresh_state, records
-from ident.simulation.outside import nothing_outside, remembered_torque
+from ident.simulation.laws import make_law
+from ident.simulation.loop import fresh_state
+from ident.simulation.outside import OUTSIDE, remembered_torque
 
 DT = 1e-3
 
 
 def follow(angle, transmitted=0.0, **law):  # type: ignore[no-untyped-def]
     """Torque of a law along a path of one joint."""
-    fields = {name: np.array([float(value)]) for name, value in law.items()}
-    joint = records(nothing_outside(1)._replace(**fields))[0]
+    joint = make_law(OUTSIDE, 1, **law)[0]
     state = fresh_state(1)
     state["transmitted"] = transmitted
     speed = np.gradient(angle, DT)

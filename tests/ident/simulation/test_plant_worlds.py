@@ -217,7 +217,7 @@ def test_no_speed_loop_is_faster_than_its_ticks_can_follow(robot: str, elastic: 
     """Law: damping over the least inertia that a motor feels is bounded; where nothing is fast, gains are as asked."""
     world = replace(PRESETS["any"].draw(np.random.default_rng(3)), robot=robot, bandwidth_hz=30.0, rotor_scale=0.3)
     stiff = draw_world_arm(ArmModel.load(robot), world, np.random.default_rng(1))
-    stiff = stiff.replace(drive=stiff.drive._replace(elastic=np.full(stiff.n, elastic)))
+    stiff = stiff.with_laws("drive", elastic=elastic)
     lightest = stiff.drive.rotor_inertia if elastic else least_link_inertia(stiff)
     assert np.all(controller_gains(stiff)[1] / lightest <= LARGEST_LOOP_RAD_S * (1.0 + 1e-9))
     soft = stiff.replace(bandwidth=2.0)
