@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ident.errors import InputError
 from ident.monitor.pages import write_pages
-from ident.monitor.watch import Watch, WatchOptions, look
+from ident.monitor.session_work import WatchOptions
+from ident.monitor.watch import Watch, look
 from ident.provenance import Provenance
 
 

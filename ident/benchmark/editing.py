@@ -12,7 +12,7 @@ Two models stand beside it: one tuned on the case's recordings with nothing name
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,17 +20,19 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.benchmark.edited import EditedModel
 from ident.benchmark.examining import finite
 from ident.benchmark.making import MakeTask, case_key, case_of
 from ident.benchmark.scoring import is_true, shown_joints
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError
+from ident.export.identified import Diagnosed, IdentifiedArm
+from ident.export.law_model import LawModel, log_error
 from ident.files import atomic_write
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
+from ident.robot.arm import ArmModel
 from ident.safe_read import read_json
 from ident.sessions import Given, inspect_sources, open_sessions
 from ident.simulation.answer import Answer, open_envelope
@@ -99,12 +101,12 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
     oracle, arm = _tuned_on(twin, options.robot)
     held_out = _motions_of(other, options.robot)
     models = {
-        "edited": EditedModel.of(diagnosis, arm, true),
-        "oracle": EditedModel.tuned_alone(oracle, arm),
-        "tuned": EditedModel.tuned_alone(diagnosis, arm),
-        "unedited": EditedModel.of(diagnosis, arm),
+        "edited": edited_arm(diagnosis, arm, true),
+        "oracle": tuned_arm(oracle, arm),
+        "tuned": tuned_arm(diagnosis, arm),
+        "unedited": edited_arm(diagnosis, arm),
     }
-    rms = {name: model.rms(held_out) for name, model in models.items()}
+    rms = {name: rms_left(model, held_out) for name, model in models.items()}
     joints = sorted({joint for one in answer.effects for joint in shown_joints(one, answer)})
     at = [arm.joint_names.index(joint) for joint in joints]
     return {
@@ -112,6 +114,24 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
         "rms_Nm": {name: dict(zip(arm.joint_names, map(float, one), strict=True)) for name, one in rms.items()},
         "ratio": {name: error_ratio(one[at], rms["oracle"][at]) for name, one in rms.items()},
     }
+
+
+def edited_arm(record: Mapping[str, Any], arm: ArmModel, taken_out: Collection[int] = ()) -> IdentifiedArm:
+    """The patch of a diagnosis less some of its findings, by their places; nothing is fitted again."""
+    diagnosed = Diagnosed.of_record(dict(record), needed=False)
+    kept = tuple(change for k, change in enumerate(diagnosed.changes) if k not in taken_out)
+    return replace(diagnosed.candidates(arm)["after"], changes=kept)
+
+
+def tuned_arm(record: Mapping[str, Any], arm: ArmModel) -> IdentifiedArm:
+    """What the same recordings give where nothing is identified: the best tuning of links and losses."""
+    return Diagnosed.of_record(dict(record), needed=False).candidates(arm)["tuned"]
+
+
+def rms_left(identified: IdentifiedArm, motions: Sequence[Motion]) -> Float[Array, " n"]:
+    """Error of the filtered torque where joints move steadily, by joint [N m]."""
+    squares = sum(np.sum(log_error(LawModel.of(identified, one.payload), one) ** 2, axis=0) for one in motions)
+    return np.sqrt(squares / np.maximum(sum(one.settled.sum(axis=0) for one in motions), 1.0))
 
 
 def error_ratio(error: Float[Array, " k"], oracle: Float[Array, " k"]) -> float:
@@ -129,7 +149,7 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     return simulate(plain, "twin").session, simulate(other, "other").session
 
 
-def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], Any]:
+def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], ArmModel]:
     """The diagnosis of a session with nothing to name, and the arm with the joints that it has."""
     arm, reports = inspect_sources(Given([session], robot)).whole
     diagnosis, analysis, _ = diagnose_reports(reports, arm, ())

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from ident.benchmark.scoring import Outcome
 from ident.benchmark.statistics import Score
 from ident.benchmark.summary import EDIT_WITHIN, BlindReport
@@ -17,7 +15,6 @@ from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_pages import write_diagnosis_report
-from ident.show.report.figures import make_panel, to_svg
 from ident.show.report.numbers import DASH, fixed, percent
 from ident.show.report.page import Section, write_report
 from ident.show.report.provenance import FactsSection
@@ -53,15 +50,6 @@ MEANS = {
 BASELINES = {"bic_forward": "forward selection by BIC"}
 COMPARED = ("strict", "joint", "false_alarm", "false_alarm_decoy", "refusal")
 OF_WORLDS = ("strict", "class_aware", "joint", "companion", "false_alarm", "told_gap")
-# Curves over worlds: score, colour, name in the key.
-CURVES = (
-    ("strict", "#0b5394", "visible effects named"),
-    ("told_gap", "#b45f06", "healthy told a gap"),
-    ("false_alarm", "#990000", "healthy with a name"),
-)
-SLANT, STEEP = 20, 50  # of the names of strata, a few and many [deg]
-TITLE_SHARE = 0.07  # of a panel's height for its title
-SHIFT = 0.06  # of a panel's width between two intervals at one place
 LEADS = {
     "scores": "Effects were drawn by chance and hidden in sessions of a simulated arm of other code and other laws; "
     "the answers were sealed, the recordings diagnosed by processes that never saw them, then the seals opened. "
@@ -82,13 +70,12 @@ LEADS = {
 
 @dataclass(frozen=True, eq=False)
 class TableSection(Section):
-    """Words, pictures and a table of a check; left out where there is neither picture nor row.
+    """Words and a table of a check; left out where there is no row.
 
     Attributes:
         anchor, title: Its address and heading.
         columns: Headings of the table; one that begins with "#" is over text.
         rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
-        panels: Pictures, as SVG.
         headline, alarm: Said before the rest.
     """
 
@@ -96,14 +83,13 @@ class TableSection(Section):
     title: str  # type: ignore[misc]
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
-    panels: Sequence[Any] = ()
     headline: str = ""
     alarm: str = ""
     template: ClassVar[str] = "blind_table.html"
 
     @property
     def is_present(self) -> bool:
-        return bool(self.rows or self.panels)
+        return bool(self.rows)
 
     def context(self) -> dict[str, Any]:
         return {
@@ -180,7 +166,7 @@ def scores_section(report: BlindReport) -> Section:
     rows = [_cells(text, scores[name]) for name, text in SHARES.items()]
     rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
     alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
-    return TableSection("scores", "Scores", ("score", "value", "interval", "of"), rows, (), headline, alarm)
+    return TableSection("scores", "Scores", ("score", "value", "interval", "of"), rows, headline, alarm)
 
 
 def strata_section(report: BlindReport) -> Section:
@@ -215,8 +201,7 @@ def worlds_section(report: BlindReport) -> Section:
     ]
     worst = report.worst
     told = worst and f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named."
-    panels = [draw_axis(strata) for strata in report.worlds.values()]
-    return TableSection("worlds", "In which worlds does it hold?", columns, rows, panels, alarm=told or "")
+    return TableSection("worlds", "In which worlds does it hold?", columns, rows, alarm=told or "")
 
 
 def baselines_section(report: BlindReport) -> Section:
@@ -232,9 +217,10 @@ def baselines_section(report: BlindReport) -> Section:
 
 
 def calibration_section(report: BlindReport) -> Section:
-    """What probabilities said against what was true."""
+    """Probabilities against how often they were right."""
+    rows = [_cells(fixed(one.said), one.right) for one in report.calibration]
     title = "Is a probability of 0.9 right nine times in ten?"
-    return TableSection("calibration", title, (), (), [draw_calibration(report)] if report.calibration else ())
+    return TableSection("calibration", title, ("probability", "right", "interval", "of"), rows)
 
 
 def coverage_section(report: BlindReport) -> Section:
@@ -272,57 +258,6 @@ def wrong_section(report: BlindReport) -> Section:
 
     columns = ("case", "#kind", "#true", "#told")
     return TableSection("wrong", "Wrong, and sure of it", columns, [row(one) for one in report.confidently_wrong])
-
-
-def draw_calibration(report: BlindReport) -> Any:
-    """Share of right names over their probability, with Wilson's intervals."""
-    figure, axes = make_panel("probability told", "share right", size=(3.4, 2.8))
-    axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8, linestyle="--")
-    x = [one.said for one in report.calibration]
-    y, reach = _bars([one.right for one in report.calibration])
-    axes.errorbar(x, y, yerr=reach, fmt="o", color="#0b5394", markersize=4, linewidth=1)
-    axes.set_xlim(-0.03, 1.03)
-    axes.set_ylim(-0.03, 1.03)
-    return to_svg(figure, "Calibration curve: share of right names over the probability told")
-
-
-def _bars(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
-    """Values of scores, and how far their intervals reach below and above."""
-    value, low, high = (
-        np.array([getattr(one, end) for one in scores], dtype=float) for end in ("value", "low", "high")
-    )
-    return value, np.maximum([value - low, high - value], 0.0)
-
-
-def draw_axis(strata: Sequence[tuple[Stratum, Mapping[str, Score]]]) -> Any:
-    """Scores over the strata of one property, with their intervals."""
-    figure, axes = make_panel("", "share", size=(3.5, 2.3), bottom=0.85)
-    first, places = strata[0][0], [_place(one) for one, _ in strata]
-    for k, (name, colour, words) in enumerate(CURVES):
-        told = [(i, scores[name]) for i, (_, scores) in enumerate(strata) if scores[name].value is not None]
-        if told:
-            x = np.array([i for i, _ in told]) + SHIFT * (k - 1) * 2.0
-            y, reach = _bars([score for _, score in told])
-            style: dict[str, Any] = {
-                "fmt": "o" if first.value else "o-",
-                "color": colour,
-                "markersize": 3.5,
-                "linewidth": 0.8,
-            }
-            axes.errorbar(x, y, yerr=reach, alpha=0.9, label=words, **style)
-    axes.set_xticks(np.arange(len(strata)), places)
-    if len(strata) > 4 or max(map(len, places)) > 10:
-        axes.tick_params(axis="x", labelrotation=STEEP if len(strata) > 6 else SLANT)
-        for label in axes.get_xticklabels():
-            label.set_horizontalalignment("right")
-            label.set_rotation_mode("anchor")
-    axes.set_xlim(-0.5, len(strata) - 0.5)
-    axes.set_ylim(-0.03, 1.03)
-    axes.legend(fontsize=5, frameon=False, loc="center")
-    axes.set_title(_axis(first), fontsize=8, loc="left", pad=3)
-    box = axes.get_position()
-    axes.set_position((box.x0, box.y0, box.width, box.height - TITLE_SHARE))
-    return to_svg(figure, f"Scores by {_axis(first)}")
 
 
 def _axis(one: Stratum) -> str:

@@ -44,13 +44,11 @@ def simulate(
     decoy: Annotated[list[str] | None, typer.Option(help="inertia, geometry, friction, controller.")] = None,
     answer: Annotated[bool, typer.Option(help="Write what was wrong beside the session.")] = False,
     sealed: Annotated[bool, typer.Option(help="Write it encrypted; its SHA-256 and key are printed.")] = False,
-    recipe: Annotated[str | None, typer.Option(help="Make a shipped set of recordings instead.")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """A session of the simulated arm, its effects chosen."""
     from ident.robot.arm import ArmModel
     from ident.simulation.output import simulate_to
-    from ident.simulation.recipes import run_recipe
     from ident.simulation.request import parse_payload
     from ident.simulation.simulate import RICH, SimulationOptions
     from ident.simulation.world import find_world, settle
@@ -59,8 +57,7 @@ def simulate(
 
     if plan is not None and commands is not None:
         raise InputError("--plan", "given beside --commands", "give one of them")
-    whole = {} if recipe else {"--out": (out, SESSION_KIND)}
-    check_outputs([commands, plan, robot, world], {"--json": json_file}, whole)
+    check_outputs([commands, plan, robot, world], {"--json": json_file}, {"--out": (out, SESSION_KIND)})
     drawn = None if world is None else settle(find_world(world), seed, robot, runs, duration, rate, velocity)
     robot = drawn.robot if drawn else robot or "tm5-900"
     runs = drawn.runs if drawn else 10 if runs is None else runs
@@ -75,39 +72,37 @@ def simulate(
         def tell() -> None:
             step(next(finished), total)
 
-        if recipe is not None:
-            written = run_recipe(recipe, out)
-        else:
-            options = SimulationOptions(
-                robot=robot,
-                effects=tuple(effect or ()),
-                seed=seed,
-                motions=tuple(motion) if motion else RICH,
-                runs=runs,
-                duration=8.0 if duration is None else duration,
-                rate=250.0 if rate is None else rate,
-                velocity=velocity is not False,
-                temperature=temperature,
-                payload=parse_payload(payload) if payload else None,
-                decoys=tuple(decoy or ()),
-            )
-            options = options if drawn is None else options.in_world(drawn)
-            written = [simulate_to(out, options, answer, sealed, tell, given)]
-    settings = {"effects": effect or [], "robot": robot, "world": world, "seed": seed, "recipe": recipe}
+        options = SimulationOptions(
+            robot=robot,
+            effects=tuple(effect or ()),
+            seed=seed,
+            motions=tuple(motion) if motion else RICH,
+            runs=runs,
+            duration=8.0 if duration is None else duration,
+            rate=250.0 if rate is None else rate,
+            velocity=velocity is not False,
+            temperature=temperature,
+            payload=parse_payload(payload) if payload else None,
+            decoys=tuple(decoy or ()),
+        )
+        options = options if drawn is None else options.in_world(drawn)
+        written = simulate_to(out, options, answer, sealed, tell, given)
+    settings = {"effects": effect or [], "robot": robot, "world": world, "seed": seed}
     record = {
         "schema": "ident.simulation/1",
-        "robot": written[0].robot,
-        "joints": list(written[0].joints),
-        "sessions": [{**vars(one), "folder": str(one.folder)} for one in written],
+        "robot": written.robot,
+        "joints": list(written.joints),
+        "sessions": [{**vars(written), "folder": str(written.folder)}],
         "provenance": Provenance("ident simulate", settings=settings).to_dict(),
     }
 
     def show() -> None:
-        for one in written:
-            console.print(f"{one.folder}: {plural(one.runs, 'run')}, {one.samples} samples, {one.duration_s:.0f} s")
-            if one.sha256:
-                key = f", key {one.key}" if one.key else ""
-                console.print(f"sealed: sha256 {one.sha256}{key}", soft_wrap=True)
+        console.print(
+            f"{written.folder}: {plural(written.runs, 'run')}, {written.samples} samples, {written.duration_s:.0f} s"
+        )
+        if written.sha256:
+            key = f", key {written.key}" if written.key else ""
+            console.print(f"sealed: sha256 {written.sha256}{key}", soft_wrap=True)
 
     deliver(show, lambda: write_record(json_file, record))
 

@@ -13,6 +13,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
+from ident.monitor.alarms import LEVEL
 from ident.monitor.figures import UNITS, compute_figures
 from ident.monitor.folder import FoundSession, date_of
 from ident.monitor.store import DONE, Store
@@ -23,40 +24,48 @@ from ident.sessions import Given, inspect_sources
 
 
 @dataclass(frozen=True)
-class SessionTask:
-    """One session to be looked at, as it goes to another process.
+class WatchOptions:
+    """How a folder is watched.
 
     Attributes:
-        session: Which.
         robot: URDF path or name; None takes the one named in session.toml.
-        model: Folder of a model fitted to arms of this kind, whose inertias are the reference; None takes the URDF's.
-        store: Folder of the store.
-        diagnosed: Whether a diagnosis is made too.
+        model: Folder of a fitted model whose inertias are the reference of all figures.
+        diagnosed: Whether each session is diagnosed too.
+        level: Chance of any false alarm in an arm's life.
+        settle: A session is looked at when nothing was written to it for so long [s].
+        workers: Processes on this machine.
+        scheduler: Address of a Dask scheduler instead.
     """
 
-    session: FoundSession
-    robot: str | None
-    model: str | None
-    store: str
-    diagnosed: bool
+    robot: str | None = None
+    model: str | None = None
+    diagnosed: bool = True
+    level: float = LEVEL
+    settle: float = 10.0
+    workers: int = 1
+    scheduler: str | None = None
 
 
-def examine_session(task: SessionTask) -> str:
+def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
     """Looks at one session and writes what is found; a session that is unfit is noted as such.
+
+    Args:
+        task: The session, the folder of the store, and how it is looked at; as it goes to another process.
 
     Returns:
         Its name, `arm/session`.
     """
-    store, found = Store(Path(task.store)), task.session
+    found, folder, options = task
+    store = Store(folder)
     row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": str(found.path)}
     try:
-        arm, (report,) = inspect_sources(Given([found.path], task.robot, session_file=found.settings)).whole
+        arm, (report,) = inspect_sources(Given([found.path], options.robot, session_file=found.settings)).whole
         session, row["robot"] = report.session, arm.name
         row["date"] = date_of(found, _first_stamp(session))
         report.require_fit()
-        model = None if task.model is None else HybridModel.load(Path(task.model))
+        model = None if options.model is None else HybridModel.load(Path(options.model))
         figures = _figures(report, arm, model)
-        if task.diagnosed:
+        if options.diagnosed:
             row["verdict"] = _write_diagnosis(store, found, report, arm, model, row)
         store.write("figures", found.arm, found.name, [{**row, **one} for one in figures])
         size = {"samples": session.samples, "duration_s": session.duration}

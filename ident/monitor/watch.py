@@ -12,38 +12,15 @@ from typing import Any
 from ident.errors import plural
 from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
 from ident.monitor.figures import UNITS
-from ident.monitor.folder import STORE_KIND, FoundSession, find_sessions, is_settled
+from ident.monitor.folder import STORE_KIND, find_sessions, is_settled
 from ident.monitor.outliers import OddSession, find_odd_sessions
-from ident.monitor.session_work import SessionTask, examine_session
+from ident.monitor.session_work import WatchOptions, examine_session
 from ident.monitor.store import Store, write_rows
 from ident.outputs import begin_folder
 from ident.results import Result
 from ident.workers import run_tasks
 
 SCHEMA = "ident.watch/1"
-
-
-@dataclass(frozen=True)
-class WatchOptions:
-    """How a folder is watched.
-
-    Attributes:
-        robot: URDF path or name; None takes the one named in session.toml.
-        model: Folder of a fitted model whose inertias are the reference of all figures.
-        diagnosed: Whether each session is diagnosed too.
-        level: Chance of any false alarm in an arm's life.
-        settle: A session is looked at when nothing was written to it for so long [s].
-        workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler instead.
-    """
-
-    robot: str | None = None
-    model: str | None = None
-    diagnosed: bool = True
-    level: float = LEVEL
-    settle: float = 10.0
-    workers: int = 1
-    scheduler: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +167,7 @@ def look(
     done = kept.stamps()
     new = [one for one in found if done.get(one.key) != one.stamp]
     ready = [one for one in new if is_settled(one, options.settle)]
-    tasks = [_task(one, store, options) for one in ready]
+    tasks = [(one, store, options) for one in ready]
     finished: list[str] = []
 
     def count(name: str) -> None:
@@ -207,10 +184,6 @@ def look(
     ready_names = {one.key for one in ready}
     waiting = tuple(one.key for one in new if one.key not in ready_names)
     return Watch(arms, tuple(sorted(finished)), waiting, options.level)
-
-
-def _task(session: FoundSession, store: Path, options: WatchOptions) -> SessionTask:
-    return SessionTask(session, options.robot, options.model, str(store), options.diagnosed)
 
 
 def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]:

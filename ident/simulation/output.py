@@ -10,7 +10,6 @@ from pathlib import Path
 from ident.errors import InputError
 from ident.files import atomic_folder
 from ident.outputs import SESSION_KIND, require_own_folder
-from ident.recordings.recording import Session
 from ident.recordings.save import fill_session
 from ident.simulation.answer import seal, write_answer
 from ident.simulation.record import Progress, no_progress
@@ -38,12 +37,6 @@ class WrittenSession:
     joints: tuple[str, ...]
     sha256: str = ""
     key: str = ""
-
-    @classmethod
-    def of(cls, session: Session, folder: Path, sha256: str = "", key: str = "") -> WrittenSession:
-        """A session as it was written into a folder."""
-        size = len(session.runs), session.samples, session.duration
-        return cls(folder, *size, session.robot or "", session.joints, sha256, key)
 
 
 def write_simulation(
@@ -75,7 +68,9 @@ def write_simulation(
             write_answer(simulation.answer, temporary)
         if sealed:
             digest = seal(simulation.answer, temporary, secret)
-    return WrittenSession.of(session, target, sha256=digest, key=secret.hex() if sealed else "")
+    size = len(session.runs), session.samples, session.duration
+    key_text = secret.hex() if sealed else ""
+    return WrittenSession(target, *size, session.robot or "", session.joints, digest, key_text)
 
 
 def simulate_to(

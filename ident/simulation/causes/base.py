@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,6 +41,10 @@ class Circumstances:
     def rated(self) -> float:
         """Rated torque of the joint [N m]."""
         return float(self.hardware.drive.effort_limit[self.joint])
+
+    def with_laws(self, part: str, **values: Any) -> Hardware:
+        """The hardware with some columns of a law changed at the joint."""
+        return self.hardware.with_laws(part, self.joint, **values)
 
     @property
     def neighbour(self) -> int:

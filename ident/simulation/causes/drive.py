@@ -22,16 +22,14 @@ def _damping(scene: Circumstances, stiffness: float, ratio: float) -> float:
 
 def _elasticity(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     damping = _damping(scene, size, DRIVE_DAMPING)
-    hardware = scene.hardware.with_laws("drive", scene.joint, elastic=True, stiffness=size, damping=damping)
+    hardware = scene.with_laws("drive", elastic=True, stiffness=size, damping=damping)
     return hardware, {"stiffness_Nm_rad": size, "damping_Nms_rad": damping}
 
 
 def _backlash(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     stiffness = MESH_STIFFNESS * scene.rated
     damping = _damping(scene, stiffness, 2.0 * DRIVE_DAMPING)
-    hardware = scene.hardware.with_laws(
-        "drive", scene.joint, elastic=True, stiffness=stiffness, damping=damping, gap=size
-    )
+    hardware = scene.with_laws("drive", elastic=True, stiffness=stiffness, damping=damping, gap=size)
     return hardware, {"gap_rad": size, "mesh_stiffness_Nm_rad": stiffness}
 
 
@@ -41,14 +39,14 @@ def _tight_gear(scene: Circumstances) -> Hardware:
 
 def _ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     phase = float(scene.rng.uniform(-np.pi, np.pi))
-    hardware = scene.hardware.with_laws("drive", scene.joint, ripple=size, ripple_phase=phase, ripple_load=0.5)
+    hardware = scene.with_laws("drive", ripple=size, ripple_phase=phase, ripple_load=0.5)
     order = float(scene.hardware.drive.ripple_order[scene.joint])
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
 def _spring(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     rest = float(scene.rng.uniform(-0.8, 0.8))
-    hardware = scene.hardware.with_laws("drive", scene.joint, hose_stiffness=size, hose_rest=rest)
+    hardware = scene.with_laws("drive", hose_stiffness=size, hose_rest=rest)
     return hardware, {"stiffness_Nm_rad": size, "rest_rad": rest}
 
 

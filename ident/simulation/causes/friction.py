@@ -27,15 +27,13 @@ def _either_way(scene: Circumstances) -> tuple[float, float]:
 def _stribeck(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     velocity = float(np.exp(scene.rng.uniform(np.log(0.03), np.log(0.15))))
     exponent = float(scene.rng.uniform(0.9, 2.0))
-    hardware = scene.hardware.with_laws(
-        "friction", scene.joint, stribeck=size, stribeck_velocity=velocity, stribeck_exponent=exponent
-    )
+    hardware = scene.with_laws("friction", stribeck=size, stribeck_velocity=velocity, stribeck_exponent=exponent)
     return hardware, {"amplitude_Nm": size, "stribeck_velocity_rad_s": velocity, "exponent": exponent}
 
 
 def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     velocity = float(scene.rng.uniform(0.05, 0.3))
-    hardware = scene.hardware.with_laws("friction", scene.joint, eyring=size, eyring_velocity=velocity)
+    hardware = scene.with_laws("friction", eyring=size, eyring_velocity=velocity)
     # Nearest power law over 0.1 to 2 rad/s, the form in which it is reported.
     v = np.geomspace(0.1, 2.0, 60)
     exponent, log_coefficient = np.polyfit(np.log(v), np.log(np.arcsinh(v / velocity)), 1)
@@ -44,7 +42,7 @@ def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Par
 
 
 def _load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    return scene.hardware.with_laws("friction", scene.joint, load=size), {"mu": size}
+    return scene.with_laws("friction", load=size), {"mu": size}
 
 
 def _thermal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -63,21 +61,19 @@ def _thermal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 
 def _hysteresis(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     displacement = float(np.exp(scene.rng.uniform(np.log(2e-3), np.log(3e-2))))
-    hardware = scene.hardware.with_laws("friction", scene.joint, soft=size, soft_stiffness=size / displacement)
+    hardware = scene.with_laws("friction", soft=size, soft_stiffness=size / displacement)
     return hardware, {"amplitude_Nm": size, "displacement_rad": displacement}
 
 
 def _position(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     order, phase = int(scene.rng.integers(1, 3)), float(scene.rng.uniform(-np.pi, np.pi))
-    hardware = scene.hardware.with_laws(
-        "friction", scene.joint, seat=size / scene.coulomb, seat_order=order, seat_phase=phase
-    )
+    hardware = scene.with_laws("friction", seat=size / scene.coulomb, seat_order=order, seat_phase=phase)
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
 def _asymmetric(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     viscous = float(scene.rng.uniform(0.3, 0.8) * size / scene.coulomb * scene.hardware.friction.viscous[scene.joint])
-    hardware = scene.hardware.with_laws("friction", scene.joint, coulomb_skew=size, viscous_skew=viscous)
+    hardware = scene.with_laws("friction", coulomb_skew=size, viscous_skew=viscous)
     return hardware, {"coulomb_difference_Nm": size, "viscous_difference_Nms_rad": viscous}
 
 

@@ -19,8 +19,8 @@ def _cable(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     centre, width = float(scene.rng.uniform(-0.5, 0.5)), float(scene.rng.uniform(0.3, 0.7))
     share = float(scene.rng.choice([-1.0, 1.0]) * scene.rng.uniform(0.5, 1.0))
     other = scene.neighbour
-    hardware = scene.hardware.with_laws(
-        "outside", scene.joint, cable=size, cable_other=other, cable_share=share, cable_centre=centre, cable_width=width
+    hardware = scene.with_laws(
+        "outside", cable=size, cable_other=other, cable_share=share, cable_centre=centre, cable_width=width
     )
     truth = {"drag_Nm": size, "centre_rad": centre, "half_width_rad": width, "share": share}
     return hardware, {**truth, "other_joint": scene.hardware.arm.joint_names[other]}
@@ -29,7 +29,7 @@ def _cable(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 def _product(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """Drag on the joint that grows with the neighbour's speed."""
     other = scene.neighbour
-    hardware = scene.hardware.with_laws("outside", scene.joint, product=size, product_other=other)
+    hardware = scene.with_laws("outside", product=size, product_other=other)
     return hardware, {"drag_Nms2_rad2": size, "other_joint": scene.hardware.arm.joint_names[other]}
 
 
@@ -50,14 +50,14 @@ def _slosh_bounds(scene: Circumstances) -> tuple[float, float]:
 def _skid(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The bearing's balls skid while the joint accelerates: more dry friction."""
     scale = float(scene.rng.uniform(1.0, 3.0))
-    hardware = scene.hardware.with_laws("friction", scene.joint, skid=size, skid_scale=scale)
+    hardware = scene.with_laws("friction", skid=size, skid_scale=scale)
     return hardware, {"friction_Nm": size, "acceleration_rad_s2": scale}
 
 
 def _brake(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The holding brake lets go slowly at the start of each run."""
     decay = float(scene.rng.uniform(0.5, 2.0))
-    hardware = scene.hardware.with_laws("outside", scene.joint, brake=size, brake_decay=decay)
+    hardware = scene.with_laws("outside", brake=size, brake_decay=decay)
     return hardware, {"drag_Nm": size, "decay_s": decay}
 
 
@@ -73,21 +73,21 @@ def _sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 def _seal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """A seal winds up with the shaft and relaxes: a spring when quick, viscous when slow."""
     relaxation = float(np.exp(scene.rng.uniform(np.log(0.1), np.log(0.8))))
-    hardware = scene.hardware.with_laws("outside", scene.joint, seal=size, seal_relaxation=relaxation)
+    hardware = scene.with_laws("outside", seal=size, seal_relaxation=relaxation)
     return hardware, {"stiffness_Nm_rad": size, "relaxation_s": relaxation}
 
 
 def _ageing(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The contact strengthens while it rests, and is renewed by slip."""
     slip = float(np.exp(scene.rng.uniform(np.log(3e-3), np.log(3e-2))))
-    hardware = scene.hardware.with_laws("outside", scene.joint, ageing=size, ageing_slip=slip)
+    hardware = scene.with_laws("outside", ageing=size, ageing_slip=slip)
     return hardware, {"friction_per_efold_Nm": size, "slip_rad": slip}
 
 
 def _tooth(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """Planetary or worm teeth slide inwards, then outwards: their friction turns round at every pitch point."""
     order = float(scene.rng.integers(12, 40))
-    hardware = scene.hardware.with_laws("outside", scene.joint, tooth=size, tooth_order=order)
+    hardware = scene.with_laws("outside", tooth=size, tooth_order=order)
     return hardware, {"mu": size, "teeth": order}
 
 

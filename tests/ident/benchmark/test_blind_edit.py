@@ -13,11 +13,11 @@ import pytest
 from made_up_cases import answer, finding, truth
 from test_blind_worlds import RIGHT, outcome, world_of
 
-from ident.benchmark.edited import EditedModel
-from ident.benchmark.editing import edit_case, error_ratio, twins_of
+from ident.benchmark.editing import edit_case, edited_arm, error_ratio, rms_left, tuned_arm, twins_of
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.summary import EDIT_WITHIN, BlindReport
 from ident.effects.transmission import SpringTorque
+from ident.export.identified import IdentifiedArm
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
@@ -48,9 +48,8 @@ def motions(arm: ArmModel) -> Sequence[Motion]:
     return record(arm, nothing)
 
 
-def ratio(model: EditedModel, healthy: Mapping[str, Any], motions: Sequence[Motion], arm: ArmModel) -> float:
-    oracle = EditedModel.tuned_alone(healthy, arm)
-    return error_ratio(model.rms(motions)[[JOINT]], oracle.rms(motions)[[JOINT]])
+def ratio(model: IdentifiedArm, healthy: Mapping[str, Any], motions: Sequence[Motion], arm: ArmModel) -> float:
+    return error_ratio(rms_left(model, motions)[[JOINT]], rms_left(tuned_arm(healthy, arm), motions)[[JOINT]])
 
 
 def test_a_cause_with_right_figures_can_be_taken_out(
@@ -58,27 +57,27 @@ def test_a_cause_with_right_figures_can_be_taken_out(
 ) -> None:
     """Law: the patched model less its cause is the model of the arm without it; with the cause left in it is not."""
     assert [one["effect"] for one in spring["findings"]] == ["spring_torque"]
-    assert ratio(EditedModel.of(spring, arm, [0]), healthy, motions, arm) <= EDIT_WITHIN
-    assert ratio(EditedModel.of(spring, arm), healthy, motions, arm) > 2.0
+    assert ratio(edited_arm(spring, arm, [0]), healthy, motions, arm) <= EDIT_WITHIN
+    assert ratio(edited_arm(spring, arm), healthy, motions, arm) > 2.0
 
 
 def test_a_cause_that_went_into_tuning_cannot(
     arm: ArmModel, spring: dict[str, Any], healthy: dict[str, Any], motions: Sequence[Motion]
 ) -> None:
     """Law: where tuning took the cause, taking the name out leaves what tuning took."""
-    assert ratio(EditedModel.tuned_alone(spring, arm), healthy, motions, arm) > EDIT_WITHIN
+    assert ratio(tuned_arm(spring, arm), healthy, motions, arm) > EDIT_WITHIN
     swapped = {**spring, "baseline": {**spring["baseline_alone"]}}
     swapped["baseline"]["joint_3"]["laws"] = spring["baseline"]["joint_3"]["laws"]
-    assert ratio(EditedModel.of(swapped, arm, [0]), healthy, motions, arm) > EDIT_WITHIN
+    assert ratio(edited_arm(swapped, arm, [0]), healthy, motions, arm) > EDIT_WITHIN
 
 
 def test_nothing_but_the_chosen_names_is_taken_out(arm: ArmModel, spring: dict[str, Any]) -> None:
     """Law: tuning is the same with a name and without; names that are not chosen stay."""
-    whole, without = EditedModel.of(spring, arm), EditedModel.of(spring, arm, [0])
-    assert len(whole.identified.changes) == 1
-    assert not without.identified.changes
-    np.testing.assert_array_equal(whole.identified.links.tuned, without.identified.links.tuned)
-    np.testing.assert_array_equal(whole.identified.losses.coulomb, without.identified.losses.coulomb)
+    whole, without = edited_arm(spring, arm), edited_arm(spring, arm, [0])
+    assert len(whole.changes) == 1
+    assert not without.changes
+    np.testing.assert_array_equal(whole.links.tuned, without.links.tuned)
+    np.testing.assert_array_equal(whole.losses.coulomb, without.losses.coulomb)
 
 
 def test_the_twin_is_the_arm_of_the_case_without_its_cause() -> None:

@@ -248,7 +248,6 @@ def test_a_urdf_without_inertia(run: Run, tmp_path: Path) -> None:
         (("simulate", "--out", "s", "--motion", "dance"), ("dance",)),
         (("simulate", "--out", "s", "--runs", "0"), ("0",)),
         (("simulate", "--out", "s", "--commands", "nowhere.csv"), ("nowhere.csv",)),
-        (("simulate", "--out", "s", "--recipe", "soup"), ("soup",)),
     ],
 )
 def test_bad_options(

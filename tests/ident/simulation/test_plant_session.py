@@ -14,11 +14,11 @@ from ident.simulation.answer import ENVELOPE_NAME, Answer, TrueEffect, open_enve
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
 from ident.simulation.decoys import DECOYS, add_decoy
 from ident.simulation.output import simulate_to, write_simulation
-from ident.simulation.recipes import TRAINING_SAMPLES, run_recipe, sealed_key, training_counts
 from ident.simulation.request import EffectRequest, find_joint, parse_effect, parse_payload
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.visibility import VisibilityMeter
 from ident.trajectories.kinds import plan_motions
+from logs.make import TRAINING_SAMPLES, sealed_key, training_counts
 
 # The ids that the contract fixes.
 IDS = (
@@ -251,8 +251,3 @@ def test_shipped_envelopes_open():
         answer = open_envelope(data_path(f"logs/tm5_900/{name}"), sealed_key(name))
         assert len(answer.effects) == 1
         assert answer.effects[0].effect in CATALOGUE
-
-
-def test_unknown_recipes_are_refused(tmp_path):
-    with pytest.raises(InputError, match="tm5-900-logs"):
-        run_recipe("cake", tmp_path)

@@ -1,5 +1,8 @@
 """The shipped recordings, made anew: the paper's sets of the TM5-900, and the sealed sessions.
 
+    python logs/make.py OUT             # the same code gives the same files
+    python logs/make.py --open sealed_1  # what was wrong in a sealed session: diagnose it first
+
 Ten trajectories for training (T1, T2) run in both directions at three speeds, ten for evaluation (E1, E2), and the
 evaluation trajectories again with three payloads. One and the same hidden arm in all of them.
 
@@ -8,8 +11,10 @@ Source: paper, section 4.1 (10,306 samples in T1 and T2; payloads of 516, 1029 a
 
 from __future__ import annotations
 
+import argparse
 import hashlib
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +24,13 @@ from ident.errors import InputError
 from ident.recordings.recording import Payload, Session
 from ident.recordings.save import write_session
 from ident.robot.arm import ArmModel
+from ident.simulation.answer import open_envelope
 from ident.simulation.causes import CATALOGUE
 from ident.simulation.friction import plain_friction
 from ident.simulation.hardware import Hardware, draw_hardware
 from ident.simulation.mjcf import AddedBody
-from ident.simulation.output import WrittenSession, write_simulation
-from ident.simulation.record import Channels, Progress, draw_pauses, no_progress, record_runs
+from ident.simulation.output import write_simulation
+from ident.simulation.record import Channels, draw_pauses, record_runs
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import ORIGIN, Simulation, SimulationOptions, simulate
 from ident.trajectories.kinds import random_path
@@ -121,7 +127,7 @@ def weight(arm: ArmModel, mass: float) -> tuple[AddedBody, Payload]:
     return AddedBody(arm.links[-1], mass, com, radius=0.025), Payload(mass, com)
 
 
-def paper_sessions(progress: Progress) -> Iterator[Session]:
+def paper_sessions() -> Iterator[Session]:
     """T1, T2, E1, E2 and the payload sets, one after the other."""
     arm = ArmModel.load("tm5-900")
     limits, hardware = MotionLimits(arm), paper_arm(arm)
@@ -133,30 +139,11 @@ def paper_sessions(progress: Progress) -> Iterator[Session]:
         body, payload = weight(arm, PAYLOADS_KG[name]) if name in PAYLOADS_KG else (None, None)
         loaded = hardware.replace(bodies=hardware.bodies.replace(added=(body,))) if body else hardware
         pauses = draw_pauses(len(motions), (4.0, 12.0), rng)
-        runs, _ = record_runs(loaded, motions, Channels(rate=RATE_HZ), rng.spawn(1)[0], pauses, progress)
+        runs, _ = record_runs(loaded, motions, Channels(rate=RATE_HZ), rng.spawn(1)[0], pauses)
         yield Session(name, tuple(runs), payload=payload, robot="tm5-900", metadata=dict(ORIGIN))
 
 
-def write_paper_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
-    """Writes the paper's sets below a folder."""
-    written = []
-    for session in paper_sessions(progress):
-        write_session(session, folder / session.name)
-        written.append(WrittenSession.of(session, folder / session.name))
-    return written
-
-
-def write_sealed_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
-    """Writes the sealed sessions below a folder: each with one effect of the catalogue, drawn by chance."""
-    written = []
-    for number in range(1, SEALED + 1):
-        name = f"sealed_{number}"
-        simulation = draw_sealed(name, SEALED_SEED + number, progress)
-        written.append(write_simulation(simulation, folder / name, sealed=True, key=sealed_key(name)))
-    return written
-
-
-def draw_sealed(name: str, seed: int, progress: Progress) -> Simulation:
+def draw_sealed(name: str, seed: int) -> Simulation:
     """A session with one effect and joint drawn by chance, three times as large as the noise."""
     rng = np.random.default_rng(seed)
     joints = ArmModel.load("tm5-900").joint_names
@@ -165,34 +152,36 @@ def draw_sealed(name: str, seed: int, progress: Progress) -> Simulation:
         request = EffectRequest(effect, joint, amplitude=SEALED_AMPLITUDE)
         options = SimulationOptions(effects=(request,), seed=seed, runs=10, duration=6.0, rate=100.0, temperature=True)
         try:
-            return simulate(options, name, progress)
+            return simulate(options, name)
         except InputError:  # that effect can't be so large at that joint: draw again
             continue
 
 
 def sealed_key(name: str) -> bytes:
-    """Key of a shipped envelope: fixed, so that the recipe repeats the file; nothing in the folder leads to it."""
+    """Key of a shipped envelope: fixed, so that the same file comes out; nothing in the folder leads to it."""
     return hashlib.sha256(f"{name} of the shipped recordings".encode()).digest()
 
 
-def write_all_logs(folder: Path, progress: Progress = no_progress) -> list[WrittenSession]:
-    """Writes everything below `logs/tm5_900`."""
-    return [*write_paper_logs(folder, progress), *write_sealed_logs(folder, progress)]
+def write_logs(folder: Path) -> None:
+    """Writes everything that lies in `logs/tm5_900`; the sealed sessions have one effect each, drawn by chance."""
+    for session in paper_sessions():
+        write_session(session, folder / session.name)
+    for number in range(1, SEALED + 1):
+        name = f"sealed_{number}"
+        write_simulation(draw_sealed(name, SEALED_SEED + number), folder / name, sealed=True, key=sealed_key(name))
 
 
-RECIPES: dict[str, Callable[[Path, Progress], list[WrittenSession]]] = {
-    "tm5-900-logs": write_all_logs,
-    "tm5-900-paper": write_paper_logs,
-    "tm5-900-sealed": write_sealed_logs,
-}
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, nargs="?", default=Path("out/tm5_900"))
+    parser.add_argument("--open", metavar="SESSION")
+    given = parser.parse_args()
+    if given.open:
+        envelope = Path(__file__).parent / "tm5_900" / given.open
+        print(json.dumps(open_envelope(envelope, sealed_key(given.open)).to_dict(), indent=1))
+    else:
+        write_logs(given.out)
 
 
-def run_recipe(name: str, folder: str | Path, progress: Progress = no_progress) -> list[WrittenSession]:
-    """Writes the sessions of a recipe below a folder.
-
-    Raises:
-        InputError: No such recipe.
-    """
-    if name not in RECIPES:
-        raise InputError("--recipe", f"unknown recipe {name!r}", f"choose from: {', '.join(RECIPES)}")
-    return RECIPES[name](Path(folder), progress)
+if __name__ == "__main__":
+    main()
