@@ -53,8 +53,8 @@ def ranges(
     found = find_ranges(days, reference)
     if out is not None:
         tables: dict[str, dict[str, tuple[float, float]]] = {joint: {} for joint in found.noise}
-        for one in found.ranges:
-            tables[one.joint][one.figure] = one.low, one.high
+        for (joint, name), one in found.ranges.items():
+            tables[joint][name] = one.low, one.high
         write_ranges(Path(out), found.robot, tables)
     settings = {"robot": opened.arm.name, "model": None if loaded is None else loaded.robot.name, "cutoff_hz": cutoff}
     return found.with_provenance(Provenance("ident ranges", settings=settings, sessions=opened.stamps))

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 from ident.monitor.e_process import ChangeBets
-from ident.monitor.figures import UNITS
+from ident.monitor.estimates import UNITS, Estimate
 from ident.monitor.gain_change import common_scale
 from ident.records import Record
 
@@ -32,23 +32,11 @@ WORST_ERROR = 2.0
 
 
 @dataclass(frozen=True)
-class Point:
-    """A figure in one session.
-
-    Attributes:
-        session: The session's name.
-        date: Its date, ISO.
-        value: The figure.
-        low, high: Its 95 % interval by that session alone.
-        std: Its standard deviation.
-    """
+class Point(Estimate):
+    """An estimate by one session alone: the session's name and its date, ISO."""
 
     session: str
     date: str
-    value: float
-    low: float
-    high: float
-    std: float
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from ident.errors import plural
 from ident.monitor.alarms import Alarm
-from ident.monitor.figures import UNITS
+from ident.monitor.estimates import UNITS
 from ident.monitor.history_strip import draw_strip
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, tell_odd

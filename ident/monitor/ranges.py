@@ -1,6 +1,6 @@
 """Ranges for domain randomisation: as wide as the arm is uncertain and changes from day to day, and no wider.
 
-Each session is a day. A figure's range is the wider of two: its own 95 % interval, and where it will lie on another
+Each session is a day. A parameter's range is the wider of two: its own 95 % interval, and where it will lie on another
 day by its spread over the days so far. The randomised torque at a state lies in a box of those ranges; the check is
 how often the measured torque of a day lies in the box made from the other days, noise added as a simulator would.
 """
@@ -15,54 +15,35 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ident.arrays import Array, Float
-from ident.monitor.figures import TERMS, UNITS, SessionFigure, compute_figures, term_columns
+from ident.monitor.estimates import TERMS, UNITS, Estimate, Estimates, estimate_session, term_columns
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
 
 SCHEMA = "ident.ranges/1"
 LEVEL = 0.95
-# What is randomised by habit where nobody has measured: a share to either side of each figure.
+# What is randomised by habit where nobody has measured: a share to either side of each parameter.
 HABIT = 0.30
-# Figures of which a share makes sense; a torque offset has no scale of its own.
+# Parameters of which a share makes sense; a torque offset has no scale of its own.
 SCALED = ("gain", "rotor", "viscous", "coulomb")
 # Held-out days need so many others to tell a spread from.
 LEAST_DAYS = 3
 
 
 @dataclass(frozen=True)
-class FigureRange:
-    """The range of one figure.
+class ParameterRange:
+    """The range of one parameter.
 
     Attributes:
-        joint, figure: What, by `UNITS`.
         value: Its middle: the mean over the days.
         low, high: The range.
         source: What makes it as wide as it is: `interval` or `days`.
     """
 
-    joint: str
-    figure: str
     value: float
     low: float
     high: float
     source: str
-
-    @property
-    def narrower(self) -> float:
-        """How many times narrower than the habit's; NaN for figures without a scale."""
-        if self.figure not in SCALED:
-            return float("nan")
-        return float(2.0 * HABIT * abs(self.value) / max(self.high - self.low, 1e-300))
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "unit": UNITS[self.figure],
-            "source": self.source,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +53,15 @@ class Ranges(Result):
     Attributes:
         robot: Its name.
         days: Names of the sessions.
-        ranges: One for each figure of each joint.
-        noise: Standard deviation of what the figures leave at each joint [N m].
+        ranges: By joint and parameter.
+        noise: Standard deviation of what the estimates leave at each joint [N m].
         inside: Share of held-out torque in the randomised box, by joint; empty where there are too few days.
         narrower: How many times narrower the box is there than the habit's, noise aside; NaN likewise.
     """
 
     robot: str
     days: tuple[str, ...]
-    ranges: tuple[FigureRange, ...]
+    ranges: Mapping[tuple[str, str], ParameterRange]
     noise: Mapping[str, float]
     inside: Mapping[str, float]
     narrower: float
@@ -92,7 +73,9 @@ class Ranges(Result):
             "robot": self.robot,
             "joints": list(self.noise),
             "days": list(self.days),
-            "ranges": {f"{one.joint}/{one.figure}": one.to_dict() for one in self.ranges},
+            "ranges": {
+                f"{joint}/{name}": {**vars(one), "unit": UNITS[name]} for (joint, name), one in self.ranges.items()
+            },
             "noise_Nm": dict(self.noise),
             "heldout": {"level": LEVEL, "inside": dict(self.inside), "narrower_than_habit": narrower, "habit": HABIT},
             "provenance": self.provenance.to_dict(),
@@ -101,10 +84,10 @@ class Ranges(Result):
     def summary(self) -> str:
         """The ranges in a table of plain lines, and the check."""
         lines = [f"{self.robot}: {len(self.days)} day(s)"]
-        for one in self.ranges:
+        for (joint, name), one in self.ranges.items():
             by = "day to day" if one.source == "days" else "its interval"
-            unit = "" if UNITS[one.figure] == "1" else f" {UNITS[one.figure]}"
-            lines.append(f"{one.joint} {one.figure}: {one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit}, by {by}")
+            unit = "" if UNITS[name] == "1" else f" {UNITS[name]}"
+            lines.append(f"{joint} {name}: {one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit}, by {by}")
         if self.inside:
             share = float(np.mean(list(self.inside.values())))
             lines.append(
@@ -123,43 +106,29 @@ def find_ranges(days: Mapping[str, Sequence[Motion]], reference: ArmModel) -> Ra
         days: Runs of each session.
         reference: The arm with the motions' joints; its rigid torque is what `gain` multiplies.
     """
-    figures = {name: compute_figures(motions, reference) for name, motions in days.items()}
-    names = list(days)
+    found = {name: estimate_session(motions, reference) for name, motions in days.items()}
     inside: dict[str, float] = {}
     narrower = float("nan")
-    if len(names) > LEAST_DAYS:
-        shares, widths = [], []
-        for out in names:
-            rest = pool_days([figures[name] for name in names if name != out])
-            noise = noise_of([figures[name] for name in names if name != out])
-            share, width = _check(days[out], reference, rest, noise)
-            shares.append(share)
-            widths.append(width)
-        joints = days[names[0]][0].joints
-        inside = dict(zip(joints, map(float, np.nanmean(shares, axis=0)), strict=True))
-        narrower = float(np.median(np.array(widths)))
-    return Ranges(
-        reference.name,
-        tuple(names),
-        pool_days(list(figures.values())),
-        noise_of(list(figures.values())),
-        inside,
-        narrower,
-    )
+    if len(days) > LEAST_DAYS:
+        checks = []
+        for out, motions in days.items():
+            rest = [own for name, own in found.items() if name != out]
+            checks.append(_check(motions, reference, pool_days(rest), noise_of(rest)))
+        joints = next(iter(days.values()))[0].joints
+        inside = dict(zip(joints, map(float, np.nanmean([share for share, _ in checks], axis=0)), strict=True))
+        narrower = float(np.median([width for _, width in checks]))
+    every = list(found.values())
+    return Ranges(reference.name, tuple(days), pool_days(every), noise_of(every), inside, narrower)
 
 
-def pool_days(days: Sequence[Sequence[SessionFigure]]) -> tuple[FigureRange, ...]:
-    """The range of each figure that every day tells."""
-    by_key: dict[tuple[str, str], list[SessionFigure]] = {}
-    for day in days:
-        for one in day:
-            if one.figure in TERMS:
-                by_key.setdefault((one.joint, one.figure), []).append(one)
-    return tuple(_range(found) for found in by_key.values() if len(found) == len(days))
+def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange]:
+    """The range of each parameter that every day has an estimate of."""
+    keys = [key for key in days[0] if key[1] in TERMS and all(key in day for day in days)]
+    return {key: _range([day[key] for day in days], key[1] in SCALED) for key in keys}
 
 
-def _range(found: Sequence[SessionFigure]) -> FigureRange:
-    """The wider of the figure's interval in a usual session, and where another day's will lie.
+def _range(found: Sequence[Estimate], scaled: bool) -> ParameterRange:
+    """The wider of the interval in a usual session, and where another day's estimate will lie.
 
     Source: the prediction interval of a normal draw, Student's t with D − 1 degrees of freedom.
     """
@@ -172,34 +141,31 @@ def _range(found: Sequence[SessionFigure]) -> FigureRange:
         spread = reach * float(values.std(ddof=1)) * float(np.sqrt(1.0 + 1.0 / count))
     half = max(own, spread)
     low = middle - half
-    if found[0].figure in SCALED and middle > 0.0:
+    if scaled and middle > 0.0:
         low = max(low, 0.0)  # nothing rubs backwards
-    return FigureRange(
-        found[0].joint, found[0].figure, middle, low, middle + half, "days" if spread > own else "interval"
-    )
+    return ParameterRange(middle, low, middle + half, "days" if spread > own else "interval")
 
 
-def noise_of(days: Sequence[Sequence[SessionFigure]]) -> dict[str, float]:
-    """What the figures leave at each joint, in a usual session [N m]."""
-    left: dict[str, list[float]] = {}
-    for day in days:
-        for one in day:
-            if one.figure == "gap":
-                left.setdefault(one.joint, []).append(one.value)
-    return {joint: float(np.sqrt(np.mean(np.square(values)))) for joint, values in left.items()}
+def noise_of(days: Sequence[Estimates]) -> dict[str, float]:
+    """What the estimates leave at each joint, in a usual session [N m]."""
+    joints = dict.fromkeys(joint for day in days for joint, name in day if name == "gap")
+    return {
+        joint: float(np.sqrt(np.mean([day[joint, "gap"].value ** 2 for day in days if (joint, "gap") in day])))
+        for joint in joints
+    }
 
 
 def _check(
-    motions: Sequence[Motion], reference: ArmModel, ranges: Sequence[FigureRange], noise: Mapping[str, float]
+    motions: Sequence[Motion],
+    reference: ArmModel,
+    ranges: Mapping[tuple[str, str], ParameterRange],
+    noise: Mapping[str, float],
 ) -> tuple[Float[Array, " n"], float]:
     """Share of each joint's torque inside the box, and how many times the habit's box is wider, its median over joints.
 
     The box of independent ranges at a state: its middle is the torque of the middles, its half width the sum of the
-    half widths times what each figure is multiplied by.
+    half widths times what each parameter multiplies.
     """
-    by_joint: dict[str, dict[str, FigureRange]] = {}
-    for one in ranges:
-        by_joint.setdefault(one.joint, {})[one.figure] = one
     joints = motions[0].joints
     inside, total = np.zeros(len(joints)), np.zeros(len(joints))
     own, habit = np.zeros(len(joints)), np.zeros(len(joints))
@@ -208,7 +174,7 @@ def _check(
         arm = reference.with_payload(motion.payload)
         rigid = motion.filtered(arm.inverse_dynamics(motion.q, motion.dq, motion.ddq))
         for j, joint in enumerate(joints):
-            known = by_joint.get(joint, {})
+            known = {name: one for (home, name), one in ranges.items() if home == joint}
             rows = motion.settled[:, j]
             columns = dict(zip(TERMS, term_columns(motion, rigid, j).T, strict=True))
             middle, half, usual = _box(columns, known)
@@ -222,7 +188,7 @@ def _check(
 
 
 def _box(
-    columns: Mapping[str, Float[Array, " t"]], known: Mapping[str, FigureRange]
+    columns: Mapping[str, Float[Array, " t"]], known: Mapping[str, ParameterRange]
 ) -> tuple[Float[Array, " t"], Float[Array, " t"], Float[Array, " t"]]:
     """Middle and half width of the box, and half width of the habit's [N m]."""
     middle = np.zeros_like(columns["gain"])

@@ -14,7 +14,7 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.monitor.alarms import LEVEL
-from ident.monitor.figures import UNITS, compute_figures
+from ident.monitor.estimates import UNITS, estimate_session
 from ident.monitor.folder import FoundSession, date_of
 from ident.monitor.store import DONE, Store
 from ident.motion.motion import prepare
@@ -100,8 +100,8 @@ def _figures(report: TelemetryReport, arm: ArmModel, model: HybridModel | None) 
     if model is not None:
         model.require_robot(arm, "--model")
         reference = model.arm
-    found = compute_figures(prepare(report.session), reference.keeping(report.session.joints))
-    return [{**vars(one), "unit": UNITS[one.figure]} for one in found]
+    found = estimate_session(prepare(report.session), reference.keeping(report.session.joints))
+    return [{"joint": joint, "figure": name, **vars(one), "unit": UNITS[name]} for (joint, name), one in found.items()]
 
 
 def _write_diagnosis(

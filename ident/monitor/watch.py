@@ -11,7 +11,7 @@ from typing import Any
 
 from ident.errors import plural
 from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
-from ident.monitor.figures import UNITS
+from ident.monitor.estimates import UNITS
 from ident.monitor.folder import STORE_KIND, find_sessions, is_settled
 from ident.monitor.outliers import OddSession, find_odd_sessions
 from ident.monitor.session_work import WatchOptions, examine_session
@@ -208,7 +208,7 @@ def make_history(
     points: dict[tuple[str, str], list[Point]] = defaultdict(list)
     for row in figures:
         if row["session"] in place:
-            values = (row[name] for name in ("session", "date", "value", "low", "high", "std"))
+            values = (row[name] for name in ("value", "low", "high", "std", "session", "date"))
             points[row["joint"], row["figure"]].append(Point(*values))
     for own in points.values():
         own.sort(key=lambda point: place[point.session])

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.arrays import Array
 from ident.monitor.alarms import Alarm, Point, find_changes
-from ident.monitor.figures import UNITS
+from ident.monitor.estimates import UNITS
 
 WEEKS = 52
 NAMES = [f"week_{i:02}" for i in range(WEEKS)]
@@ -62,7 +62,7 @@ def draw_arm(
         std = mean * spread * error * rng.uniform(0.8, 1.25, WEEKS)
         numbers = mean * (1.0 + spread * values)
         found[key] = [
-            Point(name, name, float(x), float(x - 2 * s), float(x + 2 * s), float(s))
+            Point(float(x), float(x - 2 * s), float(x + 2 * s), float(s), name, name)
             for name, x, s in zip(NAMES, numbers, std, strict=True)
         ]
     return found

@@ -23,7 +23,7 @@ def history(
             if changed == key:
                 values[start:] += size
         found[key] = [
-            Point(NAMES[i], f"2026-01-{i % 28 + 1:02}", float(v), v - 0.2, v + 0.2, 0.1) for i, v in enumerate(values)
+            Point(float(v), v - 0.2, v + 0.2, 0.1, NAMES[i], f"2026-01-{i % 28 + 1:02}") for i, v in enumerate(values)
         ]
     return found
 
@@ -73,7 +73,7 @@ def test_a_session_that_tells_a_figure_badly_is_passed_over() -> None:
     """Fifteen short sessions, ten times as uncertain and far off, are no change."""
     points = history(np.random.default_rng(6), {})
     key = KEYS[0]
-    points[key][30:45] = [Point(p.session, p.date, 20.0, 10.0, 30.0, 5.0) for p in points[key][30:45]]
+    points[key][30:45] = [Point(20.0, 10.0, 30.0, 5.0, p.session, p.date) for p in points[key][30:45]]
     assert find_changes("arm", points, NAMES)[0] == ()
 
 
@@ -93,7 +93,7 @@ def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
     points = history(np.random.default_rng(8), {(("joint_2", "viscous"), 30): 5.0})
     key, place = ("joint_1", "coulomb"), 20
     odd = points[key][place]
-    points[key][place] = Point(odd.session, odd.date, 25.0, 24.8, 25.2, 0.1)
+    points[key][place] = Point(25.0, 24.8, 25.2, 0.1, odd.session, odd.date)
     alarms = find_changes("arm", points, NAMES)[0]
     (found,) = find_odd_sessions("arm", points, alarms)
     assert (found.joint, found.figure, found.session) == (*key, NAMES[place])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from ident.monitor.figures import SessionFigure
+from ident.monitor.estimates import Estimate, Estimates
 from ident.monitor.ranges import HABIT, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -41,7 +41,7 @@ def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(
     found = find_ranges(days_of(arm, 0.04), arm)
     assert all(share >= 0.95 for share in found.inside.values())
     assert found.narrower > 2.0
-    friction = next(one for one in found.ranges if (one.joint, one.figure) == ("joint_1", "coulomb"))
+    friction = found.ranges["joint_1", "coulomb"]
     assert friction.source == "days"
     assert friction.low < 6.0 < friction.high
     record = check_record(found.to_dict())
@@ -54,7 +54,7 @@ def test_an_arm_that_changes_more_gets_wider_ranges(arm: ArmModel) -> None:
     widths = []
     for spread in (0.0, 0.03, 0.12):
         found = find_ranges(days_of(arm, spread, 5), arm)
-        one = next(one for one in found.ranges if (one.joint, one.figure) == ("joint_2", "coulomb"))
+        one = found.ranges["joint_2", "coulomb"]
         widths.append(one.high - one.low)
     assert widths == sorted(widths)
     assert widths[0] < 0.05 * 2 * HABIT * 6.0 * 4
@@ -62,7 +62,7 @@ def test_an_arm_that_changes_more_gets_wider_ranges(arm: ArmModel) -> None:
 
 def test_few_days_are_not_checked_and_one_day_has_its_interval_alone(arm: ArmModel) -> None:
     found = find_ranges(days_of(arm, 0.04, 1), arm)
-    assert {one.source for one in found.ranges} == {"interval"}
+    assert {one.source for one in found.ranges.values()} == {"interval"}
     assert not found.inside
     assert found.to_dict()["heldout"]["narrower_than_habit"] is None
     assert "not checked" in found.summary()
@@ -71,12 +71,11 @@ def test_few_days_are_not_checked_and_one_day_has_its_interval_alone(arm: ArmMod
 def test_the_range_is_the_wider_of_interval_and_days() -> None:
     """Two days far apart make it wide by themselves; two days alike leave it to the interval."""
 
-    def told(value: float) -> list[SessionFigure]:
-        return [SessionFigure("joint_1", "viscous", value, value - 1.0, value + 1.0, 0.5)]
+    def day(value: float) -> Estimates:
+        return {("joint_1", "viscous"): Estimate(value, value - 1.0, value + 1.0, 0.5)}
 
-    (near,), (far,) = pool_days([told(5.0), told(5.0)]), pool_days([told(4.0), told(6.0)])
+    near, far = (pool_days([day(a), day(b)])["joint_1", "viscous"] for a, b in ((5.0, 5.0), (4.0, 6.0)))
     assert (near.low, near.high, near.source) == (4.0, 6.0, "interval")
     assert far.source == "days"
     assert far.high - far.value == pytest.approx(12.706 * np.sqrt(2.0) * np.sqrt(1.5), rel=1e-3)
     assert far.low == 0.0
-    assert near.narrower == pytest.approx(1.5)

@@ -1,16 +1,16 @@
-"""Figures of an arm in one session, joint by joint, always by the same regression, so that days can be compared.
+"""Parameters of an arm in one session, joint by joint, always by the same regression, so that days can be compared.
 
     tau = gain · rigid(q, dq, ddq) + rotor · ddq + viscous · dq + coulomb · sign(dq) + offset
 
 clear of reversals and through the common filter; the rigid torque is that of the reference arm (the URDF, or a model
-fitted once). The gain is asked where gravity moves the joint: elsewhere nothing tells it from the rotor's inertia.
-What these leave is the gap. A reference that is wrong shifts a figure by the same amount every day, as long as the
+fitted once). The gain is estimated where gravity moves the joint: elsewhere nothing parts it from the rotor's inertia.
+What these leave is the gap. A reference that is wrong shifts an estimate by the same amount every day, as long as the
 motions are the same; other motions every day widen the day-to-day spread, by which every change is judged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from ident.checks.settings import USUAL_EFFORT
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 
-# Figure -> unit.
+# Parameter -> unit.
 UNITS = {
     "gain": "1",
     "rotor": "kg m²",
@@ -33,33 +33,28 @@ UNITS = {
 TERMS = ("gain", "rotor", "viscous", "coulomb", "offset")
 # Pieces whose errors are taken as independent: several times the correlation time of residuals (0.1 to 0.3 s) [s].
 PIECE_S = 1.5
-# Fewer samples than this tell no figure; a figure has to be told by so many pieces.
+# Fewer samples, or fewer pieces, give no estimate.
 LEAST_ROWS, LEAST_PIECES = 100, 6
 # Where so little of the moving samples is clear of reversals, all moving ones are used.
 LEAST_SETTLED = 0.1
 
 
 @dataclass(frozen=True)
-class SessionFigure:
-    """One figure of one joint.
+class Estimate:
+    """An estimate with its 95 % interval and its standard deviation."""
 
-    Attributes:
-        joint, figure: What, by `UNITS`.
-        value: The figure.
-        low, high: 95 % interval.
-        std: Standard deviation.
-    """
-
-    joint: str
-    figure: str
     value: float
     low: float
     high: float
     std: float
 
 
-def compute_figures(motions: Sequence[Motion], reference: ArmModel) -> tuple[SessionFigure, ...]:
-    """All figures that a session's motions tell.
+Estimates = Mapping[tuple[str, str], Estimate]
+"""By joint and parameter (`UNITS`)."""
+
+
+def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tuple[str, str], Estimate]:
+    """All parameters that a session's motions give an estimate of.
 
     Args:
         motions: Its runs; known payloads are part of the model.
@@ -72,22 +67,21 @@ def compute_figures(motions: Sequence[Motion], reference: ArmModel) -> tuple[Ses
         gravity.append(arm.gravity(motion.q[motion.coarse]))
     change = np.concatenate(gravity).std(axis=0)
     heavy = (change > USUAL_EFFORT.heavy_share * change.max()) & (change > USUAL_EFFORT.heavy_Nm)
-    found: list[SessionFigure] = []
-    for j, joint in enumerate(motions[0].joints):
-        found += _of_joint(motions, rigid, j, joint, bool(heavy[j]))
-    return tuple(found)
+    return {
+        (joint, name): one
+        for j, joint in enumerate(motions[0].joints)
+        for name, one in _of_joint(motions, rigid, j, bool(heavy[j])).items()
+    }
 
 
-def _of_joint(
-    motions: Sequence[Motion], rigid: Sequence[Array], j: int, joint: str, heavy: bool
-) -> list[SessionFigure]:
+def _of_joint(motions: Sequence[Motion], rigid: Sequence[Array], j: int, heavy: bool) -> dict[str, Estimate]:
     x, y, piece = _rows(motions, rigid, j)
     if not heavy:
         y, x = y - x[:, 0], x[:, 1:]
     names = TERMS if heavy else TERMS[1:]
     pieces = len(np.unique(piece))
     if len(y) < LEAST_ROWS or pieces < LEAST_PIECES:
-        return []
+        return {}
     size = np.linalg.norm(x, axis=0)
     scaled = x / np.where(size > 0.0, size, 1.0)
     beta = np.linalg.lstsq(scaled, y, rcond=1e-9)[0]
@@ -96,19 +90,14 @@ def _of_joint(
     scores = np.zeros((piece.max() + 1, scaled.shape[1]))
     np.add.at(scores, piece, scaled * left[:, None])
     covariance = bread @ (scores.T @ scores) @ bread * pieces / max(1, pieces - len(names))
-    values, std = (
-        beta / np.where(size > 0.0, size, np.inf),
-        np.sqrt(np.diag(covariance)) / np.where(size > 0.0, size, 1.0),
-    )
+    std = np.sqrt(np.diag(covariance))
     reach = float(stdtrit(max(1, pieces - len(names)), 0.975))
-    figures = [
-        SessionFigure(
-            joint, name, float(value), float(value - reach * error), float(value + reach * error), float(error)
-        )
-        for name, value, error, known in zip(names, values, std, size > 0.0, strict=True)
-        if known
-    ]
-    return [*figures, _gap(joint, left, piece, reach)]
+    found = {}
+    for name, value, error, norm in zip(names, beta, std, size, strict=True):
+        if norm > 0.0:
+            middle, own = float(value / norm), float(error / norm)
+            found[name] = Estimate(middle, middle - reach * own, middle + reach * own, own)
+    return {**found, "gap": _gap(left, piece, reach)}
 
 
 def _rows(motions: Sequence[Motion], rigid: Sequence[Array], j: int) -> tuple[Array, Array, Int[Array, " t"]]:
@@ -133,7 +122,7 @@ def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Ar
     return np.column_stack([rigid[:, j], filtered, np.ones(len(filtered))])
 
 
-def _gap(joint: str, left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> SessionFigure:
+def _gap(left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> Estimate:
     """Root mean square of what is left, with its error over pieces."""
     count = np.bincount(piece)
     mean = np.bincount(piece, left**2)[count > 0] / count[count > 0]
@@ -142,4 +131,4 @@ def _gap(joint: str, left: Float[Array, " t"], piece: Int[Array, " t"], reach: f
     error = float(np.sqrt(np.sum((weight * (mean - square)) ** 2)))
     value = float(np.sqrt(square))
     std = error / max(2.0 * value, 1e-300)
-    return SessionFigure(joint, "gap", value, max(0.0, value - reach * std), value + reach * std, std)
+    return Estimate(value, max(0.0, value - reach * std), value + reach * std, std)
