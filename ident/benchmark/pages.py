@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from ident.benchmark.scoring import Outcome
 from ident.benchmark.statistics import Score
@@ -16,7 +15,7 @@ from ident.show.panels import draw_bars
 from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.numbers import DASH, fixed, percent
-from ident.show.report.page import Section, write_report
+from ident.show.report.page import FilledSection, Section, write_report
 from ident.show.report.provenance import FactsSection
 from ident.show.report.words import effect_name, parameter_name
 
@@ -68,48 +67,27 @@ LEADS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class TableSection(Section):
+def table_section(
+    anchor: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], headline: str = "", alarm: str = ""
+) -> Section:
     """Words and a table of a check; left out where there is no row.
 
-    Attributes:
+    Args:
         anchor, title: Its address and heading.
         columns: Headings of the table; one that begins with "#" is over text.
         rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
-        headline, alarm: Said before the rest.
+        headline, alarm: Written before the rest.
     """
-
-    anchor: str  # type: ignore[misc]
-    title: str  # type: ignore[misc]
-    columns: Sequence[str]
-    rows: Sequence[Sequence[Any]]
-    headline: str = ""
-    alarm: str = ""
-    template: ClassVar[str] = "blind_table.html"
-
-    @property
-    def is_present(self) -> bool:
-        return bool(self.rows)
-
-    def context(self) -> dict[str, Any]:
-        return {
-            **vars(self),
-            "lead": LEADS.get(self.anchor, ""),
-            "columns": [name.lstrip("#") for name in self.columns],
-        } | {"text": [name.startswith("#") for name in self.columns]}
-
-
-@dataclass(frozen=True, eq=False)
-class SealSection(Section):
-    """SHA-256 of the envelopes."""
-
-    seals: Mapping[str, str]
-    anchor: ClassVar[str] = "seals"
-    title: ClassVar[str] = "Seals"
-    template: ClassVar[str] = "blind_seals.html"
-
-    def context(self) -> dict[str, Any]:
-        return {"seals": list(self.seals.items())}
+    values = {
+        "title": title,
+        "lead": LEADS.get(anchor, ""),
+        "columns": [name.lstrip("#") for name in columns],
+        "text": [name.startswith("#") for name in columns],
+        "rows": rows,
+        "headline": headline,
+        "alarm": alarm,
+    }
+    return FilledSection(anchor, title, "blind_table.html", values, bool(rows))
 
 
 def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, Any] | None], out: Path) -> Path:
@@ -143,7 +121,7 @@ def blind_sections(report: BlindReport) -> list[Section]:
         coverage_section(report),
         edits_section(report),
         wrong_section(report),
-        SealSection(report.seals),
+        FilledSection("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
         FactsSection(report.run),
     ]
 
@@ -166,7 +144,7 @@ def scores_section(report: BlindReport) -> Section:
     rows = [_cells(text, scores[name]) for name, text in SHARES.items()]
     rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
     alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
-    return TableSection("scores", "Scores", ("score", "value", "interval", "of"), rows, headline, alarm)
+    return table_section("scores", "Scores", ("score", "value", "interval", "of"), rows, headline, alarm)
 
 
 def strata_section(report: BlindReport) -> Section:
@@ -178,7 +156,7 @@ def strata_section(report: BlindReport) -> Section:
         + [fixed(scores[name].value) for name in ("mean_class_size", "extra_names")]
         for cell, scores in report.strata.items()
     ]
-    return TableSection("sizes", "Small and large, rich and poor motion", columns, rows)
+    return table_section("sizes", "Small and large, rich and poor motion", columns, rows)
 
 
 def worlds_section(report: BlindReport) -> Section:
@@ -201,7 +179,7 @@ def worlds_section(report: BlindReport) -> Section:
     ]
     worst = report.worst
     told = worst and f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named."
-    return TableSection("worlds", "In which worlds does it hold?", columns, rows, alarm=told or "")
+    return table_section("worlds", "In which worlds does it hold?", columns, rows, alarm=told or "")
 
 
 def baselines_section(report: BlindReport) -> Section:
@@ -213,14 +191,14 @@ def baselines_section(report: BlindReport) -> Section:
         for name, scores in methods.items()
     ]
     columns = ("method", "named", "joint", "false alarms", "of decoys", "refused", "F1 of sets")
-    return TableSection("baselines", "Beside a plain method", columns, rows if report.baselines else ())
+    return table_section("baselines", "Beside a plain method", columns, rows if report.baselines else ())
 
 
 def calibration_section(report: BlindReport) -> Section:
     """Probabilities against how often they were right."""
     rows = [_cells(fixed(one.said), one.right) for one in report.calibration]
     title = "Is a probability of 0.9 right nine times in ten?"
-    return TableSection("calibration", title, ("probability", "right", "interval", "of"), rows)
+    return table_section("calibration", title, ("probability", "right", "interval", "of"), rows)
 
 
 def coverage_section(report: BlindReport) -> Section:
@@ -231,7 +209,7 @@ def coverage_section(report: BlindReport) -> Section:
         words, unit = parameter_name(parameter)
         rows.append([effect_name(effect), *_cells(f"{words} [{unit}]" if unit else words, score)])
     columns = ("effect", "#parameter", "inside", "interval", "of")
-    return TableSection("coverage", "Are the intervals honest?", columns, rows)
+    return table_section("coverage", "Are the intervals honest?", columns, rows)
 
 
 def edits_section(report: BlindReport) -> Section:
@@ -243,7 +221,7 @@ def edits_section(report: BlindReport) -> Section:
         for effect, one in report.edits.items()
     ]
     columns = ("effect", "cases", "cause taken out", "tuned, nothing named", "cause left in", "passed")
-    return TableSection("edits", "Take the cause out again: is the arm left?", columns, rows)
+    return table_section("edits", "Take the cause out again: is the arm left?", columns, rows)
 
 
 def wrong_section(report: BlindReport) -> Section:
@@ -257,7 +235,7 @@ def wrong_section(report: BlindReport) -> Section:
         return [link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(told)]
 
     columns = ("case", "#kind", "#true", "#told")
-    return TableSection("wrong", "Wrong, and sure of it", columns, [row(one) for one in report.confidently_wrong])
+    return table_section("wrong", "Wrong, and sure of it", columns, [row(one) for one in report.confidently_wrong])
 
 
 def _axis(one: Stratum) -> str:

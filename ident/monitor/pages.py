@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ident.errors import plural
 from ident.monitor.alarms import Alarm
@@ -14,7 +14,7 @@ from ident.monitor.history_strip import draw_strip
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, tell_odd
 from ident.show.report.numbers import significant
-from ident.show.report.page import Section, write_report
+from ident.show.report.page import FilledSection, Section, write_report
 from ident.show.report.provenance import FactsSection
 from ident.show.report.words import effect_name
 
@@ -49,10 +49,10 @@ def write_pages(store: Path, found: Watch) -> None:
     for arm in found.arms:
         last = arm.sessions[-1]
         subtitle = f"{plural(len(arm.sessions), 'session')}, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
-        sections = [ArmVerdict(arm, found.level), ArmFigures(arm), ArmSessions(arm), facts]
+        sections = [arm_verdict(arm, found.level), arm_estimates(arm), arm_sessions(arm), facts]
         write_report(kept.page(arm.arm), f"Arm {arm.arm}", sections, subtitle)
     count = sum(len(arm.sessions) for arm in found.arms)
-    sections = [FleetVerdict(found), FleetTable(found, kept), FleetEffects(found, kept), facts]
+    sections = [fleet_verdict(found), fleet_table(found, kept), fleet_effects(found, kept), facts]
     write_report(
         store / "index.html",
         "Arms through time",
@@ -97,168 +97,107 @@ def _hint_words(hint: Alarm, figures: int) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ArmVerdict(Section):
+def verdict_section(headline: str, alarms: Iterable[Alarm], odd: list[str], **values: Any) -> Section:
     """One sentence, and every change with what to do."""
-
-    arm: ArmHistory
-    level: float
-    anchor: ClassVar[str] = "verdict"
-    title: ClassVar[str] = "What has changed"
-    template: ClassVar[str] = "watch_verdict.html"
-
-    def context(self) -> dict[str, Any]:
-        cards = [alarm_card(alarm) for alarm in reversed(self.arm.alarms)]
-        if not cards:
-            headline = (
-                f"Nothing has changed beyond what days differ by, in {plural(len(self.arm.sessions), 'session')}."
-            )
-        else:
-            first = cards[0]
-            headline = f"The {first['what']} has changed since {first['since']}: {first['change']}."
-        odd = [tell_odd(one).removeprefix(f"{self.arm.arm}: ") for one in self.arm.odd]
-        hint = None if self.arm.hint is None else _hint_words(self.arm.hint, len(self.arm.figures))
-        return {"headline": headline, "cards": cards, "odd": odd, "hint": hint, "level": self.level, "fleet": False}
+    cards = [alarm_card(alarm) for alarm in alarms]
+    values |= {"headline": headline, "cards": cards, "odd": odd}
+    return FilledSection("verdict", "What has changed", "watch_verdict.html", {"hint": None, **values})
 
 
-@dataclass(frozen=True, eq=False)
-class ArmFigures(Section):
-    """Every figure over the dates, with intervals and the changes marked."""
-
-    arm: ArmHistory
-    anchor: ClassVar[str] = "figures"
-    title: ClassVar[str] = "Figures over time"
-    template: ClassVar[str] = "watch_figures.html"
-
-    @property
-    def is_present(self) -> bool:
-        return bool(self.arm.figures)
-
-    def context(self) -> dict[str, Any]:
-        marks: dict[tuple[str, str], list[str]] = defaultdict(list)
-        for alarm in self.arm.alarms:
-            marks[alarm.joint, alarm.figure].append(alarm.since)
-        rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-        for (joint, figure), points in self.arm.figures.items():
-            unit = "" if UNITS[figure] == "1" else f" {UNITS[figure]}"
-            last = points[-1]
-            told = f"{significant(last.value, 3)}{unit} [{significant(last.low, 3)}, {significant(last.high, 3)}]"
-            svg = draw_strip(points, marks.get((joint, figure), []), f"{NAMES[figure]} of {joint} over the sessions")
-            rows[joint].append({"name": NAMES[figure], "last": told, "svg": svg})
-        return {"rows": list(rows.items())}
+def arm_verdict(arm: ArmHistory, level: float) -> Section:
+    """What has changed in an arm, the last first."""
+    headline = f"Nothing has changed beyond what days differ by, in {plural(len(arm.sessions), 'session')}."
+    if arm.alarms:
+        last = alarm_card(arm.alarms[-1])
+        headline = f"The {last['what']} has changed since {last['since']}: {last['change']}."
+    hint = None if arm.hint is None else _hint_words(arm.hint, len(arm.figures))
+    odd = [tell_odd(one).removeprefix(f"{arm.arm}: ") for one in arm.odd]
+    return verdict_section(headline, reversed(arm.alarms), odd, hint=hint, level=level, fleet=False)
 
 
-@dataclass(frozen=True, eq=False)
-class ArmSessions(Section):
-    """All sessions, the last first."""
-
-    arm: ArmHistory
-    anchor: ClassVar[str] = "sessions"
-    title: ClassVar[str] = "Sessions"
-    template: ClassVar[str] = "watch_sessions.html"
-
-    def context(self) -> dict[str, Any]:
-        effects: dict[str, list[str]] = defaultdict(list)
-        for row in self.arm.effects:
-            effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
-        rows = [_session_row(row, effects[row["session"]]) for row in reversed(self.arm.sessions)]
-        return {"rows": rows, "said": any(row["said"] for row in rows), "named": bool(self.arm.effects)}
-
-
-def _session_row(row: dict[str, Any], effects: list[str]) -> dict[str, str]:
-    """A session in words: what the diagnosis said, or why there is none."""
-    said = row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")
-    return {"session": row["session"], "date": row["date"][:16], "said": said or "", "effects": ", ".join(effects)}
-
-
-@dataclass(frozen=True, eq=False)
-class FleetVerdict(Section):
-    """One sentence, and the changes of all arms, the last first."""
-
-    found: Watch
-    anchor: ClassVar[str] = "verdict"
-    title: ClassVar[str] = "What has changed"
-    template: ClassVar[str] = "watch_verdict.html"
-
-    def context(self) -> dict[str, Any]:
-        dates = {(arm.arm, row["session"]): row["date"] for arm in self.found.arms for row in arm.sessions}
-        alarms = sorted(self.found.alarms, key=lambda one: dates[one.arm, one.session], reverse=True)
+def fleet_verdict(found: Watch) -> Section:
+    """What has changed in all arms, the last first."""
+    dates = {(arm.arm, row["session"]): row["date"] for arm in found.arms for row in arm.sessions}
+    alarms = sorted(found.alarms, key=lambda one: dates[one.arm, one.session], reverse=True)
+    if alarms:
         changed = {alarm.arm for alarm in alarms}
-        if alarms:
-            headline = f"{len(changed)} of {len(self.found.arms)} arms have changed; the last: arm {alarms[0].arm}."
-        else:
-            who = "The arm has not" if len(self.found.arms) == 1 else f"None of {len(self.found.arms)} arms has"
-            headline = f"{who} changed beyond what days differ by."
-        cards = [alarm_card(alarm) for alarm in alarms]
-        odd = [tell_odd(one) for arm in self.found.arms for one in arm.odd]
-        return {
-            "headline": headline,
-            "cards": cards,
-            "odd": odd,
-            "hint": None,
-            "level": self.found.level,
-            "fleet": True,
+        headline = f"{len(changed)} of {len(found.arms)} arms have changed; the last: arm {alarms[0].arm}."
+    else:
+        who = "The arm has not" if len(found.arms) == 1 else f"None of {len(found.arms)} arms has"
+        headline = f"{who} changed beyond what days differ by."
+    odd = [tell_odd(one) for arm in found.arms for one in arm.odd]
+    return verdict_section(headline, alarms, odd, level=found.level, fleet=True)
+
+
+def arm_estimates(arm: ArmHistory) -> Section:
+    """Every estimate over the dates, with intervals and the changes marked."""
+    marks: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for alarm in arm.alarms:
+        marks[alarm.joint, alarm.figure].append(alarm.since)
+    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for (joint, name), points in arm.figures.items():
+        unit = "" if UNITS[name] == "1" else f" {UNITS[name]}"
+        last = points[-1]
+        words = f"{significant(last.value, 3)}{unit} [{significant(last.low, 3)}, {significant(last.high, 3)}]"
+        svg = draw_strip(points, marks.get((joint, name), []), f"{NAMES[name]} of {joint} over the sessions")
+        rows[joint].append({"name": NAMES[name], "last": words, "svg": svg})
+    values = {"rows": list(rows.items())}
+    return FilledSection("figures", "Estimates over time", "watch_figures.html", values, bool(rows))
+
+
+def arm_sessions(arm: ArmHistory) -> Section:
+    """All sessions, the last first: what the diagnosis found, or why there is none."""
+    effects: dict[str, list[str]] = defaultdict(list)
+    for row in arm.effects:
+        effects[row["session"]].append(f"{effect_name(row['effect'])} ({row['joints']})")
+    rows = [
+        {
+            "session": row["session"],
+            "date": row["date"][:16],
+            "said": (row["reason"] if row["status"] != "done" else (row["verdict"] or "").replace("_", " ")) or "",
+            "effects": ", ".join(effects[row["session"]]),
         }
+        for row in reversed(arm.sessions)
+    ]
+    values = {"rows": rows, "said": any(row["said"] for row in rows), "named": bool(arm.effects)}
+    return FilledSection("sessions", "Sessions", "watch_sessions.html", values)
 
 
-@dataclass(frozen=True, eq=False)
-class FleetTable(Section):
+def fleet_table(found: Watch, store: Store) -> Section:
     """A line an arm; sorted by a click on a heading, filtered by a word."""
-
-    found: Watch
-    store: Store
-    anchor: ClassVar[str] = "arms"
-    title: ClassVar[str] = "Arms"
-    template: ClassVar[str] = "watch_arms.html"
-
-    def context(self) -> dict[str, Any]:
-        rows = [self._row(arm) for arm in self.found.arms]
-        heads = ["arm", "sessions", "unfit", "last", "changes", "last change"]
-        diagnosed = any(row["verdict"] for arm in self.found.arms for row in arm.done)
-        return {"rows": rows, "heads": heads + ["effects in the last session"] * diagnosed, "diagnosed": diagnosed}
-
-    def _row(self, arm: ArmHistory) -> dict[str, Any]:
-        good = len(arm.done)
-        named = {f"{effect_name(row['effect'])} ({row['joints']})" for row in arm.last_effects}
-        newest = arm.alarms[-1] if arm.alarms else None
-        changed = "none" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
-        if arm.hint is not None and newest is None:
-            changed = f"perhaps {NAMES[arm.hint.figure]} of {arm.hint.joint} since {arm.hint.since}"
-        return {
-            "arm": arm.arm,
-            "page": self.store.page(arm.arm).name,
-            "sessions": good,
-            "unfit": len(arm.sessions) - good,
-            "last": arm.sessions[-1]["date"][:10],
-            "alarms": len(arm.alarms),
-            "changed": changed,
-            "effects": ", ".join(sorted(named)) or "none",
-        }
+    heads = ["arm", "sessions", "unfit", "last", "changes", "last change"]
+    diagnosed = any(row["verdict"] for arm in found.arms for row in arm.done)
+    heads += ["effects in the last session"] * diagnosed
+    values = {"rows": [_arm_row(arm, store) for arm in found.arms], "heads": heads, "diagnosed": diagnosed}
+    return FilledSection("arms", "Arms", "watch_arms.html", values)
 
 
-@dataclass(frozen=True, eq=False)
-class FleetEffects(Section):
+def _arm_row(arm: ArmHistory, store: Store) -> dict[str, Any]:
+    good = len(arm.done)
+    named = {f"{effect_name(row['effect'])} ({row['joints']})" for row in arm.last_effects}
+    newest = arm.alarms[-1] if arm.alarms else None
+    changed = "none" if newest is None else f"{NAMES[newest.figure]} of {newest.joint} since {newest.since}"
+    if arm.hint is not None and newest is None:
+        changed = f"perhaps {NAMES[arm.hint.figure]} of {arm.hint.joint} since {arm.hint.since}"
+    return {
+        "arm": arm.arm,
+        "page": store.page(arm.arm).name,
+        "sessions": good,
+        "unfit": len(arm.sessions) - good,
+        "last": arm.sessions[-1]["date"][:10],
+        "alarms": len(arm.alarms),
+        "changed": changed,
+        "effects": ", ".join(sorted(named)) or "none",
+    }
+
+
+def fleet_effects(found: Watch, store: Store) -> Section:
     """Which arms share which effect, by the last session of each."""
-
-    found: Watch
-    store: Store
-    anchor: ClassVar[str] = "effects"
-    title: ClassVar[str] = "Which arms share which effect"
-    template: ClassVar[str] = "watch_effects.html"
-
-    @property
-    def is_present(self) -> bool:
-        return any(arm.effects for arm in self.found.arms)
-
-    def context(self) -> dict[str, Any]:
-        shared: dict[str, dict[str, str]] = defaultdict(dict)
-        for arm in self.found.arms:
-            for row in arm.last_effects:
-                shared[effect_name(row["effect"])][arm.arm] = row["joints"]
-        ranked = sorted(shared.items(), key=lambda item: -len(item[1]))
-        pages = {arm.arm: self.store.page(arm.arm).name for arm in self.found.arms}
-        rows = [
-            {"effect": effect, "arms": [{"arm": arm, "joints": own[arm], "page": pages[arm]} for arm in sorted(own)]}
-            for effect, own in ranked
-        ]
-        return {"rows": rows, "count": len(self.found.arms)}
+    shared: dict[str, list[dict[str, str]]] = defaultdict(list)
+    for arm in sorted(found.arms, key=lambda one: one.arm):
+        for effect, joints in {effect_name(row["effect"]): row["joints"] for row in arm.last_effects}.items():
+            shared[effect].append({"arm": arm.arm, "joints": joints, "page": store.page(arm.arm).name})
+    rows = [{"effect": effect, "arms": arms} for effect, arms in sorted(shared.items(), key=lambda one: -len(one[1]))]
+    values = {"rows": rows, "count": len(found.arms)}
+    present = any(arm.effects for arm in found.arms)
+    return FilledSection("effects", "Which arms share which effect", "watch_effects.html", values, present)

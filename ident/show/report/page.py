@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -36,6 +37,20 @@ class Section(ABC):
     @abstractmethod
     def context(self) -> dict[str, Any]:
         """What the template is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilledSection(Section):
+    """A section whose template gets values that are known already; left out where there is nothing to show."""
+
+    anchor: str  # type: ignore[misc]
+    title: str  # type: ignore[misc]
+    template: str  # type: ignore[misc]
+    values: Mapping[str, Any]
+    is_present: bool = True
+
+    def context(self) -> dict[str, Any]:
+        return dict(self.values)
 
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section], subtitle: str = "") -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -120,6 +121,6 @@ def test_the_page_has_the_scores_over_each_property(tmp_path: Path) -> None:
     first = record["worlds"]["encoder_noise_rad"][0]
     assert {"low", "high", "cases", "strict", "false_alarm", "told_gap"} <= set(first)
     assert record["worst_stratum"]["strict"] == 0.0
-    page = write_blind_pages(report, {}, tmp_path).read_text()
+    page = html.unescape(write_blind_pages(report, {}, tmp_path).read_text())
     assert all({**NUMBERS, **WORDS}[axis] in page for axis in report.worlds)
     assert "encoder noise and rounding" in page
