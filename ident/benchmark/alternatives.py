@@ -33,19 +33,15 @@ def measure_alternatives(analysis: Analysis, prior: Prior) -> dict[str, Any]:
         view: {"none": _rms(held_out, []), "named": _rms(held_out, named)} for view, held_out in views.items()
     }
     record["alone"] = {}
-    gram = analysis.evidence.gram()
+    gram, joints = analysis.evidence.gram(), analysis.diagnosis.joints
     for view, held_out in views.items():
         best = search.best_by_key(project(gram, analysis.evidence, held_out.prior))
         ours = [pair for pair in best.values() if pair[1].effect.inertia_like == (view == "fixed") and pair[0] > 0.0]
         for _, group in sorted(ours, key=lambda pair: -pair[0])[:MOST_NAMES]:
-            name = _key(group, analysis.diagnosis.joints)
+            name = f"{group.effect.id}:{joints[group.joint] if group.effect.scope == 'joint' else ''}"
             if name not in record["alone"]:
                 record["alone"][name] = {"view": view, "rms": _rms(held_out, [group])}
     return record
-
-
-def _key(group: Group, joints: tuple[str, ...]) -> str:
-    return f"{group.effect.id}:{joints[group.joint] if group.effect.scope == 'joint' else ''}"
 
 
 def _rms(held_out: HeldOut, groups: list[Group]) -> list[float]:

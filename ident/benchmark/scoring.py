@@ -176,7 +176,8 @@ def score_case(
     record = result["diagnosis"]
     findings = record["findings"]
     matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
-    excused = [match is None and _is_excused(f, answer) for match, f in zip(matches, findings, strict=True)]
+    free = EXCUSED_BY_URDF if urdf_is_wrong(answer.world) else ()
+    excused = [match is None and f["effect"] in free for match, f in zip(matches, findings, strict=True)]
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
     first = counted[0] if counted else None
     only = answer.effects[0] if len(answer.effects) == 1 else None
@@ -201,7 +202,7 @@ def score_case(
         seconds=result.get("seconds"),
         world=answer.world,
         excused=tuple(excused),
-        refusal_score=_refusal_score(record),
+        refusal_score=None if record.get("outside_score") is None else float(record["outside_score"]),
         robot=answer.robot,
         joints=tuple(record["joints"]),
     )
@@ -212,16 +213,6 @@ def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
     if not world:
         return False
     return bool(world["link_error"] > WRONG_LINK_ERROR or world["com_error_m"] > WRONG_COM_M or world["copied_link"])
-
-
-def _is_excused(finding: Mapping[str, Any], answer: Answer) -> bool:
-    return finding["effect"] in EXCUSED_BY_URDF and urdf_is_wrong(answer.world)
-
-
-def _refusal_score(record: Mapping[str, Any]) -> float | None:
-    """The diagnosis's own figure; None where nothing was fitted."""
-    told = record.get("outside_score")
-    return None if told is None else float(told)
 
 
 def _amplitude(slot: Slot, answer: Answer) -> float:

@@ -122,16 +122,10 @@ class BlindReport(Result):
         return {
             **measure(self.outcomes, HEADLINE),
             "auroc": auroc(*self.refusal_scores),
-            "calibration_error": calibration_error(*self._said),
+            "calibration_error": calibration_error(*said_of(self.outcomes)),
             "interval_coverage": share([cover.inside for one in self.outcomes for cover in one.coverage]),
             **edits,
         }
-
-    @property
-    def _said(self) -> tuple[list[float], list[bool]]:
-        """Probabilities of all names that are true or false, and which."""
-        said = [pair for one in self.outcomes for pair in one.said]
-        return [p for p, _ in said], [right for _, right in said]
 
     @cached_property
     def strata(self) -> dict[str, dict[str, Score]]:
@@ -151,8 +145,7 @@ class BlindReport(Result):
     def worlds(self) -> dict[str, list[tuple[Stratum, dict[str, Score]]]]:
         """Scores by the properties in which the worlds of the cases differ."""
         return {
-            axis: [(one, {**measure(one.cases, OF_WORLDS), "calibration_error": _meant(one.cases)}) for one in strata]
-            for axis, strata in stratify(self.outcomes).items()
+            axis: [(one, measure_stratum(one)) for one in strata] for axis, strata in stratify(self.outcomes).items()
         }
 
     @cached_property
@@ -205,7 +198,7 @@ class BlindReport(Result):
     @cached_property
     def calibration(self) -> tuple[Bin, ...]:
         """The curve behind the calibration error."""
-        return calibration_curve(*self._said)
+        return calibration_curve(*said_of(self.outcomes))
 
     @cached_property
     def coverage(self) -> dict[str, Score]:
@@ -286,9 +279,16 @@ def rules_of(method: str) -> Rules:
     }
 
 
-def _meant(cases: Iterable[Outcome]) -> Score:
+def measure_stratum(stratum: Stratum) -> dict[str, Score]:
+    """The scores of a stratum of worlds, and whether its probabilities are meant."""
+    meant = calibration_error(*said_of(stratum.cases))
+    return {**measure(stratum.cases, OF_WORLDS), "calibration_error": meant}
+
+
+def said_of(cases: Iterable[Outcome]) -> tuple[list[float], list[bool]]:
+    """Probabilities of all names that are true or false, and which."""
     said = [pair for one in cases for pair in one.said]
-    return calibration_error([p for p, _ in said], [right for _, right in said])
+    return [p for p, _ in said], [right for _, right in said]
 
 
 def _stratum(stratum: Stratum, scores: Mapping[str, Score]) -> dict[str, Any]:

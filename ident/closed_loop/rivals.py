@@ -23,7 +23,7 @@ from ident.laws.motion import Losses
 from ident.model.residual_net import PRESETS, ResidualNet, fit_residual_net
 from ident.motion.motion import Motion, prepare
 from ident.robot.arm import ArmModel
-from ident.robot.rated_torque import rated_torque
+from ident.robot.traits import rated_torque
 from ident.simulation.hardware import Hardware
 from ident.simulation.record import no_progress
 from ident.simulation.simulator import Simulator

@@ -141,7 +141,13 @@ def simulate(
     requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
     joints = [find_joint(request, arm) for request in requests]
     plan_rng, effect_rng, run_rng, decoy_rng = np.random.default_rng(options.seed).spawn(4)
-    plans = tuple(motions) if motions is not None else _plan(arm, options, plan_rng)
+    plans = (
+        tuple(motions)
+        if motions is not None
+        else plan_motions(arm, options.motions, options.runs, options.duration, plan_rng)
+    )
+    if motions is None and options.world:
+        plans = tuple(stepped(motion, options.world.reference) for motion in plans)
     healthy = _healthy(arm, options, decoy_rng)
     clock_rng, record_rng = run_rng.spawn(2)
     pauses = draw_pauses(len(plans), options.pause, clock_rng)
@@ -179,11 +185,6 @@ def _check(options: SimulationOptions) -> None:
         raise InputError("--payload", f"a mass of {options.payload.mass_kg:g} kg", "choose between 0 and 1000 kg")
     if not 0.0 <= options.pause[0] <= options.pause[1]:
         raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
-
-
-def _plan(arm: ArmModel, options: SimulationOptions, rng: np.random.Generator) -> tuple[ReferenceMotion, ...]:
-    motions = plan_motions(arm, options.motions, options.runs, options.duration, rng)
-    return tuple(stepped(motion, options.world.reference) for motion in motions) if options.world else motions
 
 
 def _surroundings(
