@@ -6,13 +6,17 @@ second of processor time in every command: names that stand for an array of any 
 
 from __future__ import annotations
 
+from dataclasses import fields
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["Array", "Bool", "Float", "Int", "freeze"]
+__all__ = ["Array", "Bool", "Float", "Int", "freeze", "in_a_line"]
 
 Array = np.ndarray
+# Longest text or tuple that a line shows as it is [characters].
+LINE = 100
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
@@ -34,3 +38,17 @@ def freeze(values: Any) -> Float[Array, "..."]:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def in_a_line(record: Any) -> str:
+    """A dataclass in one line, for its `repr`: shapes of its arrays, lengths of what it holds many of."""
+    found = []
+    for one in fields(record):
+        value = getattr(record, one.name)
+        if hasattr(value, "shape"):
+            found.append(f"{one.name}: {' x '.join(map(str, value.shape))}")
+        elif isinstance(value, str | int | float | PurePath | tuple) and len(str(value)) < LINE:
+            found.append(f"{one.name}={str(value)!r}" if isinstance(value, PurePath) else f"{one.name}={value!r}")
+        elif value is not None and hasattr(value, "__len__"):
+            found.append(f"{one.name}: {len(value)}")
+    return f"{type(record).__name__}({', '.join(found)})"

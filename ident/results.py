@@ -14,6 +14,8 @@ from ident.provenance import Provenance
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# As much of a result as its `repr` shows [lines, characters].
+LINES, LINE = 20, 100
 # Why a spread over the runs is missing from a record.
 ONE_RUN = "a single run tells nothing of what runs differ by"
 
@@ -31,6 +33,16 @@ class Result(ABC):
     SHOWN_BY: ClassVar[str] = "ident.show.results"
 
     provenance: Provenance = field(default_factory=Provenance)
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Every result is shown by its first lines, not by all its arrays."""
+        super().__init_subclass__(**kwargs)
+        cls.__repr__ = Result._first_lines  # type: ignore[assignment,method-assign]
+
+    def _first_lines(self) -> str:
+        lines = [line if len(line) <= LINE else f"{line[: LINE - 1]}…" for line in self.summary().splitlines()]
+        more = f"  … {len(lines) - LINES} more lines: print(….summary())" if len(lines) > LINES else ""
+        return "\n".join([f"{type(self).__name__}:", *lines[:LINES], *filter(None, [more])])
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -58,4 +70,4 @@ class Result(ABC):
         write_record(path, self.to_dict())
 
     def _repr_html_(self) -> str:
-        return str(import_module("ident.show.panels").as_html(self.summary(), self.plot()))
+        return str(import_module("ident.show.results").as_html(self))

@@ -14,6 +14,7 @@ from itertools import accumulate, chain, pairwise
 from pathlib import Path
 from typing import Any
 
+from ident.arrays import in_a_line
 from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
 from ident.checks.report import TOLD_BY_A_FIT, as_mounted, check_accepted, overrule
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
@@ -158,6 +159,8 @@ class Opened:
         sizes: Name of each session, and how many of the motions are its own.
         ledger: Where the recordings come from.
     """
+
+    __repr__ = in_a_line
 
     arm: ArmModel
     reports: tuple[TelemetryReport, ...]

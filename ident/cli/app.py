@@ -244,7 +244,7 @@ def diagnose(
             write_timeline(rrd, analysis.baseline.nominal, examined.motions, loaded, diagnosis.telemetry, marks, curves)
 
     def show() -> None:
-        print_diagnosis(console, diagnosis)
+        print_diagnosis(console, record)
         if looks is not None:
             print_looks(console, looks)
         say_where(("page", html), ("timeline", None if analysis is None else rrd))

@@ -36,7 +36,8 @@ def compare(
     """What changed between two sets of sessions of one arm: at which joint, by how much."""
     from ident.api.comparing import compare as compare_sets
     from ident.show.changes import print_comparison
-    from ident.show.report.change_pages import render_comparison_report, write_comparison_report
+    from ident.show.report.change_pages import render_comparison_report
+    from ident.show.report.page import save_page
 
     earlier, later = split_sets(before, after)
     read = [*earlier, *later, robot, session_file]
@@ -57,10 +58,10 @@ def compare(
 
     def write_page() -> None:
         if html is not None:
-            write_comparison_report(html, record)
+            save_page(html, render_comparison_report(record))
 
     def show() -> None:
-        print_comparison(console, found)
+        print_comparison(console, record)
         say_where(("page", html), ("result and page", out))
 
     deliver(show, lambda: write_record(json_file, record), write_page, write_folder)

@@ -80,8 +80,8 @@ def _diagnose(session: Path, page: Path, console: Console) -> dict[str, Any]:
     with progress_line(console, f"diagnose {session.name}"):
         diagnosis = diagnose(session, "tm5-900")
     console.print(f"\nWhat is wrong with the arm of {session.name}?")
-    print_diagnosis(console, diagnosis)
     record = diagnosis.to_dict()
+    print_diagnosis(console, record)
     write_diagnosis_report(page, record)
     console.print(f"diagnosis: {page}")
     return record

@@ -27,6 +27,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.recordings.recording import TelemetryIssue
 from ident.results import ONE_RUN, Result
+from ident.safe_read import read_record
 
 SCHEMA = "ident.diagnosis/1"
 
@@ -183,8 +184,34 @@ class Details:
         }
 
 
+class Exportable(Result):
+    """A result that can be written for simulators."""
+
+    def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
+        """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
+        return import_module("ident.api.patching").patch(self.to_dict(), robot, out, **options)
+
+
 @dataclass(frozen=True, eq=False)
-class Diagnosis(Result):
+class SavedDiagnosis(Exportable):
+    """A diagnosis from its file: its words, its picture, its page and its patch are those of the diagnosis itself.
+
+    Attributes:
+        record: `ident.diagnosis/1`; `ident schema diagnosis` says what it holds.
+    """
+
+    record: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        return str(self.record["verdict"])
+
+    def to_dict(self) -> dict[str, Any]:
+        return dict(self.record)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Exportable):
     """The answer: where, which, how far; or why not.
 
     Attributes:
@@ -221,9 +248,15 @@ class Diagnosis(Result):
     settings: DiagnosisSettings = USUAL
     robot_option: str = ""
 
-    def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
-        """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
-        return import_module("ident.api.patching").patch(self, robot, out, **options)
+    @staticmethod
+    def load(path: str | Path) -> SavedDiagnosis:
+        """The diagnosis that `save`, or `ident diagnose --json`, wrote.
+
+        Raises:
+            InputError: No such file, or not of a diagnosis.
+        """
+        remedy = "give the JSON of `ident diagnose`"
+        return SavedDiagnosis(read_record(Path(path), SCHEMA, remedy))
 
     def to_dict(self) -> dict[str, Any]:
         findings = [one.to_dict() for one in self.findings]

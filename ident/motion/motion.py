@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band
 from ident.motion.filter import design_lowpass, filter_both_ways, filter_together
@@ -93,6 +93,8 @@ class Motion:
         log_interval: Sampling interval of the recording [s]; 0 where nobody knows.
         settings: How it was made, and what of it counts as settled.
     """
+
+    __repr__ = in_a_line
 
     name: str
     joints: tuple[str, ...]

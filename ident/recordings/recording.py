@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int, freeze
+from ident.arrays import Array, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.records import Record
 
@@ -82,6 +82,8 @@ class Recording:
         source: The file it came from.
         issues: What the reader found and mended (garbage rows, a truncated last row, …).
     """
+
+    __repr__ = in_a_line
 
     name: str
     joints: tuple[str, ...]
@@ -166,6 +168,8 @@ class Session:
         gravity: Gravity in the base's frame [m/s²], by session.toml or as the torque follows it; None for the URDF's.
         guessed_gains: Drive gains that nobody measured, by joint [N m/A].
     """
+
+    __repr__ = in_a_line
 
     name: str
     runs: tuple[Recording, ...]

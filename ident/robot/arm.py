@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ident.arrays import Array, Bool, Float, freeze
+from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
 from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
@@ -38,6 +38,8 @@ class ArmModel:
         locked_joints: Joints fixed on the way, with their positions [rad or m].
         tip: The last joint by which one of several arms was named; else empty.
     """
+
+    __repr__ = in_a_line
 
     name: str
     urdf: str

@@ -9,9 +9,10 @@ from rich.console import Console
 
 from ident.console import styled
 from ident.diagnosis.change.candidates import CARRIED
-from ident.diagnosis.change.result import ArmChange, ArmComparison
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
+from ident.show.console import print_serious
+from ident.show.palette import NAMED, NOISE, TUNED
 from ident.show.panels import draw_bars
 from ident.show.report.numbers import fixed, percent, significant
 from ident.show.report.words import effect_name, join_words, parameters_in_words
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OF_THE_ARM = {effect.id for effect in CATALOGUE if effect.scope == "arm"}
-WITHOUT, WITH, NOISE = "#d55e00", "#009e73", "#999999"
 
 
 def headline(record: Mapping[str, Any]) -> str:
@@ -55,28 +55,30 @@ def places_of(change: Mapping[str, Any]) -> str:
     return join_words(change["joints"]) + (f" (or {join_words(places)})" if places else "")
 
 
-def print_comparison(console: Console, comparison: ArmComparison) -> None:
-    """Verdict, changes with what to do, and what could not be judged."""
-    record = comparison.to_dict()
-    for name, side in zip(("before", "after"), comparison.sides, strict=True):
-        size = f"{plural(side.runs, 'run')}, {side.samples} samples, {side.duration_s:.0f} s"
-        console.print(f"{name}: {', '.join(side.sessions[:6])}{' …' if len(side.sessions) > 6 else ''}; {size}")
-    for issue in comparison.telemetry:
-        if issue.severity != "note":
-            console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
-    console.print(styled((comparison.verdict, "bold"), f": {headline(record)}"), soft_wrap=True)
-    for change in comparison.changes:
+def print_comparison(console: Console, record: Mapping[str, Any]) -> None:
+    """Verdict, changes with what to do, and what could not be judged.
+
+    Args:
+        console: Where.
+        record: `ident.comparison/1`.
+    """
+    for name in ("before", "after"):
+        side = record[name]
+        size = f"{plural(side['runs'], 'run')}, {side['samples']} samples, {side['duration_s']:.0f} s"
+        sessions = f"{', '.join(side['sessions'][:6])}{' …' if len(side['sessions']) > 6 else ''}"
+        console.print(f"{name}: {sessions}; {size}")
+    print_serious(console, record["telemetry"])
+    console.print(styled((record["verdict"], "bold"), f": {headline(record)}"), soft_wrap=True)
+    for change in record["changes"]:
         console.print(f"  {describe_change(change)}", soft_wrap=True, highlight=False)
-        console.print(f"    do: {change.action}", soft_wrap=True, highlight=False)
-    for one in comparison.reservations:
-        told = f"  not told: {effect_name(one.effect)} in {join_words(one.joints)}: {one.reason}"
-        console.print(told, soft_wrap=True, highlight=False)
-    for words in (describe_spread(comparison.run_spread), describe_lone_runs([side.runs for side in comparison.sides])):
-        if words:
-            console.print(f"  {words}", soft_wrap=True, highlight=False)
-    for line in (*describe_used(record), *describe_still(record)):
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
-    for line in group_silent(without_still(record)):
+        console.print(f"    do: {change['action']}", soft_wrap=True, highlight=False)
+    lines = [
+        f"not reported: {effect_name(one['effect'])} in {join_words(one['joints'])}: {one['reason']}"
+        for one in record["reservations"]
+    ]
+    lines += [describe_spread(record["friction_run_spread"]), describe_lone_runs(record)]
+    lines += [*describe_used(record), *describe_still(record), *group_silent(without_still(record))]
+    for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
 
 
@@ -92,17 +94,16 @@ def without_still(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in record["not_testable"] if one["reason"] not in told]
 
 
-def describe_change(change: ArmChange) -> str:
-    """One change in one line: where, what, how large, how sure, how much it explains."""
-    rivals = [effect_name(name) for name in change.estimate.rivals[1:]]
+def describe_change(change: Mapping[str, Any]) -> str:
+    """One change's record in one line: where, what, how large, how sure, how much it explains."""
+    rivals, heldout = [effect_name(name) for name in change["class"][1:]], change["heldout"]
     open_between = f"; can't be told from {join_words(rivals)}" if rivals else ""
-    parts = [
-        f"{name} {fixed(before)} → {fixed(change.rms_after[name])} N m" for name, before in change.rms_before.items()
-    ]
-    where = "" if change.effect in OF_THE_ARM else f"{places_of(change.to_dict())}: "
+    after = heldout["rms_after_Nm"]
+    parts = [f"{name} {fixed(before)} → {fixed(after[name])} N m" for name, before in heldout["rms_before_Nm"].items()]
+    where = "" if change["effect"] in OF_THE_ARM else f"{places_of(change)}: "
     return (
-        f"{where}{effect_name(change.effect)}{open_between}; {parameters_in_words(change.estimate.parameters)}; "
-        f"error in the later set {', '.join(parts)} ({percent(change.shrink)} of what can be closed)"
+        f"{where}{effect_name(change['effect'])}{open_between}; {parameters_in_words(change['parameters'])}; "
+        f"error in the later set {', '.join(parts)} ({percent(heldout['shrink'])} of what can be closed)"
     )
 
 
@@ -123,19 +124,24 @@ def describe_used(record: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def describe_lone_runs(runs: Sequence[int]) -> str:
+def describe_lone_runs(record: Mapping[str, Any]) -> str:
     """What a set of a single run leaves open; nothing where both have more."""
-    if min(runs, default=2) > 1:
+    if min(record["before"]["runs"], record["after"]["runs"]) > 1:
         return ""
     return "of a single run nothing is known of what runs differ by: a usual spread is assumed; record three or more"
 
 
-def draw_comparison(comparison: ArmComparison) -> Figure:
+def draw_comparison(record: Mapping[str, Any]) -> Figure:
     """Error of the common model in the later set, without and with the changes."""
-    names: Sequence[str] = list(comparison.rms_before) or list(comparison.joints)
+    heldout = record["heldout"]
+    names: Sequence[str] = list(heldout["rms_before_Nm"]) or list(record["joints"])
+
+    def bars(key: str) -> list[float | None]:
+        return [heldout[key].get(name) for name in names]
+
     rows = {
-        "without the changes": (WITHOUT, [comparison.rms_before.get(name) for name in names]),
-        "with them": (WITH, [comparison.rms_after.get(name) for name in names]),
-        "noise": (NOISE, [comparison.noise.get(name) for name in names]),
+        "without the changes": (TUNED, bars("rms_before_Nm")),
+        "with them": (NAMED, bars("rms_after_Nm")),
+        "noise": (NOISE, bars("noise_Nm")),
     }
-    return draw_bars(list(names), rows, "torque [N m]", f"{comparison.robot}: {comparison.verdict}")
+    return draw_bars(list(names), rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")

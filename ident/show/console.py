@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions
 from rich.measure import Measurement
@@ -82,6 +82,14 @@ def print_issues(console: Console, issues: Sequence[TelemetryIssue]) -> None:
         console.print(head, soft_wrap=True)
         if issue.severity != "note":
             console.print(f"    remedy: {visible(issue.remedy)}", soft_wrap=True)
+
+
+def print_serious(console: Console, issues: Sequence[Mapping[str, Any]]) -> None:
+    """Records of telemetry issues, those aside that are notes, a line each."""
+    for one in issues:
+        if one["severity"] != "note":
+            words = f"{one['severity']}: {one['issue']}: {one['evidence']}; {one['remedy']}"
+            console.print(words, soft_wrap=True)
 
 
 def print_effort(console: Console, effort: Sequence[JointEffort]) -> None:

@@ -1,4 +1,4 @@
-"""One colour and one name for each rung of the ladder, the same on the report's page and in the timeline."""
+"""One colour for each rung of the ladder and each part of a gap: on pages, in `plot()` and in the timeline."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 # Okabe and Ito's colours: told apart by colour-blind eyes, and of different grey on paper.
 MEASURED = "#111111"
+# Of a gap: what the tuned model leaves, what is left after the named effects, what trees leave without names, noise.
+TUNED, NAMED, TREES, NOISE = "#d55e00", "#009e73", "#0072b2", "#9a9a9a"
 RUNG_COLOURS = {"analytic": "#d55e00", "inertia": "#cc79a7", "loss": "#0072b2", "named": "#56b4e9", "net": "#009e73"}
 OTHER_RUNGS = ("#7a5195", "#8c6d31", "#b8860b")
 MODEL_COLOURS = ("#332288", "#cc6677", "#44aa99", "#999933", "#aa4499", "#88ccee")

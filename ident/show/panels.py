@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 PANEL = (6.0, 3.0)  # [inch]
 
 
-def as_html(lines: str, figure: Figure) -> str:
+def framed(page: str) -> str:
+    """A whole page within another, as high as a screen; its style and its links stay its own."""
+    return f'<iframe srcdoc="{escape(page)}" style="width:100%;height:36rem;border:0" title="armgap"></iframe>'
+
+
+def words_and_picture(lines: str, figure: Figure) -> str:
     """Plain lines and a picture as one piece of HTML that stands for itself."""
     from ident.show.report.figures import to_svg
 

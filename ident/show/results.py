@@ -14,19 +14,15 @@ from rich.console import Console
 from ident.errors import plural
 from ident.results import Result
 from ident.show.console import LadderTable, print_effort, print_issues
-from ident.show.palette import MEASURED, rung_colours
-from ident.show.panels import as_text, draw_bars, panel
+from ident.show.palette import MEASURED, NAMED, NOISE, TREES, TUNED, rung_colours
+from ident.show.panels import as_text, draw_bars, framed, panel, words_and_picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.checks.report import Inspection
-    from ident.diagnosis.change.result import ArmComparison
-    from ident.diagnosis.result import Diagnosis
     from ident.model.evaluation import Evaluation
     from ident.model.hybrid import FitResults
-
-NOISE, LEFT, EXPLAINABLE = "#999999", MEASURED, "#d55e00"
 
 
 def summary(result: Result) -> str:
@@ -47,25 +43,42 @@ def draw(result: Result) -> Figure:
     return picture(result)
 
 
+def as_html(result: Result) -> str:
+    """A result for a notebook: its page, where it has one, scrolled to its first screen; else its words and picture."""
+    page = _of_kind(PAGES, result)
+    return words_and_picture(result.summary(), result.plot()) if page is None else framed(page(result))
+
+
 def _of_kind(table: Mapping[str, Callable[[Any], Any]], result: Result) -> Callable[[Any], Any] | None:
     return next((table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None)
 
 
-def _tell_diagnosis(result: Diagnosis) -> str:
+def _tell_diagnosis(result: Result) -> str:
     from ident.show.terminal import print_diagnosis
 
-    return as_text(lambda console: print_diagnosis(console, result))
+    return as_text(lambda console: print_diagnosis(console, result.to_dict()))
 
 
-def _draw_diagnosis(result: Diagnosis) -> Figure:
-    """Of each joint what is left, what is noise, and what could still be explained."""
-    gap = result.gap
+def _draw_diagnosis(result: Result) -> Figure:
+    """Of each joint what is left by the tuned model, after the names and by trees, and what is noise."""
+    record = result.to_dict()
+    gap, heldout = record["gap"], record["heldout"]
+    after, trees = heldout.get("rms_after_Nm", {}), heldout.get("without_names_rms_Nm", {})
     rows = {
-        "left by the tuned model": (LEFT, [one.rms for one in gap.values()]),
-        "could be explained": (EXPLAINABLE, [one.ceiling_rms for one in gap.values()]),
-        "noise": (NOISE, [one.noise_floor for one in gap.values()]),
+        "left by the tuned model": (TUNED, [one["rms_Nm"] for one in gap.values()]),
+        "left after the named effects": (NAMED, [after.get(joint) for joint in gap]),
+        "left by boosted trees, without names": (TREES, [trees.get(joint) for joint in gap]),
+        "noise: nothing can go below": (NOISE, [one["noise_floor_Nm"] for one in gap.values()]),
     }
-    return draw_bars(list(gap), rows, "torque [N m]", f"{result.robot}: {result.verdict}")
+    if not record["findings"]:
+        del rows["left after the named effects"]
+    return draw_bars(list(gap), rows, "torque [N m]", f"{record['robot']}: {record['verdict']}")
+
+
+def _page_of_diagnosis(result: Result) -> str:
+    from ident.show.report.diagnosis_pages import render_diagnosis_report
+
+    return render_diagnosis_report(result.to_dict())
 
 
 def _tell_evaluation(result: Evaluation) -> str:
@@ -100,8 +113,8 @@ def _draw_fit(result: FitResults) -> Figure:
     """Loss figures: rotor inertia, viscous and Coulomb friction of each joint."""
     loss = result.model.loss
     rows = {
-        "rotor inertia [kg m²]": (LEFT, list(loss.motor_inertia)),
-        "viscous [N m s/rad]": (EXPLAINABLE, list(loss.viscous)),
+        "rotor inertia [kg m²]": (MEASURED, list(loss.motor_inertia)),
+        "viscous [N m s/rad]": (TUNED, list(loss.viscous)),
         "Coulomb [N m]": (NOISE, list(loss.coulomb)),
     }
     return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
@@ -133,21 +146,28 @@ def _draw_inspection(result: Inspection) -> Figure:
     return figure
 
 
-def _tell_comparison(result: ArmComparison) -> str:
+def _tell_comparison(result: Result) -> str:
     from ident.show.changes import print_comparison
 
-    return as_text(lambda console: print_comparison(console, result))
+    return as_text(lambda console: print_comparison(console, result.to_dict()))
 
 
-def _draw_comparison(result: ArmComparison) -> Figure:
+def _draw_comparison(result: Result) -> Figure:
     from ident.show.changes import draw_comparison
 
-    return draw_comparison(result)
+    return draw_comparison(result.to_dict())
+
+
+def _page_of_comparison(result: Result) -> str:
+    from ident.show.report.change_pages import render_comparison_report
+
+    return render_comparison_report(result.to_dict())
 
 
 WORDS: dict[str, Callable[[Any], str]] = {
     "ArmComparison": _tell_comparison,
     "Diagnosis": _tell_diagnosis,
+    "SavedDiagnosis": _tell_diagnosis,
     "Evaluation": _tell_evaluation,
     "FitResults": _tell_fit,
     "Inspection": _tell_inspection,
@@ -155,7 +175,13 @@ WORDS: dict[str, Callable[[Any], str]] = {
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _draw_comparison,
     "Diagnosis": _draw_diagnosis,
+    "SavedDiagnosis": _draw_diagnosis,
     "Evaluation": _draw_evaluation,
     "FitResults": _draw_fit,
     "Inspection": _draw_inspection,
+}
+PAGES: dict[str, Callable[[Any], str]] = {
+    "ArmComparison": _page_of_comparison,
+    "Diagnosis": _page_of_diagnosis,
+    "SavedDiagnosis": _page_of_diagnosis,
 }

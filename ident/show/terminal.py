@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -10,10 +11,11 @@ from rich.console import Console
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
-from ident.diagnosis.result import Diagnosis, Finding
 from ident.diagnosis.sequential import RepeatedLooks
 from ident.errors import plural
+from ident.show.console import print_serious
 from ident.show.limits import describe_limits
+from ident.show.palette import NAMED, TUNED
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     describe_unnamed,
@@ -21,7 +23,8 @@ from ident.show.report.diagnosis_verdict import (
     is_small,
     order_of,
 )
-from ident.show.report.numbers import pair, significant
+from ident.show.report.findings import energy_pair
+from ident.show.report.numbers import significant
 from ident.show.report.words import axis_name, interval_words, parameters_in_words
 from ident.show.timeline import Curve, Mark
 from ident.show.untestable import group_silent
@@ -40,38 +43,39 @@ MOST_MARKS = 60
 MARK_LENGTH = 0.5  # [s]
 # Mean square of a stretch that is marked, in units of the noise's.
 MARK_FROM = 4.0
-TUNED_COLOUR, NAMED_COLOUR = "#d55e00", "#009e73"
 
 
-def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
-    """Verdict, findings, and what could not be judged."""
-    facts = diagnosis.session
-    runs = plural(int(facts["runs"]), "run")
-    console.print(f"{diagnosis.robot}: {runs}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
-    for issue in diagnosis.telemetry:
-        if issue.severity != "note":
-            console.print(f"{issue.severity}: {issue.issue}: {issue.evidence}; {issue.remedy}", soft_wrap=True)
-    record = diagnosis.to_dict()
-    words = SMALL_GAP if is_small(record) else VERDICTS[diagnosis.verdict]
-    if diagnosis.verdict == "none_of_catalogue" and diagnosis.findings:
+def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
+    """Verdict, findings, and what could not be judged.
+
+    Args:
+        console: Where.
+        record: `ident.diagnosis/1`.
+    """
+    facts, verdict, findings = record["session"], record["verdict"], record["findings"]
+    runs = int(facts["runs"])
+    console.print(f"{record['robot']}: {plural(runs, 'run')}, {facts['samples']} samples, {facts['duration_s']:.0f} s")
+    print_serious(console, record["telemetry"])
+    words = SMALL_GAP if is_small(record) else VERDICTS[verdict]
+    if verdict == "none_of_catalogue" and findings:
         words = MOSTLY_UNNAMED
-    console.print(styled((diagnosis.verdict, "bold"), f": {words}"))
+    console.print(styled((verdict, "bold"), f": {words}"))
     if action := first_action(record):
         console.print(f"  first: {action}", soft_wrap=True, highlight=False, markup=False)
-    for finding, told in zip(diagnosis.findings, record["findings"], strict=True):
-        console.print(describe(finding, int(facts["runs"])), soft_wrap=True, highlight=False)
-        console.print(f"    do: {order_of(told, record)}", soft_wrap=True, highlight=False, markup=False)
-    for line in describe_reservations(record):
+    for one in findings:
+        console.print(describe(one, runs), soft_wrap=True, highlight=False)
+        console.print(f"    do: {order_of(one, record)}", soft_wrap=True, highlight=False, markup=False)
+    lines = [*describe_reservations(record), describe_unnamed(record), *map(describe_gap, record["gap"].items())]
+    lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]
+    for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
-    if unnamed := describe_unnamed(record):
-        console.print(f"  {unnamed}", soft_wrap=True, highlight=False)
-    for name, gap in diagnosis.gap.items():
-        left = f", explainable by {gap.unexplained} but unnamed" if gap.unexplained else ""
-        console.print(f"  {name}: {gap.rms:.3f} N m against {gap.noise_floor:.3f} of noise{left}")
-    if diagnosis.verdict == "no_gap" and (limits := describe_limits(record)):
-        console.print(f"  {limits}", soft_wrap=True, highlight=False)
-    for line in group_silent(record["not_testable"]):
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
+
+
+def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
+    """A joint's gap in one line."""
+    joint, one = gap
+    left = f", explainable by {one['unexplained']} but unnamed" if one["unexplained"] else ""
+    return f"{joint}: {one['rms_Nm']:.3f} N m against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 
 def print_looks(console: Console, looks: RepeatedLooks) -> None:
@@ -82,19 +86,17 @@ def print_looks(console: Console, looks: RepeatedLooks) -> None:
         console.print(f"  record next: {following['motion']}", soft_wrap=True, highlight=False, markup=False)
 
 
-def describe(finding: Finding, runs: int) -> str:
-    """One finding in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
-    estimate = finding.estimate
-    name = estimate.group.effect.id
-    others = ", ".join(f"{one} {share:.0%}" for one, share in list(estimate.shares.items())[1:])
-    rivals = f"; one of its class {estimate.class_probability:.0%}: {others}" if others else ""
-    figures = parameters_in_words(estimate.parameters)
-    before, after = finding.energy_std if runs > 1 else (None, None)
-    energy = f"energy error {pair(finding.energy_before, before)} → {pair(finding.energy_after, after)} J"
+def describe(finding: Mapping[str, Any], runs: int) -> str:
+    """One finding's record in one line: where, what, how sure, how large, how far; of one run, energy has no spread."""
+    heldout, others = finding["heldout"], list(finding["class_shares"].items())[1:]
+    names = ", ".join(f"{one} {share:.0%}" for one, share in others)
+    rivals = f"; one of its class {finding['class_probability']:.0%}: {names}" if others else ""
+    before, after = (energy_pair(heldout, when, runs) for when in ("before", "after"))
     return (
-        f"  {', '.join(finding.joints)}: {name} ({estimate.probability:.0%}{rivals}), {figures}; "
-        f"explains {significant(finding.gain)} N m (rms) on unseen runs, {finding.shrink:.0%} of what can be closed; "
-        f"{energy}"
+        f"  {', '.join(finding['joints'])}: {finding['effect']} ({finding['probability']:.0%}{rivals}), "
+        f"{parameters_in_words(finding['parameters'])}; "
+        f"explains {significant(heldout['gain_rms_Nm'])} N m (rms) on unseen runs, {heldout['shrink']:.0%} of what can "
+        f"be closed; energy error {before} → {after} J"
     )
 
 
@@ -133,9 +135,9 @@ def gap_curves(analysis: Analysis) -> list[list[Curve]]:
 
     Of very many runs only some have curves.
     """
-    rungs = [("tuned", "after tuning", TUNED_COLOUR)]
+    rungs = [("tuned", "after tuning", TUNED)]
     if analysis.diagnosis.findings:
-        rungs.insert(0, ("named", "with the named effects", NAMED_COLOUR))
+        rungs.insert(0, ("named", "with the named effects", NAMED))
     curves: list[list[Curve]] = [[] for _ in analysis.session.runs]
     for item in analysis.series:
         curves[item.index] = [

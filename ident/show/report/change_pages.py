@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 from ident.errors import plural
@@ -19,7 +18,7 @@ from ident.show.changes import (
     without_still,
 )
 from ident.show.report.numbers import fixed, percent
-from ident.show.report.page import Section, render_page, write_report
+from ident.show.report.page import Section, render_page
 from ident.show.report.provenance import FactsSection, provenance_facts
 from ident.show.report.telemetry import TelemetrySection
 from ident.show.report.words import effect_name, join_words, parameter_cells
@@ -99,16 +98,3 @@ def _subtitle(record: Mapping[str, Any]) -> str:
 def render_comparison_report(record: Mapping[str, Any]) -> str:
     """The page as text."""
     return render_page(f"{TITLE}: {record['robot']}", comparison_sections(record), _subtitle(record))
-
-
-def write_comparison_report(path: str | Path, record: Mapping[str, Any]) -> Path:
-    """Writes the page of a comparison.
-
-    Args:
-        path: The file to be written.
-        record: `ident.comparison/1`.
-
-    Raises:
-        InputError: The folder can't be written to.
-    """
-    return write_report(path, f"{TITLE}: {record['robot']}", comparison_sections(record), _subtitle(record))

@@ -11,7 +11,7 @@ from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_verdict import DiagnosisVerdictSection
 from ident.show.report.findings import FindingsSection
 from ident.show.report.next_steps import OutlookSection
-from ident.show.report.page import Section, write_report
+from ident.show.report.page import Section, render_page, save_page
 from ident.show.report.pages import evaluation_sections
 from ident.show.report.provenance import FactsSection, describe_origin, provenance_facts
 from ident.show.report.source import DiagnosisInput, ReportInput
@@ -40,23 +40,34 @@ def diagnosis_sections(source: DiagnosisInput) -> list[Section]:
 def write_diagnosis_report(
     path: str | Path, diagnosis: DiagnosisInput | Mapping[str, Any], evaluation: ReportInput | None = None
 ) -> Path:
-    """Writes the page of a diagnosis.
+    """Writes the page of a diagnosis, whole or not at all.
 
     Args:
         path: The file to be written.
-        diagnosis: The record of `ident.diagnosis/1`, alone or with confusion and provenance.
-        evaluation: A model's evaluation, shown below the diagnosis if given.
+        diagnosis, evaluation: As for `render_diagnosis_report`.
 
     Raises:
         InputError: The folder can't be written to.
     """
+    return save_page(path, render_diagnosis_report(diagnosis, evaluation))
+
+
+def render_diagnosis_report(
+    diagnosis: DiagnosisInput | Mapping[str, Any], evaluation: ReportInput | None = None
+) -> str:
+    """The page of a diagnosis as text.
+
+    Args:
+        diagnosis: The record of `ident.diagnosis/1`, alone or with confusion and provenance.
+        evaluation: A model's evaluation, shown below the diagnosis if given.
+    """
     source = diagnosis if isinstance(diagnosis, DiagnosisInput) else DiagnosisInput(diagnosis)
     sections = diagnosis_sections(source)
     if evaluation is not None:
-        told = {section.anchor for section in sections if section.is_present}
-        sections += [s for s in evaluation_sections(evaluation) if _is_new(s, told)]
+        shown = {section.anchor for section in sections if section.is_present}
+        sections += [s for s in evaluation_sections(evaluation) if _is_new(s, shown)]
     title = f"{source.record['robot']}: why does the arm not move as its model says?"
-    return write_report(path, title, sections, describe_origin(source.record))
+    return render_page(title, sections, describe_origin(source.record))
 
 
 def _is_new(section: Section, told: set[str]) -> bool:

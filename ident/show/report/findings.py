@@ -55,7 +55,7 @@ def finding_card(finding: Mapping[str, Any], record: Mapping[str, Any]) -> dict[
             f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))} N m"
             for joint, before in heldout["rms_before_Nm"].items()
         ],
-        "energy": f"{_energy(heldout, 'before', runs)} → {_energy(heldout, 'after', runs)} J",
+        "energy": f"{energy_pair(heldout, 'before', runs)} → {energy_pair(heldout, 'after', runs)} J",
         "parameters": [parameter_cells(name, value) for name, value in finding.get("parameters", {}).items()],
     }
 
@@ -64,7 +64,7 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _energy(heldout: Mapping[str, Any], when: str, runs: int) -> str:
+def energy_pair(heldout: Mapping[str, Any], when: str, runs: int) -> str:
     """Mean energy error of a run, with its spread over the runs where there are several."""
     spread = heldout.get(f"energy_error_{when}_std_J") if runs > 1 else None
     return pair(heldout.get(f"energy_error_{when}_J"), spread)

@@ -14,9 +14,10 @@ from ident.diagnosis.gap.axes import reversal_age
 from ident.diagnosis.gap.residuals import RunResidual
 from ident.diagnosis.result import Finding
 from ident.effects.base import Effect
+from ident.show.palette import NAMED, TUNED
 from ident.show.report.figures import WIDE, binned, make_panel, thin, to_svg
 
-DATA, LAW, PLAIN = "#7f7f7f", "#009e73", "#d55e00"
+DATA, LAW, PLAIN = "#7f7f7f", NAMED, TUNED
 BINS = 18
 # Bins of fewer samples than this say nothing.
 LEAST_SAMPLES = 8

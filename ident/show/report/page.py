@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from ident.files import atomic_write
-from ident.show.palette import rung_colours, rung_name
+from ident.show.palette import NAMED, NOISE, TREES, TUNED, rung_colours, rung_name
 from ident.show.report.numbers import fixed, pair, significant
 
 
@@ -65,11 +65,14 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], subt
     Raises:
         InputError: The folder can't be written to.
     """
-    target = Path(path)
-    page = render_page(title, sections, subtitle)
-    with atomic_write(target) as part:
+    return save_page(path, render_page(title, sections, subtitle))
+
+
+def save_page(path: str | Path, page: str) -> Path:
+    """Writes a page's text, whole or not at all."""
+    with atomic_write(Path(path)) as part:
         part.write_text(page, encoding="utf-8")
-    return target
+    return Path(path)
 
 
 def render_page(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
@@ -98,7 +101,8 @@ def _environment() -> Environment:
     environment.filters.update(
         fixed=fixed, pair=pair, significant=significant, rung=rung_name, breakable=breakable, coded=coded
     )
-    environment.globals["rung_colours"] = rung_colours
+    environment.globals |= {"rung_colours": rung_colours, "TUNED": TUNED, "NAMED": NAMED}
+    environment.globals |= {"TREES": TREES, "NOISE": NOISE}
     return environment
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.effects.effect_info import STATE, Interval
+from ident.effects.effect_info import STATE
 from ident.show.report.numbers import MINUS, significant
 
 # Unit suffixes of parameter names, the longest first: `rad_s` must not be read as `s`.
@@ -88,9 +88,9 @@ def parameter_cells(name: str, value: Any) -> dict[str, str]:
     return cells
 
 
-def parameters_in_words(parameters: Mapping[str, Interval]) -> str:
-    """All parameters of an effect in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
-    rows = [parameter_cells(name, value.to_dict()) for name, value in parameters.items()]
+def parameters_in_words(parameters: Mapping[str, Any]) -> str:
+    """All parameters of an effect's record in one line: `knee 0.2 rad/s [0.13 to 0.3], …`."""
+    rows = [parameter_cells(name, value) for name, value in parameters.items()]
     return ", ".join(
         " ".join(filter(None, (row["name"], row["value"], row["unit"], row["interval"] and f"[{row['interval']}]")))
         for row in rows
