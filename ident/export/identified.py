@@ -20,7 +20,7 @@ from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, lay_out, nearest_bodies
 from ident.laws.acting import KNOWN
-from ident.laws.bodies import BODIES, link_change
+from ident.laws.bodies import BODIES, link_change, turned_gravity
 from ident.laws.motion import Losses
 from ident.laws.sensing import Effect as ModuleEffect
 from ident.model.convex import is_consistent
@@ -47,6 +47,8 @@ POSITIVE = (
 ROUNDING = 1e-9
 # Smallest transition width, where a model's friction turns round at once [rad/s].
 SHARPEST = 1e-6
+# A base is level where gravity leans by less [rad].
+LEVEL_ENOUGH = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +201,21 @@ class IdentifiedArm:
         return self.nominal.with_inertial_parameters(self.nominal.inertial_parameters + self.links.total.ravel())
 
     @property
+    def gravity(self) -> Float[Array, " 3"]:
+        """Gravity in the base as it is mounted, turned by a tilt that was identified [m/s²]."""
+        gravity = np.array(self.nominal.model.gravity.linear)
+        for change in self.changes:
+            if change.part("mjcf") == "level":
+                gravity = turned_gravity(gravity, change.values)
+        return gravity
+
+    @property
+    def is_level(self) -> bool:
+        """Whether gravity pulls along the base's -z axis: it is neither mounted otherwise nor tilted."""
+        pull = self.gravity
+        return bool(np.linalg.norm(pull[:2]) < LEVEL_ENOUGH * -pull[2])
+
+    @property
     def effects(self) -> list[ModuleEffect]:
         """The effects whose law is known, as the laws take them."""
         return in_module(self.changes)
@@ -231,6 +248,7 @@ class Diagnosed:
         urdf: Losses tuned without them and with the URDF's own link inertias.
         has_baseline: Whether the file says how the baseline was tuned.
         cutoff: Corner of the common filter that it was made with [Hz].
+        gravity: Under which the arm was found, or given, to be recorded, in its base [m/s²]; the URDF's if None.
         content: Digest of the arm that it was made with (`content_of`); "" where the file does not say.
         runs: First digits of the hashes of the files that it was made from.
     """
@@ -244,6 +262,7 @@ class Diagnosed:
     urdf: Tuning
     has_baseline: bool
     cutoff: float
+    gravity: tuple[float, float, float] | None = None
     content: str = ""
     runs: frozenset[str] = frozenset()
 
@@ -307,12 +326,25 @@ class Diagnosed:
         cutoff = float(origin.get("settings", {}).get("cutoff_hz", FOR_DIAGNOSIS.cutoff_hz))
         if not 0.0 < cutoff < np.inf:
             raise ValueError(f"its cutoff_hz is {cutoff:g}")
+        pull = origin.get("settings", {}).get("gravity_mps2")
+        gravity = None if pull is None else (float(pull[0]), float(pull[1]), float(pull[2]))
         return cls(
-            path, joints, record["verdict"], changes, tuned, alone, urdf, is_tuned, cutoff, content, files_of(origin)
+            path,
+            joints,
+            record["verdict"],
+            changes,
+            tuned,
+            alone,
+            urdf,
+            is_tuned,
+            cutoff,
+            gravity,
+            content,
+            files_of(origin),
         )
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
-        """The arm with the joints that the diagnosis does not know locked.
+        """The arm as it is mounted, with the joints that the diagnosis does not know locked.
 
         Raises:
             InputError: The diagnosis is one of another arm.
@@ -325,7 +357,7 @@ class Diagnosed:
         if self.content and self.content != content_of(kept):
             what = f"it was made with another arm than {arm.name}: joints, lengths or inertias differ"
             raise InputError(self.path, what, "give the --robot that it was made with, or diagnose with this one")
-        return kept
+        return kept if self.gravity is None else kept.with_gravity(np.array(self.gravity))
 
     def candidates(self, arm: ArmModel) -> dict[str, IdentifiedArm]:
         """The arms that could be written, by name: without the effects, tuned to the same recordings, and with them."""

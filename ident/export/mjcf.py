@@ -23,7 +23,7 @@ from ident.export.bodies import about_centre
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements, numbers
 from ident.export.urdf import NOTE, PAYLOAD, PAYLOAD_RADIUS
-from ident.laws.bodies import payload_parameters, turned_gravity
+from ident.laws.bodies import payload_parameters
 from ident.robot.arm import ArmModel
 
 # Below this a principal moment is that of a body without extent [kg m²].
@@ -37,7 +37,7 @@ def write_mjcf(identified: IdentifiedArm) -> str:
     root.append(ET.Comment(NOTE))
     ET.SubElement(root, "compiler", angle="radian", balanceinertia="true", autolimits="true")
     ET.SubElement(
-        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=numbers(gravity_of(identified))
+        root, "option", timestep=repr(TIMESTEP), integrator="implicitfast", gravity=numbers(identified.gravity)
     )
     parent = ET.SubElement(root, "worldbody")
     shapes, hulls = _shapes(arm)
@@ -59,15 +59,6 @@ def write_mjcf(identified: IdentifiedArm) -> str:
         ET.SubElement(sensors, "actuatorfrc", {"name": f"{one.name}_log", "actuator": one.name, **one.sensor})
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def gravity_of(identified: IdentifiedArm) -> Float[Array, " 3"]:
-    """Gravity in the arm's base, turned by a tilt that was identified [m/s²]."""
-    gravity = np.array(identified.nominal.model.gravity.linear)
-    for change in identified.changes:
-        if change.part("mjcf") == "level":
-            gravity = turned_gravity(gravity, change.values)
-    return gravity
 
 
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, " 4"]:

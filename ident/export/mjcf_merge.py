@@ -20,7 +20,7 @@ from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.export.bodies import moved
 from ident.export.identified import IdentifiedArm
-from ident.export.mjcf import gravity_of, inertial_attributes
+from ident.export.mjcf import inertial_attributes
 from ident.export.mjcf_joint import joint_elements, numbers
 from ident.export.mjcf_match import Match, match_file
 from ident.files import atomic_write
@@ -87,8 +87,8 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
         for key in WRITTEN & own.joint.keys():
             elements[name].set(key, own.joint[key])
     _write_links(root, match, model, links, arm, source)
-    if any(change.part("mjcf") == "level" for change in changes):
-        _child(root, "option").set("gravity", numbers(match.base_turn @ gravity_of(identified)))
+    if not identified.is_level:
+        _child(root, "option").set("gravity", numbers(match.base_turn @ identified.gravity))
     compiler, here = _child(root, "compiler"), Path(source).parent
     folders = {key: compiler.get(key, compiler.get("assetdir", "")) for key in ("meshdir", "texturedir")}
     _point_to_meshes(compiler, folders, here, (placed or out).parent)
@@ -96,7 +96,7 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     with atomic_write(out) as part:
         part.write_text(text, encoding="utf-8")
     told = tuple(f"{one.effect}: {LEFT_OUT[said]}" for one in changes if (said := one.part("mjcf")) in LEFT_OUT)
-    whole = arm.with_inertial_parameters(links.ravel()).with_gravity(gravity_of(identified))
+    whole = arm.with_inertial_parameters(links.ravel()).with_gravity(identified.gravity)
     _point_to_meshes(compiler, folders, here, None)
     far = _difference(ET.tostring(root, encoding="unicode"), match, whole, identified.losses, bool(changes))
     return Merged(text, dict(zip(arm.joint_names, match.joints, strict=True)), told, far)

@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.arrays import Array, Float
 from ident.effects.rigid_body import UnknownPayload
@@ -46,10 +47,10 @@ def write_urdf(identified: IdentifiedArm) -> str:
         part = change.part("urdf")
         if part == "load":
             _add_payload(root, arm.links[-1], change.values)
-        elif part == "level":
-            _tilt_base(root, change.values)
         elif part == "zero":
             _turn_joint(joints[arm.joint_names[change.joint]], change.values["offset_rad"])
+    if not identified.is_level:
+        _turn_base(root, identified.gravity)
     root.insert(0, ET.Comment(NOTE))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
@@ -133,14 +134,13 @@ def _add_payload(root: ET.Element, last: str, figures: dict[str, float]) -> None
     _fix(root, f"{PAYLOAD}_fixed", last, PAYLOAD, np.eye(3))
 
 
-def _tilt_base(root: ET.Element, figures: dict[str, float]) -> None:
-    """A level link below the base, which stands on it askew."""
+def _turn_base(root: ET.Element, gravity: Float[Array, " 3"]) -> None:
+    """A level link below the base, which stands on it askew, or hangs: so that gravity pulls along the link's -z."""
     children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
     base = next(link.get("name") for link in root.findall("link") if link.get("name") not in children)
-    tilt = np.array([figures["tilt_x_rad"], figures["tilt_y_rad"], 0.0])
-    angle = float(np.linalg.norm(tilt))
     ET.SubElement(root, "link", name=LEVEL)
-    _fix(root, f"{LEVEL}_to_base", LEVEL, str(base), rotation_about(tilt, angle) if angle > 0.0 else np.eye(3))
+    turn = Rotation.align_vectors(np.array([[0.0, 0.0, -1.0]]), gravity[None] / np.linalg.norm(gravity))[0]
+    _fix(root, f"{LEVEL}_to_base", LEVEL, str(base), turn.as_matrix())
 
 
 def _fix(root: ET.Element, name: str, parent: str, child: str, turn: Float[Array, "3 3"]) -> None:

@@ -332,6 +332,9 @@ def _notes(identified: IdentifiedArm) -> list[str]:
     """What a user of the files should know beside the effects."""
     arm, ranges = identified.nominal, identified.losses.range
     lines = ["robot.urdf: a URDF has no place for rotor inertia; take it from parameters.toml (Pinocchio: armature)"]
+    if not identified.is_level:
+        pull = " ".join(f"{one:.2f}" for one in identified.gravity)
+        lines.append(f"gravity pulls along ({pull}) m/s² of the base: robot.urdf stands on a link `level`, turned so")
     if ranges.any():
         names = ", ".join(arm.joint_names[j] for j in ranges.nonzero()[0])
         lines.append(
