@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.inspecting import inspect as inspect
     from ident.api.patching import patch as patch
+    from ident.api.planting import plant as plant
     from ident.api.ranging import ranges as ranges
     from ident.api.servo_arms import servo as servo
     from ident.api.simulating import simulate as simulate
@@ -60,6 +61,7 @@ _HOMES = {
     "new": "ident.api.starting",
     "open_sessions": "ident.sessions",
     "patch": "ident.api.patching",
+    "plant": "ident.api.planting",
     "ranges": "ident.api.ranging",
     "servo": "ident.api.servo_arms",
     "simulate": "ident.api.simulating",
