@@ -129,7 +129,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
         "effects": [effect.id for effect in effects],
         "diagnosis": settings.to_dict(),
         "accepted": list(options.accept),
-        "gravity_mps2": None if analysis is None else list(analysis.baseline.nominal.model.gravity.linear),
+        "gravity_mps2": None if analysis is None else analysis.baseline.nominal.model.gravity.linear.tolist(),
         "arm_sha256": content_of(arm.keeping(diagnosis.joints)),
     }
     origin = Provenance("ident diagnose", settings=chosen, sessions=read.ledger.stamps)
