@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ident.diagnosis.verdict import above_noise
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
 from ident.show.report.page import Section
@@ -64,8 +65,10 @@ def diagnosis_headline(record: Mapping[str, Any]) -> str:
 
 
 def first_action(record: Mapping[str, Any]) -> str:
-    """What to do first: about what gains most; where doubts stand and no name is likely, what to give or record."""
+    """What to do first: set a torque that is off by a factor; then about what gains most, or what to give or record."""
     findings = record.get("findings", [])
+    if scale := misread_torque(record):
+        return scale
     doubted = bool(overtuned_joints(record) or tuned_away_joints(record))
     believed = any(one.get("probability", 1.0) >= LIKELY for one in findings)
     if record["verdict"] not in ("not_testable", "none_of_catalogue") and (believed or not doubted):
@@ -77,6 +80,21 @@ def first_action(record: Mapping[str, Any]) -> str:
         return OWN_INERTIAS
     motion = _next_motion(record)
     return f"Record this next: {motion}." if motion else ""
+
+
+def misread_torque(record: Mapping[str, Any]) -> str:
+    """Which joint's whole torque is off by a factor, and what to do: no other size is right before; "" for none.
+
+    Nothing either where a likely name says what it is: a body, or a fault of the log.
+    """
+    kinds = {effect.id for effect in CATALOGUE if effect.inertia_like or effect.of_the_log}
+    findings = record.get("findings", [])
+    if record["verdict"] == "refused" or any(
+        one["effect"] in kinds and one.get("probability", 1.0) >= LIKELY for one in findings
+    ):
+        return ""
+    off = [one for one in record.get("telemetry", []) if one["issue"] == "torque_scale"]
+    return f"{off[0]['evidence']}: {off[0]['remedy']}." if off else ""
 
 
 def order_of(finding: Mapping[str, Any], record: Mapping[str, Any]) -> str:

@@ -70,5 +70,5 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return DASH
     number = 100.0 * share
-    near = 0.0 < abs(number) < 9.5 or 99.0 < abs(number) < 100.0
+    near = 0.0 < abs(number) < 9.5 or 99.0 < abs(number) < 99.95
     return f"{fixed(number, 1 if near else 0)} %"
