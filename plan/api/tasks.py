@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.api.fitting import load_model
 from ident.files import write_record
 from ident.model.hybrid import HybridModel
 from ident.outputs import remove_own_file
@@ -56,8 +55,12 @@ def open_task(
     Raises:
         InputError: Any of them is at fault.
     """
-    task = _task(scene)
-    problem = set_up(task, None if model is None else load_model(model), options)
+    task, fitted = _task(scene), None
+    if model is not None:
+        from ident.api.fitting import load_model  # all that fits a model comes with it
+
+        fitted = load_model(model)
+    problem = set_up(task, fitted, options)
     problem, *others = reach_goals(problem, task)
     if options.inside:
         require_inside(problem, task.source)

@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numba import njit
 
-from ident.arrays import Array
 from plan.geometry.simplex import simplex_gap
 
 # Below this gap the bound for separated bodies is refined to the distance [m].
@@ -129,8 +128,3 @@ def shape_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[n
             seen[:] = warm
             least = min(least, body_gap(a, b, rot, at, bodies, seen, min(enough, least), band))
     return max(gap, least)
-
-
-def signed_separation(first: tuple[Array, Array, Array], second: tuple[Array, Array, Array]) -> float:
-    """Signed separation of two boxes given as (rotation, centre, half lengths) [m]."""
-    return float(box_gap(*(np.ascontiguousarray(part, dtype=float) for part in (*first, *second))))
