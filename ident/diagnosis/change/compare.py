@@ -19,6 +19,7 @@ from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.confounded_links import open_places, place_bodies
 from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
+from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
 from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
@@ -187,7 +188,8 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
             continue
         for k in refused:
             if standings[k].p_value > ALARM:
-                differing += [found.named[k].group] if standings[k].of_the_runs else []
+                if standings[k].of_the_runs and found.named[k].group.effect.id != UNLISTED:
+                    differing.append(found.named[k].group)
             elif refused[k] != IN_ITS_PLACE and estimates[k].undefined is None:
                 unlawful = True
         doubted += tuple(Reservation.of(found.named[k], estimates[k], joints, why) for k, why in refused.items())
@@ -394,6 +396,6 @@ def _result(
 
 
 def _verdict(found: Sequence[ArmChange], unlawful: bool, too_short: bool) -> str:
-    if any(change.effect != "unlisted_change" for change in found):
+    if any(change.effect != UNLISTED for change in found):
         return "changed"
     return "changed_unexplained" if found or unlawful else "not_testable" if too_short else "no_change"

@@ -16,6 +16,8 @@ from ident.effects.typical_sizes import friction_level, hardly_moves, travel
 
 # Points between which a torque of no known law is a straight line over the joint's angle, without and with direction.
 POINTS_EVEN, POINTS_ODD = 6, 4
+# What stands in for every change that has no name.
+UNLISTED = "unlisted_change"
 
 
 class FrictionChange(Effect):
@@ -66,7 +68,7 @@ class FrictionChange(Effect):
 class UnlistedChange(Effect):
     """Torque that follows no law of the catalogue: any curve over the joint's angle, another with its direction."""
 
-    id = "unlisted_change"
+    id = UNLISTED
     summary = "torque differs over the joint's angle or direction, by no law of the catalogue"
     defining = ("rms_Nm",)
     doubt = Doubt(share=0.0)

@@ -16,6 +16,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
+from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
@@ -187,7 +188,7 @@ def _with_all(sums: PairedSums, prior: Prior) -> Projection:
     evidence = sums.evidence
     evidence = evidence.with_run_spread(np.full(evidence.layout.n, evidence.settings.wide_spread))
     first = {group.key: group for group in reversed(evidence.layout.groups)}
-    free = [group for group in first.values() if group.effect.id != "unlisted_change"]
+    free = [group for group in first.values() if group.effect.id != UNLISTED]
     return project(evidence.gram(), evidence, prior, free)
 
 
