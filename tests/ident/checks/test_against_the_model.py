@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ident.checks.effort import collect_states
 from ident.checks.inspection import inspect_alone, inspect_sessions
 from ident.checks.mount import mend_mount
 from ident.checks.report import TelemetryReport
+from ident.checks.scale import fit_scale
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.recordings.load import load_session
@@ -78,6 +80,29 @@ def test_gravity_is_found_however_a_real_base_is_mounted(name: str, real_data: P
     recording, robot = REAL[name]
     urdf = real_data / robot
     require_mounts(load_session(real_data / recording), ArmModel.load(urdf if urdf.is_file() else robot))
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["panda", "rokae", "ur10"])
+def test_a_wrong_gain_of_a_real_joint_that_feels_gravity_is_said_first(name: str, real_data: Path) -> None:
+    """And as large as it is, beside what the arm's URDF makes of the untouched log."""
+    recording, robot = REAL[name]
+    urdf = real_data / robot
+    arm = ArmModel.load(urdf if urdf.is_file() else robot)
+    session = found(load_session(real_data / recording), arm).session
+    states = collect_states(session, arm.keeping(session.joints))
+    assert states is not None
+    judged = np.flatnonzero(states.heavy & states.alive & states.moving)
+    assert len(judged) > 1
+    for joint in judged:
+        own, error = fit_scale(states, joint)
+        for factor in (0.7, 1.5):
+            gains = np.where(np.arange(len(session.joints)) == joint, factor, 1.0)
+            wrong = changed(session, "effort", lambda effort, gains=gains: effort * gains)
+            (issue,) = found(wrong, arm).find("torque_scale")
+            assert issue.joints[0] == session.joints[joint]
+            told = float(issue.evidence.split(" reads ")[1].split()[0])
+            assert told == pytest.approx(factor * own, abs=2.0 * factor * error + 0.01)
 
 
 def test_a_model_of_an_arm_on_a_wall_keeps_its_gravity(session: Session, arm: ArmModel, tmp_path: Path) -> None:
