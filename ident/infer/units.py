@@ -22,6 +22,8 @@ from ident.robot.arm import ArmModel
 FASTEST_S, SLOWEST_S = 2e-4, 0.5
 # No joint of an arm turns farther than three turns to a side [rad].
 FARTHEST_RAD = 6 * math.pi
+# A log in which no joint turns farther is none of a moving arm (chosen) [degrees].
+LEAST_SPAN_DEG = 5.0
 # Velocity is in the positions' unit if its slope against their derivative is one within this, and it is that signal.
 SLOPE_OFF, SAME_SIGNAL = 0.1, 0.9
 # Joint order: another one is taken where the model explains so much more of the torque.
@@ -65,9 +67,15 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
         reach = np.full(len(far), FARTHEST_RAD)
     turning = ~sliding
     beyond = turning & (far > 1.1 * reach)
+    largest = far[turning].max(initial=0.0)
     if not beyond.any():
         within = "the robot's limits" if arm is not None else "three turns"
-        told = f"the largest angle is {far[turning].max(initial=0.0):.3g}, within {within} in radians"
+        told = f"the largest angle is {largest:.3g}, within {within} in radians"
+        return Unit("rad", 1.0, Reason("angle_unit", "rad", told))
+    span = float(np.ptp(signals.tables["position"], axis=0)[turning].max())
+    if span < LEAST_SPAN_DEG and largest < FARTHEST_RAD:
+        outside = ", ".join(name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off)
+        told = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
         return Unit("rad", 1.0, Reason("angle_unit", "rad", told))
     j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
     told = (

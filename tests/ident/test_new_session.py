@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -107,6 +108,18 @@ def test_degrees_are_told_by_the_robots_limits(run: Recording, tmp_path: Path) -
     assert found.guess.settings["angle_unit"] == "deg"
     assert any("0.0175 times the positions' derivative" in line or "0.0175" in line for line in found.guess.left_out)
     assert_same(tmp_path, wide, velocity=False)
+
+
+def test_a_urdf_of_narrow_limits_makes_no_degrees_of_radians(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
+    """An arm that, read in degrees, would stand nearly still moved in radians: its URDF's limits are too narrow."""
+    urdf = re.sub(r'(lower|upper)="[^"]*"', lambda one: f'{one[1]}="{-0.1 if one[1] == "lower" else 0.1}"', arm.urdf)
+    (tmp_path / "narrow.urdf").write_text(urdf, encoding="utf-8")
+    names = ["t", *(f"q{i}" for i in range(1, 7)), *(f"tau{i}" for i in range(1, 7))]
+    (tmp_path / "log").mkdir()
+    text_table(tmp_path / "log" / "run.csv", names, np.column_stack([run.time, run.position, run.effort]))
+    found = new(tmp_path / "log", tmp_path / "narrow.urdf")
+    assert found.guess.settings.get("angle_unit", "rad") == "rad"
+    assert "URDF's limits" in found.summary()
 
 
 def test_columns_without_names_are_told_by_their_numbers(run: Recording, arm: ArmModel, tmp_path: Path) -> None:
