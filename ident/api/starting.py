@@ -38,7 +38,7 @@ def new(
             for table in tables:
                 _copy(Path(table), folder)
             try:
-                found = _guess(folder, robot)
+                found = _guess(folder, robot, path.name)
             except InputError as error:
                 raise _of_the_users(error, folder, tables) from None
             (folder / NAME).write_text(found.text, encoding="utf-8")
@@ -66,8 +66,8 @@ def _copy(table: Path, folder: Path) -> None:
     shutil.copy2(table, folder / table.name)
 
 
-def _guess(path: Path, robot: str | Path | ArmModel | None) -> NewSession:
-    """The guess, tried: the session is read under it, and its telemetry checked."""
+def _guess(path: Path, robot: str | Path | ArmModel | None, name: str = "") -> NewSession:
+    """The guess, tried: the session is read under it, by the name that it will have, and its telemetry checked."""
     arm = robot if isinstance(robot, ArmModel) or robot is None else ArmModel.load(robot)
     named = None if robot is None or isinstance(robot, ArmModel) else str(robot)
     found = guess_session(path, arm, named)
@@ -75,6 +75,7 @@ def _guess(path: Path, robot: str | Path | ArmModel | None) -> NewSession:
         draft = Path(folder) / NAME
         draft.write_text(found.text, encoding="utf-8")
         read = load_session(path, session_file=draft)
+    read = read.replace(name=name or read.name)
     report = inspect_sessions([read], arm)[0] if arm is not None else None
     settings = {"robot": named or (arm.name if arm is not None else None)}
     origin = Provenance("ident new", settings=settings, sessions=stamp_sessions([read]))

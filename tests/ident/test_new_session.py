@@ -203,6 +203,7 @@ def test_the_command_copies_tables_into_a_new_session(run: Recording, tmp_path: 
     record, session = tmp_path / "new.json", tmp_path / "session"
     done = CliRunner().invoke(app, ["new", str(session), str(table), "--robot", "tm5-900", "--json", str(record)])
     assert done.exit_code == 0, done.output
+    assert ".part" not in done.output  # the folder's name while it is being made
     assert sorted(path.name for path in session.iterdir()) == [".armgap.json", "log.csv", "session.toml"]
     assert tomllib.loads((session / "session.toml").read_text())["robot"] == "tm5-900"
     assert {one["what"] for one in check_file(record)["reasons"]} >= {"time", "position", "effort", "joints"}
