@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from ident.arrays import Array, Float, Int
 from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
+from plan.planners.dips import find_dips
 from plan.planners.subproblem import ConstraintRows
 from plan.planners.transcription import DEGREE, Grid
 from plan.planners.velocity_reversals import Turns, find_turns
@@ -159,7 +159,7 @@ class LocalModel:
         even = (np.arange(PLACES) + 0.5) / PLACES
         margins, far = self.problem.margins.pairs, self.problem.margins.asked + NEAR
         gaps = scene.gaps(self.grid.positions(coefficients, even), far) - margins
-        shares, pairs, found = _dips(even, gaps, NEAR)
+        shares, pairs, found = find_dips(even, gaps, NEAR)
         if len(shares) == 0:
             return ConstraintRows.none(self.size)
         # Between two places the arm moves by centimetres: each dip is looked at more closely, and its bottom watched.
@@ -170,7 +170,7 @@ class LocalModel:
             wanted = np.zeros((len(closer), gaps.shape[1]), dtype=bool)
             wanted[place.reshape(windows.shape), pairs[dips, None]] = True
             gaps = scene.gaps(self.grid.positions(coefficients, closer), far, wanted) - margins
-            fine = _dips(closer, gaps, NEAR)
+            fine = find_dips(closer, gaps, NEAR)
             shares, pairs, found = (np.concatenate(both) for both in zip((shares, pairs, found), fine, strict=True))
         order = np.argsort(found)[:MOST_NEAR]
         order = order[np.argsort(shares[order])]  # pairs at one place share the arm's position
@@ -396,25 +396,3 @@ class LocalModel:
 
     def _with_time(self, matrix: Array, by_time: Array) -> Float[Array, "r d"]:
         return np.concatenate([matrix, by_time[:, None]], axis=1)
-
-
-def _dips(
-    shares: Float[Array, " T"], gaps: Float[Array, "T P"], bound: float
-) -> tuple[Float[Array, " m"], Int[Array, " m"], Float[Array, " m"]]:
-    """Where along the motion each pair's gap dips below a bound, with the neighbours; and the pairs, and the gaps."""
-    places, pairs = np.nonzero(_near_dips(gaps, bound))
-    return shares[places], pairs, gaps[places, pairs]
-
-
-@njit(cache=True, nogil=True)
-def _near_dips(gaps, bound):  # type: ignore[no-untyped-def]
-    """Whether a gap lies below a bound and is a dip's bottom or beside one."""
-    count, out = gaps.shape[0], np.zeros(gaps.shape, dtype=np.bool_)
-    for t in range(count):
-        for p in range(gaps.shape[1]):
-            gap = gaps[t, p]
-            if gap >= bound or (t > 0 and gaps[t - 1, p] < gap) or (t + 1 < count and gaps[t + 1, p] < gap):
-                continue
-            for beside in range(max(t - 1, 0), min(t + 2, count)):
-                out[beside, p] = gaps[beside, p] < bound
-    return out
