@@ -312,6 +312,8 @@ class Diagnosed:
             raise ValueError(f"its joints are {joints!r}")
         baseline, found = record.get("baseline", {}), record["findings" if "findings" in record else "changes"]
         changes = tuple(_change(one, joints, baseline, known.get(one["effect"])) for one in found)
+        for change in changes:
+            _ = change.values  # a law that lacks a parameter is found here, not by whoever writes it
         if needed and not changes:
             what = f"nothing to write: its verdict is {record['verdict']!r} and no effect is named"
             raise InputError(path, what, "give a diagnosis with findings")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import time
 from collections.abc import Iterator
@@ -20,8 +21,8 @@ from ident.recordings.session_toml import NAME, load_session_file
 STORE_KIND = "watch"
 # A date within a name: 2026-05-03, 26_05_03, 20260503.
 DATES = re.compile(r"(?<!\d)(?:(20\d\d)|(\d\d))([-_.]?)(\d\d)\3(\d\d)(?!\d)")
-# Stamps of recordings below this count from the start of something, above from 1970 [s].
-EPOCH = 1e9
+# Stamps of recordings below this count from the start of something, above from 1970, up to the year 5138 [s].
+EPOCH, LAST = 1e9, 1e11
 
 
 class NoSession(InputError):
@@ -54,6 +55,11 @@ class FoundSession:
         return f"{self.arm}/{self.name}"
 
 
+def as_text(name: str | Path) -> str:
+    """A name on the disk, or a text that holds one, as text: bytes that are no UTF-8 are shown by their codes."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
 def find_sessions(folder: Path) -> list[FoundSession]:
     """All sessions: folders of runs in the folder (of one arm), or in folders of arms.
 
@@ -73,11 +79,11 @@ def find_sessions(folder: Path) -> list[FoundSession]:
 def _in_folder(folder: Path) -> Iterator[FoundSession]:
     for child in sorted(_folders(folder)):
         if _is_session(child):
-            yield _look_at(folder.resolve().name, child, folder)
+            yield _look_at(as_text(folder.resolve().name), child, folder)
         else:
             for session in sorted(_folders(child)):
                 if _is_session(session):
-                    yield _look_at(child.name, session, folder)
+                    yield _look_at(as_text(child.name), session, folder)
 
 
 def _folders(folder: Path) -> list[Path]:
@@ -107,7 +113,7 @@ def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:
         status = file.stat()
         digest.update(f"{file.name}\0{status.st_size}\0{status.st_mtime_ns}\n".encode(errors="surrogateescape"))
         newest = max(newest, status.st_mtime)
-    return FoundSession(arm, path.name, path, settings, digest.hexdigest(), newest)
+    return FoundSession(arm, as_text(path.name), path, settings, digest.hexdigest(), newest)
 
 
 def is_settled(session: FoundSession, settle: float) -> bool:
@@ -124,17 +130,15 @@ def date_of(session: FoundSession, first: float | None) -> str:
     """
     own = session.path / NAME
     told = load_session_file(own).metadata.get("date") if own.is_file() else None
-    if isinstance(told, datetime | date):
-        return _in_utc(told)
-    if isinstance(told, str):
+    if told is not None:
         try:
-            return _in_utc(datetime.fromisoformat(told))
-        except ValueError:
+            return _in_utc(told if isinstance(told, date) else datetime.fromisoformat(told))
+        except (ValueError, TypeError, OverflowError):
             raise InputError(own, f"date = {told!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
     named = _date_in(session.name)
     if named is not None:
         return named
-    moment = first if first is not None and first > EPOCH else session.newest
+    moment = first if first is not None and EPOCH < first < LAST else min(max(session.newest, 0.0), LAST)
     return datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat(timespec="seconds")
 
 

@@ -15,7 +15,7 @@ from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
 from ident.monitor.alarms import LEVEL
 from ident.monitor.estimates import UNITS, estimate_session
-from ident.monitor.folder import FoundSession, date_of
+from ident.monitor.folder import FoundSession, as_text, date_of
 from ident.monitor.store import DONE, Store
 from ident.motion.motion import prepare
 from ident.recordings.recording import Session
@@ -57,7 +57,7 @@ def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:
     """
     found, folder, options = task
     store = Store(folder)
-    row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": str(found.path)}
+    row: dict[str, Any] = {"arm": found.arm, "session": found.name, "stamp": found.stamp, "path": as_text(found.path)}
     try:
         arm, (report,) = inspect_sources(Given([found.path], options.robot, session_file=found.settings)).whole
         session, row["robot"] = report.session, arm.name
@@ -81,7 +81,7 @@ def _write_unfit(store: Store, found: FoundSession, row: dict[str, Any], status:
     row.setdefault("date", _date_of_unfit(found))
     for kind in ("figures", "effects"):
         store.write(kind, found.arm, found.name, [])
-    store.write(DONE, found.arm, found.name, [{**row, "status": status, "reason": reason}])
+    store.write(DONE, found.arm, found.name, [{**row, "status": status, "reason": as_text(reason)}])
 
 
 def _first_stamp(session: Session) -> float | None:

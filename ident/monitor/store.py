@@ -9,6 +9,8 @@ The file below sessions/ is written last: where it is, the session is done. Duck
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +20,9 @@ from urllib.parse import quote
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ident.errors import InputError
 from ident.files import atomic_write
+from ident.safe_read import require_regular, require_unpacked
 
 TEXT, NUMBER = pa.string(), pa.float64()
 SCHEMAS: dict[str, dict[str, pa.DataType]] = {
@@ -44,6 +48,10 @@ SCHEMAS: dict[str, dict[str, pa.DataType]] = {
     },
 }
 DONE = "sessions"
+# Names of files have 255 bytes at the most; an ending and a temporary name's beginning need some.
+LONGEST_NAME = 180
+# Whatever else is missing in a row, without these it says nothing; a fit session's figures have all their numbers.
+NEEDED = ("arm", "session", "date", "joint", "figure", "status", "effect", "value", "low", "high", "std")
 
 
 @dataclass(frozen=True)
@@ -69,13 +77,14 @@ class Store:
         write_rows(self.place(kind, arm, session), kind, rows)
 
     def read(self, kind: str) -> list[dict[str, Any]]:
-        """All rows of a kind, in the order of their files' names; a file that can't be read counts as not there."""
+        """All rows of a kind, in the order of their files' names; a file that is none of ours counts as not there."""
         found: list[dict[str, Any]] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
-                found += pq.ParquetFile(path).read().to_pylist()
-            except (pa.ArrowException, OSError):
+                rows = read_rows(path, kind)
+            except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
+            found += [row for row in rows if _is_whole(row)]
         return found
 
     def stamps(self) -> dict[str, str]:
@@ -85,11 +94,40 @@ class Store:
 
 def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:
     """Writes a table of a kind, whole or not at all."""
-    schema = pa.schema(list(SCHEMAS[kind].items()))
-    table = pa.Table.from_pylist([{name: row.get(name) for name in SCHEMAS[kind]} for row in rows], schema=schema)
+    table = pa.Table.from_pylist(
+        [{name: row.get(name) for name in SCHEMAS[kind]} for row in rows], schema=_schema(kind)
+    )
     with atomic_write(path) as part:
         pq.write_table(table, part, compression="zstd")
 
 
+def read_rows(path: Path, kind: str) -> list[dict[str, Any]]:
+    """The rows of a table of a kind.
+
+    Raises:
+        InputError: No plain file.
+        ValueError: A table of another kind, or one that unpacks to more than any of ours; pyarrow raises its own.
+    """
+    size = require_regular(path, "a watch writes it again")
+    file = pq.ParquetFile(path)
+    require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
+    if not file.schema_arrow.equals(_schema(kind)):
+        raise ValueError(f"a table of other columns than {kind}")
+    return list(file.read().to_pylist())
+
+
+def _is_whole(row: Mapping[str, Any]) -> bool:
+    values = [row[name] for name in NEEDED if name in row]
+    return all(math.isfinite(value) if isinstance(value, float) else value is not None for value in values)
+
+
+def _schema(kind: str) -> pa.Schema:
+    return pa.schema(list(SCHEMAS[kind].items()))
+
+
 def _file_name(name: str) -> str:
-    return quote(name, safe=" +=@,()") or "_"
+    """A name that every file system takes; a long one keeps its beginning and a digest of all of it."""
+    quoted = quote(name, safe=" +=@,()") or "_"
+    if len(quoted) <= LONGEST_NAME:
+        return quoted
+    return f"{quoted[: LONGEST_NAME - 17]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"

@@ -207,7 +207,7 @@ def make_history(
     place = {name: i for i, name in enumerate(order)}
     points: dict[tuple[str, str], list[Point]] = defaultdict(list)
     for row in figures:
-        if row["session"] in place:
+        if row["session"] in place and row["figure"] in UNITS:
             values = (row[name] for name in ("value", "low", "high", "std", "session", "date"))
             points[row["joint"], row["figure"]].append(Point(*values))
     for own in points.values():

@@ -17,6 +17,7 @@ from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
 from ident.recordings.bad_cells import screen_cells
 from ident.recordings.columns import NamedColumns, Table
+from ident.recordings.parquet_footer import count_values
 from ident.safe_read import require_regular, require_unpacked
 
 if TYPE_CHECKING:
@@ -49,12 +50,10 @@ def open_table(path: Path) -> NamedColumns:
     names = tuple(own for _, own in homes)
 
     def read(chosen: Mapping[int, str]) -> Table:
-        cells: dict[str, Column] = {}
         try:
             with open_parquet(path) as file:
                 table = file.read(columns=list(dict.fromkeys(homes[index][0] for index in chosen)))
-            for name in table.column_names:
-                cells.update(spread_list(name, table.column(name)))
+            cells = _spread_all(table, {})
         except FAILURES as error:
             raise _not_whole(path, error) from None
         if chosen and table.num_rows == 0:
@@ -79,8 +78,7 @@ def open_parquet(path: Path) -> pq.ParquetFile:
 
     size = require_regular(path, "give a table", RecordingError)
     file = pq.ParquetFile(path)  # not read_table: that loads all of pyarrow's data sets, at half a second
-    groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-    require_unpacked(size, 8 * sum(one.column(j).num_values for one in groups for j in range(one.num_columns)))
+    require_unpacked(size, 8 * count_values(path))
     return file
 
 
@@ -90,15 +88,21 @@ def load_columns(path: Path, labels: Mapping[str, Sequence[str]] | None = None) 
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
     """
-    found: dict[str, Column] = {}
     try:
         with open_parquet(path) as file:
-            table = file.read()
-        for name in table.column_names:
-            found.update(spread_list(name, table.column(name), (labels or {}).get(name, ())))
+            found = _spread_all(file.read(), labels or {})
     except FAILURES as error:
         raise _not_whole(path, error) from None
     return {name: one for name, one in found.items() if pa.types.is_floating(one.type) or pa.types.is_integer(one.type)}
+
+
+def _spread_all(table: pa.Table, labels: Mapping[str, Sequence[str]]) -> dict[str, Column]:
+    found: dict[str, Column] = {}
+    for name in table.column_names:
+        if table.column_names.count(name) > 1:
+            raise ValueError(f"the column {name!r} stands twice")
+        found.update(spread_list(name, table.column(name), labels.get(name, ())))
+    return found
 
 
 def _not_whole(path: Path, error: Exception) -> Exception:

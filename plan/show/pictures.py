@@ -70,7 +70,7 @@ def draw_motion(problem: PlanningProblem, result: PlanResult) -> Figure:
             angles = np.degrees(result.splines.points[0, 1:-1, j])
             axes[0, j].plot(stamps, angles, "o", color=AFTER, ms=4, label="via points")
         _draw_limits(axes[1, j], problem.limits.torque[j])
-        axes[0, j].set_title(problem.scene.arm.joint_names[j])
+        axes[0, j].set_title(problem.scene.arm.joint_names[j], parse_math=False)  # a name is no formula
         axes[2, j].set_xlabel("time [s]")
         axes[2, j].axhline(0, color="#cccccc", lw=0.8, zorder=0)
     for row, name in enumerate(("angle [deg]", "torque [N m]", "power [W]")):
@@ -104,7 +104,11 @@ def _draw_places(figure: Any, problem: PlanningProblem, splines: Splines) -> Non
     for axis, name in zip(views, ("z", "y"), strict=True):
         axis.set(aspect="equal", xlabel="x [m]", ylabel=f"{name} [m]")
     if views[0].get_legend_handles_labels()[0]:
-        figure.legend(*views[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, fontsize=8)
+        legend = figure.legend(
+            *views[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, fontsize=8
+        )
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     figure.suptitle("boxes round the arm's shapes at the start, and lighter at the goal", fontsize=9)
 
 
@@ -138,7 +142,7 @@ def draw_before_after(problem: PlanningProblem, result: PlanResult) -> Figure:
         for j in range(problem.n):
             axes[row, j].plot(times, tau[:, j], color=(BEFORE, AFTER)[row])
             _draw_limits(axes[row, j], problem.limits.torque[j])
-            axes[row, j].set_title(f"{problem.scene.arm.joint_names[j]}, {words}", fontsize=8)
+            axes[row, j].set_title(f"{problem.scene.arm.joint_names[j]}, {words}", fontsize=8, parse_math=False)
             axes[row, j].set_xlabel("time [s]")
         axes[row, 0].set_ylabel("torque [N m]")
     figure.suptitle(_motion_title(result))
@@ -188,7 +192,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
         axis.grid(alpha=0.25)
     axes[0].legend(frameon=False, fontsize=8)
     figure.suptitle(
-        f"{comparison.name}. Lower is better; thick: the median seed, thin: the others, dot: the search's end"
+        f"{comparison.name}. Lower is better; thick: the median seed, thin: the others, dot: the search's end",
+        parse_math=False,
     )
     figure.tight_layout()
     return figure

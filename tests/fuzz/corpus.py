@@ -21,6 +21,7 @@ from scipy.io import savemat
 
 from ident.model.hybrid import FitOptions, fit_hybrid
 from ident.model.residual_net import PRESETS, fit_residual_net
+from ident.monitor.store import Store
 from ident.outputs import write_marker
 from ident.recordings.load import load_session
 from ident.robot.arm import ArmModel
@@ -28,7 +29,20 @@ from ident.robot.names import data_path
 from ident.sessions import open_sessions
 from ident.simulation.answer import Answer, TrueEffect, seal
 from plan.planners import Budget, Ledger
-from tests.fuzz.samples import CATALOGUE, CUBE, LIMITS, LINKS, SCENE, SESSION_TOML, VIAS, WORLD, XACRO, obj, stl
+from tests.fuzz.samples import (
+    CATALOGUE,
+    CUBE,
+    LIMITS,
+    LINKS,
+    SCENE,
+    SESSION_TOML,
+    SETTINGS,
+    VIAS,
+    WORLD,
+    XACRO,
+    obj,
+    stl,
+)
 from tests.ident.export.diagnoses import write_diagnosis
 from tests.ident.foreign import write_bag
 from tests.ident.recordings.test_bags import rows_of
@@ -124,11 +138,23 @@ def _settings(folder: Path) -> None:
     (folder / "links.xacro").write_text(LINKS)
     (folder / "limits.toml").write_text(LIMITS)
     (folder / "world.toml").write_text(WORLD)
+    (folder / "settings.toml").write_text(SETTINGS)
     (folder / "own_effect.py").write_text(CATALOGUE)
+    _store(folder / "store")
     place = folder / "marked"
     place.mkdir()
     (place / "file").write_text("armgap")
     write_marker(place, "model")
+
+
+def _store(folder: Path) -> None:
+    """What a watch keeps of two sessions of an arm."""
+    for day, value in (("2026-05-03", 1.0), ("2026-05-10", 1.2)):
+        row = {"arm": "left", "session": day, "date": day, "joint": "joint_1", "figure": "viscous", "unit": "N m s/rad"}
+        row |= {"value": value, "low": value - 0.1, "high": value + 0.1, "std": 0.05, "status": "done"}
+        row |= {"effect": "payload", "joints": "joint_1", "probability": 0.9, "shrink": 0.5, "stamp": "0"}
+        for kind in ("figures", "effects", "sessions"):
+            Store(folder).write(kind, "left", day, [row])
 
 
 def _scenes(folder: Path, arm: ArmModel) -> None:

@@ -15,17 +15,23 @@ from rosbags.rosbag2 import StoragePlugin
 
 from ident.checks import inspect
 from ident.checks.report import TelemetryReport
+from ident.diagnosis.settings import DiagnosisSettings
+from ident.diagnosis.settings_file import read_settings
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
 from ident.model.checkpoint_folder import NAME as CHECKPOINT
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.residual_net import ResidualNet, fit_residual_net
+from ident.monitor.pages import ArmFigures, ArmSessions, ArmVerdict
+from ident.monitor.store import Store
+from ident.monitor.watch import ArmHistory, read_histories
 from ident.outputs import require_own_folder
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
+from ident.show.report.page import render_page
 from ident.simulation.answer import ENVELOPE_NAME, open_envelope, read_answer
 from ident.simulation.world import find_world
 from ident.trajectories.command_files import read_commands
@@ -224,7 +230,26 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         record = json.loads(marker)
         must(record["kind"] == "model" and set(record["files"]) >= {"file"}, "a folder of the user's counts as ours")
 
+    def histories(path: Path) -> tuple[ArmHistory, ...]:
+        found = read_histories(Store(folder / "store"))
+        for arm in found:
+            render_page(arm.arm, [ArmVerdict(arm, 0.05), ArmFigures(arm), ArmSessions(arm)])
+        return found
+
+    def check_histories(found: tuple[ArmHistory, ...]) -> None:
+        for points in (one for arm in found for one in arm.figures.values()):
+            finite("a figure", *((one.value, one.low, one.high, one.std) for one in points))
+
+    def numbers(found: DiagnosisSettings) -> None:
+        finite("a setting", *(v for v in vars(found.selection).values() if isinstance(v, int | float)))
+
+    stored = [
+        Kind(f"store/{name}", folder / f"store/{name}/left/2026-05-10.parquet", histories, check_histories, 0.1)
+        for name in ("figures", "effects", "sessions")
+    ]
     return [
+        *stored,
+        Kind("settings.toml", folder / "settings.toml", read_settings, numbers),
         Kind("session.toml", folder / "session.toml", load_session_file),
         Kind("urdf", folder / "robot.urdf", lambda path: ArmModel.load(str(path)), check_arm),
         Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm),

@@ -9,6 +9,11 @@ import zipfile
 from collections.abc import Callable
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.io import loadmat, savemat
+
+from tests.ident.robot.test_xacro import HARMFUL
 
 Rng = np.random.Generator
 Spoil = Callable[[bytes, Rng], bytes]
@@ -51,6 +56,7 @@ EXPRESSIONS += [
     "inf",
 ]
 EXPRESSIONS += ["(" * 500 + ")" * 500, "-" * 5000 + "1", "'x' * 5000", "abs(-reach)", "masses['none']", "f'{reach}'"]
+EXPRESSIONS += [text[2:-1].removeprefix("eval ") for text in HARMFUL.values()]
 TAGS = [
     '<xacro:include filename="/etc/passwd"/>',
     '<xacro:include filename="../../*.xml"/>',
@@ -167,9 +173,9 @@ def change_archive(data: bytes, rng: Rng) -> bytes:
     try:
         with np.load(io.BytesIO(data)) as archive:
             arrays = {name: archive[name] for name in archive.files}
+        name = str(rng.choice(list(arrays)))
     except Exception:
         return flip_bytes(data, rng)
-    name = str(rng.choice(list(arrays)))
     arrays[name] = np.atleast_1d(arrays[name])
     kinds: list[np.ndarray] = [
         np.zeros(0),
@@ -187,6 +193,51 @@ def change_archive(data: bytes, rng: Rng) -> bytes:
     if rng.random() < 0.3:
         return _lie_about_shape(packed.getvalue())
     return packed.getvalue()
+
+
+def change_table(data: bytes, rng: Rng) -> bytes:
+    """A column of a Parquet file becomes one of other values, another kind or another name, goes, or stands twice."""
+    try:
+        table = pq.ParquetFile(io.BytesIO(data)).read()
+        at = int(rng.integers(table.num_columns))
+        column, rows = table.column(at), table.num_rows
+        values = column.to_pylist()
+    except Exception:
+        return flip_bytes(data, rng)
+    for _ in range(int(rng.integers(1, 4)) if rows else 0):
+        values[int(rng.integers(rows))] = [None, np.nan, np.inf, 1e300, -1.7e308, 1e18][int(rng.integers(6))]
+    name = table.column_names[int(rng.integers(table.num_columns))]
+    columns: list[Callable[[], pa.Table]] = [
+        lambda: table.set_column(at, table.column_names[at], pa.array(values)),
+        lambda: table.set_column(at, table.column_names[at], pa.nulls(rows, column.type)),
+        lambda: table.set_column(at, table.column_names[at], pa.array([[one] for one in values])),
+        lambda: table.set_column(at, table.column_names[at], pa.array([str(one) for one in values])),
+        lambda: table.set_column(at, name, column),
+        lambda: table.remove_column(at),
+        lambda: table.slice(0, int(rng.integers(3))),
+        lambda: table.take(pa.array(rng.permutation(rows))),
+    ]
+    try:
+        table = columns[int(rng.integers(len(columns)))]()
+    except (pa.ArrowException, TypeError):  # numbers in a column of texts
+        table = columns[1]()
+    sink = io.BytesIO()
+    pq.write_table(table, sink)
+    return sink.getvalue()
+
+
+def change_matrix(data: bytes, rng: Rng) -> bytes:
+    """A variable of a .mat file becomes one of another shape or kind."""
+    try:
+        record = {name: one for name, one in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
+        name = str(rng.choice(list(record)))
+    except Exception:
+        return flip_bytes(data, rng)
+    hostile = [np.zeros((0, 0)), np.zeros((2, 3, 4)), {"a": {"b": [1.0]}}, "touch RUN", np.full(3, np.nan), 1j]
+    record[name] = hostile[int(rng.integers(len(hostile)))]
+    sink = io.BytesIO()
+    savemat(sink, record)
+    return sink.getvalue()
 
 
 def _lie_about_shape(data: bytes) -> bytes:
@@ -301,11 +352,11 @@ BY_KIND: dict[str, tuple[Spoil, ...]] = {
     "csv": (change_cells, change_cells, change_cells, change_rows, change_rows, *BYTES),
     "txt": (change_words, change_words, change_rows, *BYTES),
     "npz": (change_archive, change_archive, change_archive, lengthen, *BYTES),
-    "parquet": (lengthen, *BYTES),
+    "parquet": (change_table, change_table, change_table, lengthen, *BYTES),
     "mcap": (lengthen, lengthen, *BYTES),
     "db3": (lengthen, *BYTES),
     "bag": (lengthen, *BYTES),
-    "mat": (lengthen, *BYTES),
+    "mat": (change_matrix, change_matrix, lengthen, *BYTES),
     "yaml": (change_words, change_words, change_rows, *BYTES),
     "toml": (change_values, change_values, change_values, change_rows, change_words, nest, *BYTES),
     "urdf": (change_values, change_values, change_values, change_rows, change_chain, nest, *BYTES),

@@ -314,6 +314,11 @@ def test_curved_friction_is_fitted_by_a_polynomial() -> None:
         ("[]", "holds no JSON object"),
         ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [], "verdict": "no_gap"}', "no effect is named"),
         ('{"schema": "ident.diagnosis/1", "joints": ["a"], "findings": [{}]}', "it is damaged"),
+        (
+            '{"schema": "ident.diagnosis/1", "joints": ["a"],'
+            ' "findings": [{"effect": "stribeck_friction", "joints": ["a"], "parameters": {}}]}',
+            "it is damaged",
+        ),
     ],
 )
 def test_what_is_no_diagnosis_is_refused(tmp_path: Path, content: str, said: str) -> None:

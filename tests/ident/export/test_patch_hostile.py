@@ -33,6 +33,7 @@ HOSTILE = [
     "</title><script>fetch('RUN')</script>",
     "]]> --> <x y='\"'>&amp;&#10;",
     "ü 関節 \u202e ../../RUN",
+    "a$x^{$b",
 ]
 
 

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -150,3 +151,51 @@ def test_the_store_may_lie_in_the_folder(arms: Path, tmp_path: Path) -> None:
     shutil.copytree(arms / "right" / "still", tmp_path / "arm" / "still")
     look(tmp_path, tmp_path / "store")
     assert [one.key for one in find_sessions(tmp_path)] == ["arm/still"]
+
+
+@pytest.mark.parametrize("date", ["0001-01-01T00:00:00+14:00", '"9999-12-31T23:59:59-14:00"', "12:00:00", "5"])
+def test_a_date_that_is_none_is_refused(tmp_path: Path, date: str) -> None:
+    """A moment beyond the calendar, a time of day, a number: one line, whatever the session's name says."""
+    (tmp_path / "session.toml").write_text(f"date = {date}\n")
+    with pytest.raises(InputError, match="write it as"):
+        date_of(FoundSession("arm", "2020_01_13", tmp_path, None, "", 0.0), None)
+
+
+@pytest.mark.parametrize("date", ["2026-05-03T23:30:00-05:00", "2026-05-04T13:30:00+09:00"])
+def test_a_date_with_a_zone_is_told_in_utc(tmp_path: Path, date: str) -> None:
+    """As a text and as a date of TOML, so that all dates can be put in order."""
+    for written in (date, f'"{date}"'):
+        (tmp_path / "session.toml").write_text(f"date = {written}\n")
+        assert date_of(FoundSession("arm", "s", tmp_path, None, "", 0.0), None) == "2026-05-04T04:30:00"
+
+
+def test_arms_are_watched_whatever_they_are_called(arms: Path, tmp_path: Path) -> None:
+    """Links with other letters, names that are no UTF-8, names too long for a file: each has its rows and its page."""
+    folder = tmp_path / "arms"
+    folder.mkdir()
+    names = ("länk 関節", os.fsdecode(b"arm_\xff"), "関" * 80)
+    for name in names:
+        (folder / name).symlink_to(arms / "right")
+    (folder / "broken").symlink_to(tmp_path / "nowhere")
+    (folder / "loop").symlink_to(folder)
+    found = look(folder, tmp_path / "store")
+    assert sorted(arm.arm for arm in found.arms) == sorted(["länk 関節", "arm_\\xff", "関" * 80])
+    assert all(Store(tmp_path / "store").page(arm.arm).is_file() for arm in found.arms)
+    assert look(folder, tmp_path / "store").fresh == ()
+
+
+def test_what_is_not_ours_in_the_store_is_passed_over(watched: tuple[Path, Watch], arms: Path, tmp_path: Path) -> None:
+    """Tables of other columns, rows without a name, texts, folders, pipes: nothing is examined again, nothing hangs."""
+    store = shutil.copytree(watched[0], tmp_path / "store")
+    for kind in ("sessions", "figures"):
+        place = store / kind / "left"
+        good = pq.read_table(place / "2026-05-03.parquet")
+        pq.write_table(pa.table({"x": [1]}), place / "other.parquet")
+        pq.write_table(good.set_column(0, "arm", pa.nulls(len(good), pa.string())), place / "nameless.parquet")
+        (place / "text.parquet").write_text("hello")
+        (place / "folder.parquet").mkdir()
+        os.mkfifo(place / "pipe.parquet")
+    found = look(arms, store)
+    assert found.fresh == ()
+    assert [one.to_dict() for one in found.alarms] == [one.to_dict() for one in watched[1].alarms]
+    assert [arm.sessions for arm in found.arms] == [arm.sessions for arm in watched[1].arms]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from scipy.io import savemat
 
 from ident.errors import RecordingError
 from ident.recordings.load import load_session
+from ident.recordings.parquet_footer import count_values
 from ident.recordings.recording import Recording
 from tests.ident.foreign import RECEIPT_NS, TYPES, lerobot, mapped, places, stamped, write_states, write_topics
 
@@ -54,6 +56,35 @@ def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Record
     for episode, one in enumerate(session.runs):
         np.testing.assert_allclose(one.position, run.position + episode, atol=1e-6)
         np.testing.assert_allclose(one.effort, run.effort, rtol=1e-6)
+
+
+def test_a_lerobot_column_that_stands_twice_is_refused(run: Recording, tmp_path: Path) -> None:
+    """Which of the two holds nobody knows."""
+    folder = lerobot(tmp_path / "set", run, ["a.pos", "b.pos"], {"observation.state": run.position})
+    file = folder / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(file)
+    pq.write_table(table.append_column("timestamp", table.column("timestamp")), file)
+    with pytest.raises(RecordingError, match="'timestamp' stands twice"):
+        load_session(folder)
+
+
+def test_values_are_counted_as_arrow_counts_them(tmp_path: Path) -> None:
+    """Law: over row groups, texts, lists and empty columns; a damaged footer raises ValueError and ends no process."""
+    lists = pa.array([[1.0, 2.0], [], [3.0], None, [4.0, 5.0, 6.0]] * 100)
+    names = pa.array(["a", "b", None, "d", "e"] * 100)
+    table = pa.table({"x": np.arange(500.0), "list": lists, "name": names, "yes": [True] * 500})
+    path = tmp_path / "table.parquet"
+    pq.write_table(table, path, row_group_size=7)
+    groups = [pq.ParquetFile(path).metadata.row_group(i) for i in range(72)]
+    assert count_values(path) == sum(one.column(j).num_values for one in groups for j in range(4))
+    good, rng = path.read_bytes(), np.random.default_rng(0)
+    length = int.from_bytes(good[-8:-4], "little")
+    for _ in range(300):
+        damaged = bytearray(good)
+        damaged[-8 - int(rng.integers(1, length))] = int(rng.integers(256))
+        path.write_bytes(damaged)
+        with suppress(ValueError):
+            assert isinstance(count_values(path), int)
 
 
 def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_path: Path) -> None:

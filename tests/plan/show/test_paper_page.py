@@ -18,7 +18,7 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
     details = _details("ga", task.vias, 4.25, 0.125)
     lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0), Line("Table 3", "GA", "J", (), (3.0,), 1.0, details))
-    compared = Comparison("fig. 10", "energy", 100, 1.0, (result,))
+    compared = Comparison("fig. 10 of a$x^{$b", "energy", 100, 1.0, (result,))
     repeat = Repeat(lines, compared, {"figure_11": (task, result), "figure_13_6": (task, result)}, Effort(epochs=7))
     page = write_page(repeat, tmp_path)
     text = page.read_text()
