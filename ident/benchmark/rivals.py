@@ -29,7 +29,7 @@ def plain_gram(evidence: Evidence) -> Float[Array, "P P"]:
     """Sums of all joints without whitening, each joint in units of its noise."""
     total = np.zeros((evidence.layout.size + 1, evidence.layout.size + 1))
     for local, sums, level in zip(evidence.layout.local, evidence.plain, evidence.whitening.level, strict=True):
-        total[np.ix_(local, local)] += sums.sum(axis=0) / max(float(level), 1e-9) ** 2
+        total[np.ix_(local, local)] += sums.over() / max(float(level), 1e-9) ** 2
     return total
 
 

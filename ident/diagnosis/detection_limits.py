@@ -186,7 +186,7 @@ class _Look:
         evidence = search.evidence
         self.floor, self.last = evidence.floor, found.ladder[-1].rms
         self.gap = np.maximum(found.ladder[0].rms ** 2 - self.floor**2, 0.0)
-        self.plain = [sums.sum(axis=0) for sums in evidence.plain]
+        self.plain = evidence.plain
         self.counts = np.maximum(evidence.weights.sum(axis=0), 1.0)
         self._parts: dict[tuple[str, int, float | None], Bool[Array, " k"] | None] = {}
 
@@ -279,7 +279,7 @@ class _Look:
         place = self.search.evidence.layout.places[joint]
         rows = np.array([place.get(int(column), -1) for column in used])
         rows, weights = rows[rows >= 0], weights[rows >= 0]
-        return max(float(weights @ self.plain[joint][np.ix_(rows, rows)] @ weights) / float(self.counts[joint]), 0.0)
+        return max(float(weights @ self.plain[joint].part(rows).sum(axis=0) @ weights) / float(self.counts[joint]), 0.0)
 
     def _that_matters(self, group: Group, absorbed: bool, closed: Float[Array, " k"], joints: Sequence[int]) -> float:
         """Closed mean squares over the least that the gates ask for: the least of these ratios."""

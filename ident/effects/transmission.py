@@ -37,6 +37,8 @@ COUPLING_WIDTH = 0.01
 STRAIGHT, BENT, PERIODIC = range(3)
 # Figures of a spring with two rests a turn.
 WAVE = ("cosine_Nm", "sine_Nm")
+# Joints farther apart than those of one arm share no gear, belt or cable: of a long chain, pairs would be most of all.
+FARTHEST = 6
 LEAST_SPRING_RANGE = 0.2  # [rad]
 LARGEST_SPRING_SHARE = 0.1  # of the rated torque, over a radian
 
@@ -66,7 +68,9 @@ class JointCoupling(Effect):
         others = [
             other
             for other in range(session.n)
-            if other != joint and alike[other] < LARGEST_CORRELATION and hardly_moves(session, other) is None
+            if 0 < abs(other - joint) <= FARTHEST
+            and alike[other] < LARGEST_CORRELATION
+            and hardly_moves(session, other) is None
         ]
         single = [Variant(other=other, shape={"mix": 0.0}) for other in others]
         if hardly_moves(session, joint) is not None:

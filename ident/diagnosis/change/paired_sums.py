@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Int
 from ident.diagnosis.change.candidates import IN_THE_BASELINE, ChangeOf
-from ident.diagnosis.regression.block_sums import WhitenedSums
+from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.design import LOSS_FIGURES, Group, Layout
 from ident.diagnosis.regression.dwells import DwellRows
 from ident.diagnosis.regression.gram import Evidence
@@ -176,8 +176,8 @@ def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], furt
 
 def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: int, sides: Sides) -> Evidence:
     """The sums in the new layout: those of the later set's columns are zero in blocks of the earlier set."""
-    white: list[Array] = []
-    plain: list[Array] = []
+    white: list[SymmetricSums] = []
+    plain: list[SymmetricSums] = []
     friction: list[Array] = []
     dwells: list[DwellRows] = []
     pieces_before = ~sides.later_blocks[evidence.friction.block]
@@ -185,13 +185,13 @@ def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: i
         places = np.array([evidence.layout.places[j][int(column)] for column in origin[local]])
         off = (local >= split) & (local < layout.size)
         for sums, before, found in (
-            (evidence.free.of_joint[j], ~sides.later_blocks, white),
+            (evidence.free[j], ~sides.later_blocks, white),
             (evidence.plain[j], ~sides.later_folds, plain),
         ):
-            part = sums[:, places[:, None], places]
+            part = sums.part(places)
             part[np.ix_(before, off)] = 0.0
             part[np.ix_(before, np.arange(len(local)), off)] = 0.0
-            found.append(part)
+            found.append(SymmetricSums.of(part))
         tied = evidence.friction.sums[j][:, :, places]
         tied[np.ix_(pieces_before, np.arange(2), off)] = 0.0
         friction.append(tied)
@@ -204,7 +204,7 @@ def _sums(evidence: Evidence, layout: Layout, origin: Int[Array, " P"], split: i
         evidence,
         layout=layout,
         scale=evidence.scale[origin],
-        free=WhitenedSums(tuple(white), evidence.fold_of_block),
+        free=tuple(white),
         plain=tuple(plain),
         noise_power=evidence.noise_power[origin],
         friction=replace(evidence.friction, sums=tuple(friction)),

@@ -1,53 +1,138 @@
-"""Whitened sums of all blocks, and what friction that varies from run to run takes off them.
+"""Symmetric sums of columns over many blocks: the half below the diagonal alone, or they would fill the memory.
 
-Sums are kept as if friction were the same in all runs. What its variation takes off a block is of rank four at the most
-for each stretch of time that lies in it: products, totals and folds are made of both apart, so that no variation ever
-needs a copy of the sums.
+What friction that varies from run to run takes off a block is of rank four at the most for each stretch of time that
+lies in it, and what a joint's holds add is of rank one for each of them: products, totals and folds are made of sums
+and rows apart, so that neither ever needs a copy of the sums.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg.blas import dsyrk
+from scipy.linalg.lapack import dtpttr, dtrttp
 
 from ident.arrays import Array, Float, Int
-from ident.compiled import compiled
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedSums:
-    """Sums of all columns with each other, friction the same in all runs.
+class SymmetricSums:
+    """Sums Σ x xᵀ of the same p columns over several blocks or folds.
 
     Attributes:
-        of_joint: For each joint, the sums of every block, (B, p, p).
-        fold_of_block: Fold of each block.
+        half: Of each block the h = p (p + 1) / 2 sums below the diagonal and on it, row by row.
+        rows: Further rows x that are not in `half`.
+        place: Number of the block that each of them is in.
+        factor: By which all of it counts.
     """
 
-    of_joint: tuple[Float[Array, "B p p"], ...]
-    fold_of_block: Int[Array, " B"]
+    half: Float[Array, "K h"]
+    rows: Float[Array, "k p"] = field(default_factory=lambda: np.zeros((0, 0)))
+    place: Int[Array, " k"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    factor: float = 1.0
 
-    @cached_property
-    def by_fold(self) -> tuple[Float[Array, "F p p"], ...]:
-        """For each joint, the sums of every fold."""
-        folds = range(int(self.fold_of_block.max()) + 1)
-        members = [np.flatnonzero(self.fold_of_block == fold) for fold in folds]
-        return tuple(np.stack([_sum(sums, blocks) for blocks in members]) for sums in self.of_joint)
+    @classmethod
+    def of(cls, whole: Float[Array, "K p p"]) -> SymmetricSums:
+        """The same of whole matrices."""
+        return cls(np.stack([pack(one) for one in whole]))
 
-    @cached_property
-    def total(self) -> tuple[Float[Array, "p p"], ...]:
-        """For each joint, the sums of all blocks."""
-        return tuple(folds.sum(axis=0) for folds in self.by_fold)
+    def __len__(self) -> int:
+        return len(self.half)
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return int(np.sqrt(2 * self.half.shape[1]))
+
+    def with_rows(self, rows: Float[Array, "k p"], place: Int[Array, " k"]) -> SymmetricSums:
+        """The same with further rows in some of the blocks; of sums that have none yet."""
+        return replace(self, rows=rows / np.sqrt(self.factor), place=place)
+
+    def divided(self, factor: float) -> SymmetricSums:
+        """The same, counted in units that are larger; nothing is copied."""
+        return replace(self, factor=self.factor / factor)
+
+    def part(self, columns: Int[Array, " c"]) -> Float[Array, "K c c"]:
+        """Sums of some columns, block by block."""
+        found = self.half[:, _indices(columns, columns)]
+        if len(self.rows):
+            own = self.rows[:, columns]
+            np.add.at(found, self.place, own[:, :, None] * own[:, None, :])
+        return np.asarray(self.factor * found)
+
+    def whole(self) -> Float[Array, "K p p"]:
+        """Sums of all columns, block by block: a large copy."""
+        return np.stack([self.over([block]) for block in range(len(self))])
+
+    def over(self, blocks: Sequence[int] | Int[Array, " b"] | None = None) -> Float[Array, "p p"]:
+        """Sums over some blocks, or all."""
+        members = range(len(self)) if blocks is None else blocks
+        half = np.zeros(self.half.shape[1])
+        for block in members:  # none of them is copied
+            half += self.half[block]
+        found = _unpack(half, self.size)
+        if len(self.rows):
+            own = self.rows[np.isin(self.place, np.asarray(members))]
+            found += own.T @ own
+        return np.asarray(self.factor * found)
+
+    def diagonal(self) -> Float[Array, " p"]:
+        """Sum of each column's squares over all blocks."""
+        at = np.arange(self.size)
+        found = self.half[:, at * (at + 3) // 2].sum(axis=0)
+        return np.asarray(self.factor * (found + ((self.rows**2).sum(axis=0) if len(self.rows) else 0.0)))
+
+    def times(self, weights: Float[Array, " p"]) -> Float[Array, "K p"]:
+        """Sums of each block times weights of the columns."""
+        used = np.flatnonzero(weights)  # a model has few of all columns: the rest of the sums need not be read
+        found = weights[used] @ self.half[:, _indices(used, np.arange(len(weights)))]
+        if len(self.rows):
+            np.add.at(found, self.place, (self.rows @ weights)[:, None] * self.rows)
+        return np.asarray(self.factor * found)
 
 
-def _sum(sums: Float[Array, "B p p"], blocks: Int[Array, " b"]) -> Float[Array, "p p"]:
-    """Sum over some blocks, none of which is copied."""
-    found = np.zeros(sums.shape[1:])
-    for block in blocks:
-        found += sums[block]
-    return found
+@dataclass(frozen=True, eq=False)
+class FoldSums:
+    """A joint's sums of each fold, and of all folds but it.
+
+    Attributes:
+        own: Of each fold.
+        rest: Of all others; None where that is the difference from the sum of all.
+    """
+
+    own: SymmetricSums
+    rest: SymmetricSums | None
+
+    def without(self, columns: Int[Array, " c"]) -> Float[Array, "F c c"]:
+        """Sums of some columns over all folds but each in turn."""
+        if self.rest is not None:
+            return self.rest.part(columns)
+        own = self.own.part(columns)
+        return own.sum(axis=0) - own
+
+
+def half_size(columns: int) -> int:
+    """How many sums of so many columns there are below the diagonal and on it."""
+    return columns * (columns + 1) // 2
+
+
+def pack(whole: Float[Array, "p p"]) -> Float[Array, " h"]:
+    """The half of a symmetric matrix below the diagonal and on it, row by row; the other half is not read."""
+    # LAPACK counts columns first: our lower half is its upper one.
+    return np.asarray(dtrttp(whole.T, uplo="U")[0])
+
+
+def _unpack(half: Float[Array, " h"], size: int) -> Float[Array, "p p"]:
+    upper = dtpttr(size, half, uplo="U")[0]
+    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+
+
+def _indices(rows: Int[Array, " r"], columns: Int[Array, " c"]) -> Int[Array, "r c"]:
+    """Where the sums of some rows and columns stand in a half."""
+    high, low = np.maximum(rows[:, None], columns), np.minimum(rows[:, None], columns)
+    return np.asarray(high * (high + 1) // 2 + low)
 
 
 def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: float) -> None:
@@ -62,18 +147,3 @@ def add_products(sums: Float[Array, "p p"], table: Float[Array, "t p"], sign: fl
         # BLAS counts columns first: our lower half is its upper one.
         found = dsyrk(sign, np.ascontiguousarray(table).T, beta=1.0, c=sums.T, lower=0, overwrite_c=1)
         assert np.shares_memory(found, sums)
-
-
-@compiled("f3")
-def mirror(sums: Array) -> None:
-    """Fills the half above the diagonal of symmetric sums (B, p, p) from the one below it, in place.
-
-    Tile by tile, for columns are far apart in memory.
-    """
-    size = sums.shape[1]
-    for b in range(len(sums)):
-        for first in range(0, size, 16):
-            for start in range(0, first + 16, 16):
-                for i in range(first, min(first + 16, size)):
-                    for j in range(start, min(start + 16, i)):
-                        sums[b, j, i] = sums[b, i, j]

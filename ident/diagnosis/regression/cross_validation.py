@@ -133,10 +133,10 @@ class HeldOut:
             int
         )
         parts = self.evidence.parts
-        grams = np.zeros((len(parts[0][0]), len(used), len(used)))
-        for (rest, _), local in zip(parts, layout.local, strict=True):
+        grams = np.zeros((len(parts[0].own), len(used), len(used)))
+        for part, local in zip(parts, layout.local, strict=True):
             places, into = _spots(local, used)
-            grams[:, into[:, None], into] += rest[:, places[:, None], places]
+            grams[:, into[:, None], into] += part.without(places)
         values = np.array([self._solve(gram, used) for gram in grams])
         once = np.isin(used, [column for group in groups if group.effect.event for column in group.columns])
         if once.any():  # what happened once can't be learnt from other runs
@@ -148,10 +148,10 @@ class HeldOut:
         misfit, squares = np.zeros((2, len(found.values), layout.n))
         for j, local in enumerate(layout.local):
             places, into = _spots(local, found.columns)
-            w, across = found.values[:, into], places[:, None]
+            w = found.values[:, into]
             with np.errstate(over="ignore"):  # what a fold knows nothing of may run away
-                for sums, told in ((self.evidence.parts[j][1], misfit), (self.evidence.plain[j], squares)):
-                    told[:, j] = np.einsum("fk,fk->f", w, (sums[:, across, places] @ w[:, :, None])[:, :, 0])
+                for sums, told in ((self.evidence.parts[j].own, misfit), (self.evidence.plain[j], squares)):
+                    told[:, j] = np.einsum("fk,fk->f", w, (sums.part(places) @ w[:, :, None])[:, :, 0])
         return HeldOutScore(misfit, np.maximum(squares, 0.0), self.evidence.weights)
 
     def _solve(self, gram: Float[Array, "z z"], used: Int[Array, " z"]) -> Float[Array, " z"]:

@@ -88,6 +88,11 @@ class FrictionSums:
             known = self._last_slopes[joint] = spread, slope
         return self.sums[joint], known[1]
 
+    def is_cut(self, folds: Int[Array, " B"]) -> bool:
+        """Whether a stretch lies in several folds."""
+        pairs = np.unique(np.stack([self.stretch, folds[self.block]]), axis=1)
+        return len(np.unique(self.stretch)) < pairs.shape[1]
+
     def part(
         self, own: Float[Array, "F p p"], joint: int, spread: float, folds: Int[Array, " B"]
     ) -> tuple[Float[Array, "F p p"], Float[Array, "F p p"]]:
@@ -103,7 +108,7 @@ class FrictionSums:
             folds: Fold of each block.
         """
         fold_of_piece = folds[self.block]
-        if len(np.unique(self.stretch)) == len(np.unique(np.stack([self.stretch, fold_of_piece]), axis=1).T):
+        if not self.is_cut(folds):
             own = own - np.stack([self.taken(joint, spread, fold_of_piece == fold) for fold in range(len(own))])
             return own.sum(axis=0) - own, own
         own, rest = own.copy(), own.sum(axis=0) - own

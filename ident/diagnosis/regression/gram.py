@@ -34,7 +34,7 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.diagnosis.regression.baseline import Baseline
-from ident.diagnosis.regression.block_sums import WhitenedSums, add_products, mirror
+from ident.diagnosis.regression.block_sums import FoldSums, SymmetricSums, add_products, half_size, pack
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.dwells import DwellRows, dwell_rows, join_runs, static_level
 from ident.diagnosis.regression.friction_sums import FRICTION, FrictionSums
@@ -54,8 +54,8 @@ class Evidence:
     Attributes:
         layout: What the columns are.
         scale: Each column was divided by this, length `layout.size` + 1.
-        free: Whitened sums of every block, friction the same in all runs.
-        plain: For each joint, (F, p, p) sums in N² m².
+        free: For each joint, whitened sums of every block, friction the same in all runs.
+        plain: For each joint, sums of every fold in N² m².
         fold_of_block: Fold of each block; folds are whole runs where there are enough.
         samples: Whitened samples of each joint.
         weights: Plain samples of each fold and joint, shape (F, n).
@@ -70,8 +70,8 @@ class Evidence:
 
     layout: Layout
     scale: Float[Array, " P"]
-    free: WhitenedSums
-    plain: tuple[Float[Array, "F p p"], ...]
+    free: tuple[SymmetricSums, ...]
+    plain: tuple[SymmetricSums, ...]
     fold_of_block: Int[Array, " B"]
     samples: Float[Array, " n"]
     weights: Float[Array, "F n"]
@@ -88,21 +88,17 @@ class Evidence:
 
         Errors in N m are of motion; of a joint that hardly moves they are of its holds, too.
         """
-        white, plain = [np.array(sums) for sums in self.free.of_joint], [np.array(sums) for sums in self.plain]
+        white, plain = list(self.free), list(self.plain)
         samples, weights = np.array(self.samples), np.array(self.weights)
         still = weights.sum(axis=0) < LEAST_MOVING
         for j, held in enumerate(self.dwells):
-            level, share = float(self.whitening.level[j]), (self.whitening.level[j] / held.std) ** 2
-            for block in np.unique(held.block):
-                inside = held.block == block
-                square, fold = held.weighted[inside].T @ held.weighted[inside], self.fold_of_block[block]
-                white[j][block] += square
-                if still[j]:
-                    plain[j][fold] += level**2 * square
-                    weights[fold, j] += share[inside].sum()
+            white[j] = white[j].with_rows(held.weighted, held.block)
+            if still[j]:
+                level, fold = float(self.whitening.level[j]), self.fold_of_block[held.block]
+                plain[j] = plain[j].with_rows(level * held.weighted, fold)
+                np.add.at(weights[:, j], fold, (level / held.std) ** 2)
             samples[j] += len(held.hold)
-        free = WhitenedSums(tuple(white), self.fold_of_block)
-        return replace(self, free=free, plain=tuple(plain), samples=samples, weights=weights)
+        return replace(self, free=tuple(white), plain=tuple(plain), samples=samples, weights=weights)
 
     def with_held(self, friction: Sequence[float]) -> Evidence:
         """The same, before `with_dwells`, with other levels of static friction, joint by joint [N m]."""
@@ -131,14 +127,14 @@ class Evidence:
         factor = np.asarray(dispersion / self.dispersion)
         power, weighted = np.zeros((2, len(self.noise_power)))
         for j, local in enumerate(self.layout.local):
-            own = np.abs(np.diag(self.free.total[j]))
+            own = np.abs(self.free[j].diagonal())
             power[local] += own
             weighted[local] += own / factor[j]
-        sums = tuple(one / factor[j] for j, one in enumerate(self.free.of_joint))
+        sums = tuple(one.divided(float(factor[j])) for j, one in enumerate(self.free))
         tied = tuple(one / factor[j] for j, one in enumerate(self.friction.sums))
         return replace(
             self,
-            free=WhitenedSums(sums, self.free.fold_of_block),
+            free=sums,
             friction=replace(self.friction, sums=tied),
             noise_power=self.noise_power * weighted / np.maximum(power, 1e-300),
             dispersion=np.array(dispersion, dtype=float),
@@ -148,27 +144,30 @@ class Evidence:
     def white(self) -> tuple[Float[Array, "B p p"], ...]:
         """For each joint, (B, p, p) whitened sums of every block: a large copy, for what needs no speed."""
         return tuple(
-            sums - self.friction.taken_of_block(j, float(self.spread[j]), len(sums))
-            for j, sums in enumerate(self.free.of_joint)
+            sums.whole() - self.friction.taken_of_block(j, float(self.spread[j]), len(sums))
+            for j, sums in enumerate(self.free)
         )
 
     @cached_property
     def total(self) -> tuple[Float[Array, "p p"], ...]:
         """For each joint, its whitened sums over all blocks."""
-        return tuple(sums - self.friction.taken(j, float(self.spread[j])) for j, sums in enumerate(self.free.total))
+        return tuple(sums.over() - self.friction.taken(j, float(self.spread[j])) for j, sums in enumerate(self.free))
 
     @cached_property
-    def parts(self) -> tuple[tuple[Float[Array, "F p p"], Float[Array, "F p p"]], ...]:
-        """For each joint, the whitened sums of all folds but one, and of that one."""
-        return tuple(
-            self.friction.part(sums, j, float(self.spread[j]), self.fold_of_block)
-            for j, sums in enumerate(self.free.by_fold)
-        )
+    def parts(self) -> tuple[FoldSums, ...]:
+        """For each joint, the whitened sums of every fold, and of all but it."""
+        folds = range(int(self.fold_of_block.max()) + 1)
+        members = [np.flatnonzero(self.fold_of_block == fold) for fold in folds]
+        cut, found = self.friction.is_cut(self.fold_of_block), []
+        for j, sums in enumerate(self.free):
+            whole = np.stack([sums.over(blocks) for blocks in members])
+            rest, own = self.friction.part(whole, j, float(self.spread[j]), self.fold_of_block)
+            found.append(FoldSums(SymmetricSums.of(own), SymmetricSums.of(rest) if cut else None))
+        return tuple(found)
 
     def times(self, joint: int, weights: Float[Array, " p"]) -> Float[Array, "B p"]:
         """Whitened sums of every block times weights of a joint's columns."""
-        used = np.flatnonzero(weights)  # a model has few of all columns: the rest of the sums need not be read
-        product: Array = weights[used] @ self.free.of_joint[joint][:, used]
+        product = self.free[joint].times(weights)
         taken = self.friction.taken_of_blocks(joint, float(self.spread[joint]), weights, len(product))
         return np.asarray(product - taken)
 
@@ -176,10 +175,10 @@ class Evidence:
     def friction_noise(self) -> Float[Array, " n"]:
         """What friction that varies from run to run adds to each joint's torque, root mean square [N m]."""
         found = np.zeros(self.layout.n)
-        columns = self.friction.columns
+        columns = np.arange(self.layout.tuned)[self.friction.columns]
         for j, sums in enumerate(self.plain):
             level = self.friction.level[j]
-            power = level @ sums.sum(axis=0)[columns, columns] @ level / max(float(self.weights[:, j].sum()), 1.0)
+            power = level @ sums.part(columns).sum(axis=0) @ level / max(float(self.weights[:, j].sum()), 1.0)
             found[j] = self.spread[j] * np.sqrt(max(float(power), 0.0))
         return found
 
@@ -234,7 +233,7 @@ def gather(
         alike: How many of the first runs are of one and the same arm, for the noise to be taken from; all if None.
         rest: Whether holds are rows, too (`Evidence.dwells`).
     """
-    settings = baseline.settings
+    settings = baseline.settings if partition is not None else _within_memory(baseline.settings, layout)
     level = static_level(session) if rest else None
     held_rows: list[tuple[DwellRows, ...]] = []
     partition = partition or build_partition(session, settings)
@@ -271,6 +270,16 @@ def gather(
     return replace(found, dwells=tuple(join_runs(parts, alike) for parts in zip(*held_rows, strict=True)))
 
 
+def _within_memory(settings: RegressionSettings, layout: Layout) -> RegressionSettings:
+    """The same with fewer blocks and folds where the sums of very many columns would fill the memory."""
+    block_mb = 8e-6 * sum(half_size(len(local)) for local in layout.local)
+    blocks = max(settings.fewest_blocks, int(settings.most_sums_mb / block_mb))
+    if blocks >= settings.most_blocks:
+        return settings
+    folds = min(settings.folds, max(settings.fewest_folds, blocks // 4))
+    return replace(settings, most_blocks=blocks, folds=folds)
+
+
 class _Sums:
     """Sums as they grow, run by run."""
 
@@ -279,9 +288,8 @@ class _Sums:
     ) -> None:
         blocks, folds = len(partition.folds), int(partition.folds.max()) + 1
         self.layout, self.partition, self.whitening, self.settings = layout, partition, whitening, settings
-        # Of these symmetric sums one half is filled, until all is in.
-        self.white = [np.zeros((blocks, len(local), len(local))) for local in layout.local]
-        self.plain = [np.zeros((folds, len(local), len(local))) for local in layout.local]
+        self.white = [np.zeros((blocks, half_size(len(local)))) for local in layout.local]
+        self.plain = [np.zeros((folds, half_size(len(local)))) for local in layout.local]
         self.samples, self.weights = np.zeros(layout.n), np.zeros((folds, layout.n))
         self.noise_power = np.zeros(layout.size + 1)
         self.pieces: list[tuple[int, int]] = []
@@ -304,24 +312,28 @@ class _Sums:
         columns = slice(rows.rank + FRICTION.start, rows.rank + FRICTION.stop)
         tables = [rows.tables[j]] if rows.noise is None else [rows.tables[j], rows.noise[j]]
         filtered = [whiten_after_gaps(table, counts, filters) for table in tables]
-        power = np.zeros(len(self.layout.local[j]))
+        power, sums = np.zeros(rows.tables[j].shape[1]), np.zeros((rows.tables[j].shape[1],) * 2)
         for block, inside in _stretches(rows.blocks):
             seen, *noise = (_where(table[inside], counts[inside]) for table in filtered)
-            add_products(self.white[j][block], seen, 1.0)
+            sums[:] = 0.0
+            add_products(sums, seen, 1.0)
             self.samples[j] += len(seen)
             tied = seen[:, columns].T @ seen
             for drawn in noise:
-                add_products(self.white[j][block], drawn, -rows.weight)
+                add_products(sums, drawn, -rows.weight)
                 tied -= rows.weight * (drawn[:, columns].T @ drawn)
                 power += rows.weight * np.einsum("tp,tp->p", drawn, drawn)
+            self.white[j][block] += pack(sums)
             self.friction[j].append(tied)
         self.noise_power[self.layout.local[j]] += power
         for fold, inside in _stretches(folds):
             seen, *noise = (_where(table[inside], counts[inside]) for table in tables)
-            add_products(self.plain[j][fold], seen, 1.0)
+            sums[:] = 0.0
+            add_products(sums, seen, 1.0)
             self.weights[fold, j] += len(seen)
             for drawn in noise:
-                add_products(self.plain[j][fold], drawn, -rows.weight)
+                add_products(sums, drawn, -rows.weight)
+            self.plain[j][fold] += pack(sums)
 
     def evidence(self, scale: Float[Array, " P"], level: Float[Array, "n 2"]) -> Evidence:
         """All that was summed.
@@ -330,8 +342,6 @@ class _Sums:
             scale: What each column was divided by.
             level: Scaled viscous and Coulomb coefficient of each joint.
         """
-        for sums in (*self.white, *self.plain):
-            mirror(sums)
         stretch, block = np.array(self.pieces).T
         friction = FrictionSums(
             stretch, block, tuple(np.array(sums) for sums in self.friction), level, self.layout.rank
@@ -339,8 +349,8 @@ class _Sums:
         return Evidence(
             layout=self.layout,
             scale=scale,
-            free=WhitenedSums(tuple(self.white), self.partition.folds),
-            plain=tuple(self.plain),
+            free=tuple(map(SymmetricSums, self.white)),
+            plain=tuple(map(SymmetricSums, self.plain)),
             fold_of_block=self.partition.folds,
             samples=self.samples,
             weights=self.weights,

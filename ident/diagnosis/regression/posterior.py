@@ -171,7 +171,7 @@ class Posterior:
 
     def _explained(self, joint: int, model: Projection, found: Variances) -> float:
         """Share of a model's mean square at a joint that a discrepancy explains, in N² m²."""
-        before, after = self._squares(joint, model, found, self.evidence.plain[joint].sum(axis=0))
+        before, after = self._squares(joint, model, found, self.evidence.plain[joint].over())
         free = float(self.evidence.samples[joint]) / self._free_samples(joint, found)
         return max(0.0, 1.0 - free * max(after, 0.0) / max(before, 1e-300))
 

@@ -55,6 +55,16 @@ class RegressionSettings(Settings):
     most_blocks: int = number(
         128, "1", "blocks of time, at the most", "chosen: enough for a p-value of 0.001, few enough to hold"
     )
+    most_sums_mb: float = number(
+        512.0,
+        "MB",
+        "size of the sums of all blocks, beyond which blocks are fewer",
+        "chosen: memory; up to ten joints none are",
+    )
+    fewest_blocks: int = number(
+        16, "1", "blocks that no lack of memory goes below", "law: their signs are drawn in 32,768 ways"
+    )
+    fewest_folds: int = number(5, "1", "and folds", "chosen: usual where data are few")
     shortest_block_s: float = number(
         0.6, "s", "and their least length", "chosen: some correlation times of what an arm's model leaves"
     )

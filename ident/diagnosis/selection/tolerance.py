@@ -71,7 +71,7 @@ def measure_tolerance(
     seen = np.maximum(share, settings.least_told)
     distance = np.where(told, np.abs(along) / np.sqrt(seen * (seen + spare * (1.0 - seen))), 0.0)
     change = solve_triangular(root.T, vectors @ np.where(distance > settings.far_deviations, along, 0.0), lower=False)
-    squares = [change @ sums.sum(axis=0)[:rank, :rank] @ change for sums in evidence.plain]
+    squares = [change @ sums.part(np.arange(rank)).sum(axis=0) @ change for sums in evidence.plain]
     torque = np.sqrt(np.maximum(squares, 0.0) / np.maximum(evidence.weights.sum(axis=0), 1.0))
     farthest = float(distance.max(initial=0.0))
     return Tolerance(farthest, min(1.0, 2.0 * int(told.sum()) * float(ndtr(-farthest))), torque, settings.most_likely)

@@ -9,7 +9,7 @@ import pytest
 
 from ident.arrays import Array
 from ident.diagnosis.diagnose import Analysis
-from ident.diagnosis.regression.block_sums import WhitenedSums
+from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
@@ -60,7 +60,7 @@ def without_it_in_half_of_the_runs(analysis: Analysis) -> tuple[Search, Group]:
     search, group = search_of(analysis), analysis.search.named[0].group
     evidence = search.evidence
     whole = project(evidence.gram(), evidence, search.prior, [group])
-    local, sums = list(evidence.layout.local[group.joint]), evidence.free.of_joint[group.joint].copy()
+    local, sums = list(evidence.layout.local[group.joint]), evidence.free[group.joint].whole()
     without = evidence.fold_of_block < evidence.fold_of_block.max() / 2
     pieces, gone = evidence.friction.sums[group.joint].copy(), without[evidence.friction.block]
     for column in group.columns:
@@ -68,8 +68,7 @@ def without_it_in_half_of_the_runs(analysis: Analysis) -> tuple[Search, Group]:
         sums[without, :, -1] -= size * sums[without, :, at]
         sums[without, -1, :] -= size * sums[without, at, :]
         pieces[gone, :, -1] -= size * pieces[gone, :, at]
-    altered = tuple(sums if j == group.joint else one for j, one in enumerate(evidence.free.of_joint))
-    free = WhitenedSums(altered, evidence.fold_of_block)
+    free = tuple(SymmetricSums.of(sums) if j == group.joint else one for j, one in enumerate(evidence.free))
     tied = tuple(pieces if j == group.joint else one for j, one in enumerate(evidence.friction.sums))
     friction = replace(evidence.friction, sums=tied)
     other = replace(search, evidence=replace(evidence, free=free, friction=friction))

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from ident.arrays import Array, freeze
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression import rows as rows_module
-from ident.diagnosis.regression.block_sums import add_products, mirror
+from ident.diagnosis.regression.block_sums import SymmetricSums, add_products, pack
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import LOSS_FIGURES, Layout
 from ident.diagnosis.regression.gram import Evidence, gather
@@ -129,10 +129,24 @@ def test_sums_of_half_a_matrix_are_those_of_the_whole(sign: float) -> None:
         add_products(one, pair[0], 1.0)
         add_products(one, pair[1], sign)
         add_products(one, pair[1, :0], sign)
-    mirror(sums)
+    found = SymmetricSums(np.stack([pack(one) for one in sums]))
     expected = np.stack([a.T @ a + sign * b.T @ b for a, b in tables])
-    assert np.allclose(sums, expected, rtol=0, atol=1e-12)
-    assert np.array_equal(sums, np.swapaxes(sums, 1, 2))
+    assert np.allclose(found.whole(), expected, rtol=0, atol=1e-12)
+
+
+def test_rows_that_are_added_are_in_all_that_is_made_of_the_sums() -> None:
+    """Law: totals, parts, squares and products are those of matrices to which the rows were added, in any units."""
+    rng = np.random.default_rng(3)
+    tables, rows, place = rng.standard_normal((4, 30, 9)), rng.standard_normal((6, 9)), np.array([0, 0, 3, 1, 3, 3])
+    plain = np.stack([table.T @ table for table in tables])
+    sums = SymmetricSums.of(plain).divided(2.0).with_rows(rows, place).divided(0.5)
+    expected = plain + 2.0 * np.stack([rows[place == block].T @ rows[place == block] for block in range(4)])
+    columns, weights = np.array([7, 0, 3]), rng.standard_normal(9) * (np.arange(9) % 2)
+    assert np.allclose(sums.whole(), expected)
+    assert np.allclose(sums.over([1, 3]), expected[[1, 3]].sum(axis=0))
+    assert np.allclose(sums.part(columns), expected[:, columns[:, None], columns])
+    assert np.allclose(sums.diagonal(), np.diag(expected.sum(axis=0)))
+    assert np.allclose(sums.times(weights), expected @ weights)
 
 
 def test_projection_is_least_squares(healthy: Analysis, whitened: tuple[Array, Array, Array]) -> None:
@@ -217,7 +231,7 @@ def test_chunks_change_nothing(healthy: Analysis, all_rows: list[Rows], monkeypa
     assert np.array_equal(chunked.weights, healthy.evidence.weights)
     for local, a, b in zip(layout.local, chunked.plain, healthy.evidence.plain, strict=True):
         ours, theirs = np.outer(chunked.scale[local], chunked.scale[local]), healthy.evidence.scale[local]
-        assert np.allclose(a * ours, b * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
+        assert np.allclose(a.over() * ours, b.over() * np.outer(theirs, theirs), rtol=1e-7, atol=1e-9)
 
 
 def test_a_later_pass_has_the_rows_of_the_first(

@@ -193,5 +193,5 @@ def test_noise_of_many_runs_is_told_by_some_of_them(held: Analysis) -> None:
     assert not np.allclose(ratio, 1.0)
     for j, own in enumerate(layout.own):
         places = [layout.places[j][int(column)] for column in own]
-        seen = [np.diag(one.free.total[j])[places] + one.noise_power[own] for one in (some, whole)]
+        seen = [one.free[j].diagonal()[places] + one.noise_power[own] for one in (some, whole)]
         np.testing.assert_allclose(*seen, rtol=1e-9)

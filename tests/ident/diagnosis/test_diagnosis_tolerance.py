@@ -10,6 +10,7 @@ import pytest
 from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis
+from ident.diagnosis.regression.block_sums import SymmetricSums
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
@@ -93,7 +94,9 @@ def test_arms_within_tolerance_are_told_so(spare: float) -> None:
     prior = Prior(root @ root.T)
     data = np.diag([1e4, 300.0, 30.0, 5.0, 1.0, 1e-4])
     spread = np.linalg.inv(data + prior.base)
-    evidence = SimpleNamespace(layout=SimpleNamespace(rank=rank), plain=(data[None],), weights=np.ones((1, 1)))
+    evidence = SimpleNamespace(
+        layout=SimpleNamespace(rank=rank), plain=(SymmetricSums.of(data[None]),), weights=np.ones((1, 1))
+    )
     alarms = 0
     for _ in range(400):
         change = np.linalg.solve(root.T, rng.normal(size=rank))
