@@ -60,7 +60,8 @@ def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Record
 
 def test_a_lerobot_column_that_stands_twice_is_refused(run: Recording, tmp_path: Path) -> None:
     """Which of the two holds nobody knows."""
-    folder = lerobot(tmp_path / "set", run, ["a.pos", "b.pos"], {"observation.state": run.position})
+    columns = {"observation.state": run.position, "timestamp": run.time}
+    folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], columns)
     file = folder / "data/chunk-000/file-000.parquet"
     table = pq.read_table(file)
     pq.write_table(table.append_column("timestamp", table.column("timestamp")), file)
