@@ -330,20 +330,8 @@ class Diagnosed:
             raise ValueError(f"its cutoff_hz is {cutoff:g}")
         pull = origin.get("settings", {}).get("gravity_mps2")
         gravity = None if pull is None else (float(pull[0]), float(pull[1]), float(pull[2]))
-        return cls(
-            path,
-            joints,
-            record["verdict"],
-            changes,
-            tuned,
-            alone,
-            urdf,
-            is_tuned,
-            cutoff,
-            gravity,
-            content,
-            files_of(origin),
-        )
+        arms = changes, tuned, alone, urdf
+        return cls(path, joints, record["verdict"], *arms, is_tuned, cutoff, gravity, content, files_of(origin))
 
     def fit_to(self, arm: ArmModel) -> ArmModel:
         """The arm as it is mounted, with the joints that the diagnosis does not know locked.
