@@ -23,7 +23,7 @@ from ident.model.checkpoint_folder import NAME as CHECKPOINT
 from ident.model.hybrid import HybridModel
 from ident.model.limits import load_limits
 from ident.model.residual_net import ResidualNet, fit_residual_net
-from ident.monitor.pages import ArmFigures, ArmSessions, ArmVerdict
+from ident.monitor.pages import arm_estimates, arm_sessions, arm_verdict
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, read_histories
 from ident.outputs import require_own_folder
@@ -233,7 +233,7 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
     def histories(path: Path) -> tuple[ArmHistory, ...]:
         found = read_histories(Store(folder / "store"))
         for arm in found:
-            render_page(arm.arm, [ArmVerdict(arm, 0.05), ArmFigures(arm), ArmSessions(arm)])
+            render_page(arm.arm, [arm_verdict(arm, 0.05), arm_estimates(arm), arm_sessions(arm)])
         return found
 
     def check_histories(found: tuple[ArmHistory, ...]) -> None:
