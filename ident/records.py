@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 
 @dataclass(frozen=True)
 class Record:
-    """Base of values whose fields are the keys of their JSON."""
+    """Base of values whose fields are the keys of their JSON; schemas require all of them."""
+
+    __pydantic_config__: ClassVar = {"json_schema_serialization_defaults_required": True}
 
     def to_dict(self) -> dict[str, Any]:
         """The record, of what JSON knows alone."""

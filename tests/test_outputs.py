@@ -163,7 +163,7 @@ def test_every_schema_asks_for_robot_joints_and_sessions(name: str) -> None:
     if "$ref" in holder["properties"]["robot"]:
         holder = schema["$defs"][holder["properties"]["robot"]["$ref"].rpartition("/")[2]]
     assert "joints" in holder["required"]
-    assert "sessions" in schema["$defs"]["ProvenanceRecord"]["required"]
+    assert "sessions" in schema["$defs"]["Provenance"]["required"]
 
 
 @pytest.mark.parametrize("name", sorted(set(commands()) - set(ELSEWHERE) - PAGES))

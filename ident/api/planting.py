@@ -22,7 +22,7 @@ from ident.sessions import Given, Robot, Sources, inspect_sources
 
 
 @dataclass(frozen=True, eq=False)
-class Planted:
+class PlantedEffect:
     """An effect that was planted, and what became of it.
 
     Attributes:
@@ -61,7 +61,7 @@ def plant(
     robot: Robot = "tm5-900",
     *,
     coefficients: Sequence[float] | None = None,
-) -> Planted:
+) -> PlantedEffect:
     """Adds an effect's torque to recordings of an arm without it, and diagnoses them.
 
         assert plant(Magnet(), "joint_2").found
@@ -97,7 +97,7 @@ def plant(
     own = [] if effect.id in {known.id for known in CATALOGUE} else [effect]
     rms = float(np.sqrt(np.mean(np.concatenate(torques) ** 2, axis=0)).max())
     where = names[j] if effect.scope == "joint" else ""
-    return Planted(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=own))
+    return PlantedEffect(effect.id, where, rms, spoilt, diagnose(spoilt, read.arm, catalogue=own))
 
 
 def _torques(

@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from ident.arrays import Array, Float
 from ident.monitor.e_process import ChangeBets
-from ident.monitor.estimates import UNITS, Estimate
+from ident.monitor.estimates import UNITS, ParameterEstimate
 from ident.monitor.gain_change import common_scale
 from ident.records import Record
 
@@ -32,7 +32,7 @@ WORST_ERROR = 2.0
 
 
 @dataclass(frozen=True)
-class Point(Estimate):
+class Point(ParameterEstimate):
     """An estimate by one session alone: the session's name and its date, ISO."""
 
     session: str

@@ -40,7 +40,7 @@ LEAST_SETTLED = 0.1
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """An estimate with its 95 % interval and its standard deviation."""
 
     value: float
@@ -49,11 +49,11 @@ class Estimate:
     std: float
 
 
-Estimates = Mapping[tuple[str, str], Estimate]
+Estimates = Mapping[tuple[str, str], ParameterEstimate]
 """By joint and parameter (`UNITS`)."""
 
 
-def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tuple[str, str], Estimate]:
+def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tuple[str, str], ParameterEstimate]:
     """All parameters that a session's motions give an estimate of.
 
     Args:
@@ -74,7 +74,7 @@ def estimate_session(motions: Sequence[Motion], reference: ArmModel) -> dict[tup
     }
 
 
-def _of_joint(motions: Sequence[Motion], rigid: Sequence[Array], j: int, heavy: bool) -> dict[str, Estimate]:
+def _of_joint(motions: Sequence[Motion], rigid: Sequence[Array], j: int, heavy: bool) -> dict[str, ParameterEstimate]:
     x, y, piece = _rows(motions, rigid, j)
     if not heavy:
         y, x = y - x[:, 0], x[:, 1:]
@@ -96,7 +96,7 @@ def _of_joint(motions: Sequence[Motion], rigid: Sequence[Array], j: int, heavy: 
     for name, value, error, norm in zip(names, beta, std, size, strict=True):
         if norm > 0.0:
             middle, own = float(value / norm), float(error / norm)
-            found[name] = Estimate(middle, middle - reach * own, middle + reach * own, own)
+            found[name] = ParameterEstimate(middle, middle - reach * own, middle + reach * own, own)
     return {**found, "gap": _gap(left, piece, reach)}
 
 
@@ -122,7 +122,7 @@ def term_columns(motion: Motion, rigid: Float[Array, "t n"], j: int) -> Float[Ar
     return np.column_stack([rigid[:, j], filtered, np.ones(len(filtered))])
 
 
-def _gap(left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> Estimate:
+def _gap(left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> ParameterEstimate:
     """Root mean square of what is left, with its error over pieces."""
     count = np.bincount(piece)
     mean = np.bincount(piece, left**2)[count > 0] / count[count > 0]
@@ -131,4 +131,4 @@ def _gap(left: Float[Array, " t"], piece: Int[Array, " t"], reach: float) -> Est
     error = float(np.sqrt(np.sum((weight * (mean - square)) ** 2)))
     value = float(np.sqrt(square))
     std = error / max(2.0 * value, 1e-300)
-    return Estimate(value, max(0.0, value - reach * std), value + reach * std, std)
+    return ParameterEstimate(value, max(0.0, value - reach * std), value + reach * std, std)

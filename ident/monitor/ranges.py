@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ident.arrays import Array, Float
-from ident.monitor.estimates import TERMS, UNITS, Estimate, Estimates, estimate_session, term_columns
+from ident.monitor.estimates import TERMS, UNITS, Estimates, ParameterEstimate, estimate_session, term_columns
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -127,7 +127,7 @@ def pool_days(days: Sequence[Estimates]) -> dict[tuple[str, str], ParameterRange
     return {key: _range([day[key] for day in days], key[1] in SCALED) for key in keys}
 
 
-def _range(found: Sequence[Estimate], scaled: bool) -> ParameterRange:
+def _range(found: Sequence[ParameterEstimate], scaled: bool) -> ParameterRange:
     """The wider of the interval in a usual session, and where another day's estimate will lie.
 
     Source: the prediction interval of a normal draw, Student's t with D − 1 degrees of freedom.

@@ -14,7 +14,7 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
-from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
+from ident.robot.chain import ChainArrays, compute_joint_poses, compute_regressor
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
@@ -321,7 +321,7 @@ class ArmModel:
         return pin.ModelPool(self.model, THREADS)
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> ChainArrays:
         """Joint placements, axes, which joints slide, and gravity, as plain arrays."""
         model, n = self.model, self.n
         rotations = np.array([model.jointPlacements[i].rotation for i in range(1, n + 1)])
@@ -333,7 +333,7 @@ class ArmModel:
             subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
             sliding[i] = bool(np.linalg.norm(subspace[:3]) > 0.5)
             axes[i] = subspace[:3] if sliding[i] else subspace[3:]
-        return Chain(rotations, offsets, axes, sliding, np.array(model.gravity.linear))
+        return ChainArrays(rotations, offsets, axes, sliding, np.array(model.gravity.linear))
 
     def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
         """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""

@@ -24,7 +24,7 @@ from ident.compiled import compiled
 PER_LINK = 10
 
 
-class Chain(NamedTuple):
+class ChainArrays(NamedTuple):
     """A chain of n one-axis joints.
 
     Attributes:
@@ -43,7 +43,7 @@ class Chain(NamedTuple):
 
 
 def compute_joint_poses(
-    chain: Chain, q: Float[Array, "T n"], wanted: Sequence[int]
+    chain: ChainArrays, q: Float[Array, "T n"], wanted: Sequence[int]
 ) -> dict[int, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
     """Orientation and origin [m] of some joints' frames in the base frame, their own motion included.
 
@@ -73,7 +73,7 @@ def compute_joint_poses(
 
 
 def compute_regressor(
-    chain: Chain,
+    chain: ChainArrays,
     q: Float[Array, "T n"],
     dq: Float[Array, "T n"],
     ddq: Float[Array, "T n"],

@@ -10,8 +10,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from plan.errors import MethodError
-from plan.initial.compressed import shortest
 from plan.planners.base import Ledger, Planner
+from plan.planners.compressed import shortest
 from plan.problem.problem import PlanningProblem
 
 # A section keeps at least this share of itself in one pass.

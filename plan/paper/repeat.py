@@ -15,7 +15,6 @@ from ident.arrays import Array
 from ident.model.hybrid import HybridModel
 from plan.dynamics.power import Metric
 from plan.geometry.boxes import Box
-from plan.initial.compressed import start_compressed
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.paper.brute_force import BruteForce
@@ -24,6 +23,7 @@ from plan.paper.genetic import PaperGenetic
 from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner, Progress
+from plan.planners.compressed import start_compressed
 from plan.planners.sequential import Sequential
 from plan.problem.options import TaskOptions
 from plan.problem.problem import PlanningProblem

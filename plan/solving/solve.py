@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from plan.dynamics.power import ChainTorque
-from plan.initial.compressed import start_compressed
 from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
 from plan.planners import Budget, Candidate, Ledger, default_budget, make_planner
 from plan.planners.base import Planner, Progress
+from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.options import DEFAULT_METHOD

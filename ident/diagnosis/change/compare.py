@@ -210,10 +210,9 @@ def _standing(
     """Changes all of which stand, each with the places where it may sit as well."""
     named = [item.group for item in found.named]
     places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-    rivals = [tuple(group.effect.id for group in there) for there in places]
     told = tuple(
-        replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *others))))
-        for one, others in zip(_with_gain(estimates, fine, design), rivals, strict=True)
+        replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *(group.effect.id for group in there)))))
+        for one, there in zip(_with_gain(estimates, fine, design), places, strict=True)
     )
     return _Changes(found, told, tuple(standings), (), places)
 

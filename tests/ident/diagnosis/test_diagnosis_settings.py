@@ -36,7 +36,8 @@ def test_every_number_says_what_it_is_and_where_it_comes_from() -> None:
         assert one["unit"]
         assert one["meaning"]
         assert one["source"].startswith(("law: ", "chosen: ", "calibrated: "))
-        assert reduce(lambda group, name: group[name], one["name"].split("."), USUAL.to_dict()) == one["value"]
+        value = list(one["value"]) if isinstance(one["value"], tuple) else one["value"]
+        assert reduce(lambda group, name: group[name], one["name"].split("."), USUAL.to_dict()) == value
     assert len({one["name"] for one in told}) == len(told)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.monitor.estimates import Estimate, estimate_session
+from ident.monitor.estimates import ParameterEstimate, estimate_session
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, two_joint_arm
 
@@ -17,7 +17,7 @@ def arm() -> ArmModel:
 
 def estimates_of(
     arm: ArmModel, gain: float = 1.0, viscous: float = 9.0, coulomb: float = 6.0
-) -> dict[tuple[str, str], Estimate]:
+) -> dict[tuple[str, str], ParameterEstimate]:
     def law(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         return gain * arm.inverse_dynamics(q, dq, ddq) + 0.4 * ddq + viscous * dq + coulomb * np.sign(dq) + 1.5
 

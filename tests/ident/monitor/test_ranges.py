@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from ident.monitor.estimates import Estimate, Estimates
+from ident.monitor.estimates import Estimates, ParameterEstimate
 from ident.monitor.ranges import HABIT, find_ranges, pool_days
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
@@ -72,7 +72,7 @@ def test_the_range_is_the_wider_of_interval_and_days() -> None:
     """Two days far apart make it wide by themselves; two days alike leave it to the interval."""
 
     def day(value: float) -> Estimates:
-        return {("joint_1", "viscous"): Estimate(value, value - 1.0, value + 1.0, 0.5)}
+        return {("joint_1", "viscous"): ParameterEstimate(value, value - 1.0, value + 1.0, 0.5)}
 
     near, far = (pool_days([day(a), day(b)])["joint_1", "viscous"] for a, b in ((5.0, 5.0), (4.0, 6.0)))
     assert (near.low, near.high, near.source) == (4.0, 6.0, "interval")

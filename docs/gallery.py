@@ -1,6 +1,6 @@
 """A page for each of some real arms, from recordings that their authors published under licences that allow it.
 
-    python examples/gallery.py REAL [OUT]
+    python docs/gallery.py REAL [OUT]
 
 REAL holds the recordings as `SOURCES` names them; fetch them from where they were published.
 """
