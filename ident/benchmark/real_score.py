@@ -84,7 +84,7 @@ def findings_of(record: Mapping[str, Any]) -> list[Finding]:
 
 
 def class_of(finding: Finding) -> set[str]:
-    return {finding["effect"], *finding.get("class", ()), *finding.get("rivals", ())}
+    return {finding["effect"], *finding.get("class", ())}
 
 
 def probability(finding: Finding) -> float:
