@@ -37,7 +37,6 @@ drawn_over = "angle"
 COMMANDS = """
 import json
 from pathlib import Path
-import casadi as ca
 import numpy as np
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.export.identified import Diagnosed
@@ -49,7 +48,6 @@ from ident.show.report.diagnosis_pages import write_diagnosis_report
 from plan.dynamics.torque_gradient import differentiate_torque
 from plan.dynamics.torque_model import torque_of_model
 from plan.experiment.hypotheses import ask
-from plan.planners.symbolic import law_symbols
 from tests.ident.diagnosis.planted import analyse, at_joint, load_arm, named, record
 
 def plant(arm, q, dq, ddq):
@@ -68,11 +66,8 @@ module = load_module(Path("patch/extra_torque.py"))
 
 q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
 dq, ddq = 0.5 + 0.0 * q, 0.0 * q
-(law,) = model.named
 bare = torque_of_model(model, 3, ())
 parts = [differentiate_torque(one, q, dq, ddq) for one in (bare, type(bare)(bare.chain, bare.losses))]
-symbol = ca.SX.sym("q")
-function = ca.Function("law", [symbol], [law_symbols(law, symbol, ca.SX(0.5), ca.SX(1.0), ca.SX(1.0), 0.02)])
 told = {
     "names": sorted(named(found)),
     "last": CATALOGUE[-1].id,
@@ -82,7 +77,6 @@ told = {
     "module": module.extra_torque(q, dq, ddq)[:, 2].tolist(),
     "plan": (parts[0].tau - parts[1].tau)[:, 2].tolist(),
     "slope": (parts[0].by_position - parts[1].by_position)[:, 2, 2].tolist(),
-    "symbols": [float(function(one)) for one in q[:, 2]],
     "q": q[:, 2].tolist(),
 }
 print(json.dumps(told))
@@ -121,9 +115,9 @@ def test_it_is_diagnosed_and_reported_and_a_motion_is_known_for_it(told: dict[st
     assert told["motion"] == "slow"
 
 
-@pytest.mark.parametrize("place", ["fit", "module", "plan", "symbols"])
+@pytest.mark.parametrize("place", ["fit", "module", "plan"])
 def test_its_torque_is_the_same_everywhere(place: str, told: dict[str, Any]) -> None:
-    """Law: model, written module, planner and its symbols give 2 sin 3q within what the recordings leave open."""
+    """Law: model, written module, and planner give 2 sin 3q within what the recordings leave open."""
     assert told[place] == pytest.approx(2.0 * np.sin(3.0 * np.array(told["q"])), abs=0.1)
 
 

@@ -24,7 +24,6 @@ HEAVY = (
     "mujoco",
     "pinocchio",
     "coal",
-    "casadi",
     "sklearn",
     "scipy",
     "numba",
@@ -147,4 +146,4 @@ def test_a_slip_in_a_scene_file_is_told_before_anything_heavy_is_loaded(tmp_path
     scene.write_text('robot = "tm5-900"\n[task]\nstart = [0, 0, 0]\n')
     script = RUN.replace("    assert not end.code, end.code\n", "    assert end.code == 2, end.code\n")
     found = loaded(script.format(package="plan", arguments=["plan", "solve", str(scene)], heavy=HEAVY))
-    assert not found & {"torch", "numba", "scipy", "cvxpy", "casadi", "matplotlib", "pyarrow", "sklearn"}
+    assert not found & {"torch", "numba", "scipy", "cvxpy", "matplotlib", "pyarrow", "sklearn"}

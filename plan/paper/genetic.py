@@ -1,16 +1,12 @@
-"""Genetic algorithms: the paper's binary one, and pymoo's as the strong one."""
+"""The paper's genetic algorithm."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from pymoo.algorithms.soo.nonconvex.ga import GA
-from pymoo.core.evaluator import Evaluator
-from pymoo.core.problem import Problem
-from pymoo.problems.static import StaticProblem
 
 from ident.arrays import Array, Float, Int
 from plan.planners.base import Ledger, Planner
@@ -18,7 +14,7 @@ from plan.problem.problem import PlanningProblem
 
 
 @dataclass(frozen=True)
-class PaperGenetic(Planner):
+class Genetic(Planner):
     """Binary genes, roulette, uniform exchange (paper, section 3.4 and Fig. 7).
 
     Each variable is a line of bits over its range. Parents are drawn with a probability that falls with cost; each
@@ -77,36 +73,3 @@ class PaperGenetic(Planner):
         span = problem.upper - problem.lower
         number = np.rint((x - problem.lower) / span * (2**self.bits - 1)).astype(int)
         return (number[:, None] >> np.arange(self.bits)[::-1]) & 1
-
-
-@dataclass(frozen=True)
-class StrongGenetic(Planner):
-    """pymoo's real-coded genetic algorithm: simulated binary crossover, polynomial mutation, elitist survival.
-
-    Attributes:
-        population: Offspring a generation.
-        generations: Generations at most.
-    """
-
-    population: int = 100
-    generations: int = 200
-    name: ClassVar[str] = "ga-pymoo"
-
-    def search(self, problems: Sequence[PlanningProblem], ledger: Ledger, rng: np.random.Generator) -> None:
-        """Runs on the first problem from a population around its initial trajectory and over the whole box."""
-        problem = problems[0]
-        shape = (self.population, problem.dimension)
-        wide = rng.uniform(problem.lower, problem.upper, shape)
-        near = problem.initial + rng.normal(size=shape) * 0.1 * (problem.upper - problem.lower)
-        mixed = np.where(np.arange(self.population)[:, None] % 2 == 0, near, wide)
-        mixed[0] = problem.initial
-        start = np.clip(mixed, problem.lower, problem.upper)
-        shell = Problem(n_var=problem.dimension, n_obj=1, xl=problem.lower, xu=problem.upper)
-        algorithm = GA(pop_size=self.population, sampling=start, eliminate_duplicates=True)
-        algorithm.setup(shell, termination=("n_gen", self.generations), seed=int(rng.integers(2**31)))
-        while algorithm.has_next():
-            asked: Any = algorithm.ask()
-            cost = ledger.penalised(problem, asked.get("X"))
-            cost = np.concatenate([cost, np.full(len(asked) - len(cost), np.inf)])
-            Evaluator().eval(StaticProblem(shell, F=cost[:, None]), asked)
-            algorithm.tell(infills=asked)

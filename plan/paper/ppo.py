@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import torch
 
 from ident.arrays import Array, Float
-from plan.paper.reward import REWARDS
 from plan.planners.base import Ledger, Planner
 from plan.problem.problem import PlanningProblem
 
@@ -30,7 +29,6 @@ class Ppo(Planner):
     An epoch is one trajectory, as in the paper; they are evaluated in batches.
 
     Attributes:
-        reward: `bounded`, or `paper` for eq. 7 and 9.
         epochs: Epochs in all.
         round_length: Epochs of a seed before another may be drawn.
         batch: Trajectories an update.
@@ -41,7 +39,6 @@ class Ppo(Planner):
         entropy: Weight of the policy's entropy.
     """
 
-    reward: Literal["bounded", "paper"] = "bounded"
     epochs: int = 2100
     round_length: int = 100
     batch: int = 25
@@ -120,8 +117,10 @@ class _Agent:
         noise[size // 2 : 2 * (size // 2)] = -noise[: size // 2]  # antithetic pairs: the mean is felt with less noise
         action = mean + np.exp(spread) * noise
         found = ledger.evaluate(self.problem, self.problem.initial + action * self.unit)
-        reward = REWARDS[self.options.reward](self.problem, found)
-        self.best = max(self.best, float(-self.problem.penalised(found).min()))
+        penalised = self.problem.penalised(found)
+        # The paper's reward, eq. 7 and 9, is singular at contact and unknown under penetration: this one is bounded.
+        reward = -np.clip(penalised, -10.0, 10.0)
+        self.best = max(self.best, float(-penalised.min()))
         self.learned += len(reward)
         share = min(self.learned / max(self.options.epochs, 1), 1.0)
         for group in self.adam.param_groups:

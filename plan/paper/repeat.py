@@ -19,7 +19,7 @@ from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
-from plan.paper.genetic import PaperGenetic
+from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner, Progress
@@ -188,7 +188,7 @@ def _table3(problem: PlanningProblem, effort: Effort, progress: Progress | None)
     kept = replace(problem, grows=False)
     planners: dict[str, tuple[Planner, str]] = {
         "brute force": (BruteForce(levels=effort.levels), "brute"),
-        "GA": (PaperGenetic(), "ga"),
+        "GA": (Genetic(), "ga"),
         "RL (PPO)": (_ppo(effort, 1.0), "ppo"),
     }
     for name, (planner, key) in planners.items():
@@ -214,7 +214,7 @@ def _in_words(vias: Array, seconds: float | None, gain: float) -> str:
 
 def _figure10(problem: PlanningProblem, effort: Effort, progress: Progress | None) -> Comparison:
     starts = find_starts(problem, np.random.default_rng(0))
-    planners: list[Planner] = [_ppo(effort, 4.2), PaperGenetic(generations=effort.generations)]
+    planners: list[Planner] = [_ppo(effort, 4.2), Genetic(generations=effort.generations)]
     runs = [_run(problem, planner, 0, progress, starts) for planner in planners]
     return Comparison("fig. 10", "energy", 2100, 1.0, (*runs, _run(problem, Sequential(), 0, progress)))
 

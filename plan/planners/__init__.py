@@ -21,11 +21,10 @@ def _planner(module: str, name: str, **options: Any) -> Planner:
 
 METHODS: dict[str, Callable[[], Planner]] = {
     "sqp": partial(_planner, "planners.sequential", "Sequential"),
-    "reference": partial(_planner, "planners.reference", "Reference"),
+    "reference": partial(_planner, "planners.sequential", "Sequential", named=True),
     "cma": partial(_planner, "planners.evolution", "Evolution"),
     "ppo": partial(_planner, "paper.ppo", "Ppo"),
-    "ga": partial(_planner, "paper.genetic", "PaperGenetic"),
-    "ga-pymoo": partial(_planner, "paper.genetic", "StrongGenetic"),
+    "ga": partial(_planner, "paper.genetic", "Genetic"),
     "brute": partial(_planner, "paper.brute_force", "BruteForce"),
     "compress": partial(_planner, "paper.compression", "Compression"),
     "toppra": partial(_planner, "paper.toppra", "Toppra"),

@@ -38,7 +38,7 @@ class TaskOptions:
 class SolveOptions(TaskOptions):
     """How one trajectory is looked for, and what may be spent on it."""
 
-    method: str = option(DEFAULT_METHOD, "sqp, reference, cma, ppo, ga, ga-pymoo, brute, compress or toppra.")
+    method: str = option(DEFAULT_METHOD, "sqp, reference, cma, ppo, ga, brute, compress or toppra.")
     seed: int = option(0, "Seed of all randomness.", min=0)
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from plan.api.tasks import open_task, save_comparison
-from plan.paper.genetic import PaperGenetic, StrongGenetic
+from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner
@@ -32,9 +32,8 @@ ROWS: dict[str, tuple[Planner, int]] = {
     "CMA-ES": (Evolution(), 5),
     "PPO, 2100 epochs as the paper": (Ppo(), 5),
     "PPO, 2100 epochs, paper's reward": (Ppo(reward="paper"), 5),
-    "GA as the paper, 100 × 200": (PaperGenetic(), 5),
-    "GA as the paper, 100 × 2000": (PaperGenetic(generations=2000), 1),
-    "GA of pymoo, 100 × 200": (StrongGenetic(), 3),
+    "GA as the paper, 100 × 200": (Genetic(), 5),
+    "GA as the paper, 100 × 2000": (Genetic(generations=2000), 1),
 }
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from plan.api.tasks import open_task
 from plan.dynamics.power import METRICS
 from plan.paper.brute_force import BruteForce
-from plan.paper.genetic import PaperGenetic, StrongGenetic
+from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
 from plan.planners import Budget
 from plan.planners.base import Planner
@@ -36,9 +36,8 @@ ROWS: dict[str, tuple[Planner, int]] = {
     "brute force, 11⁶": (BruteForce(), 1),
     "sqp, named": (Sequential(named=True), 5),
     "CMA-ES": (Evolution(), 5),
-    "GA as the paper, 100 × 200, in batches": (PaperGenetic(), 5),
-    "GA as the paper, one child at a time": (PaperGenetic(serial=True), 1),
-    "GA of pymoo, 100 × 200": (StrongGenetic(), 3),
+    "GA as the paper, 100 × 200, in batches": (Genetic(), 5),
+    "GA as the paper, one child at a time": (Genetic(serial=True), 1),
     "PPO, 500 epochs as the paper": (Ppo(epochs=500), 5),
     "PPO, 250 epochs": (Ppo(epochs=250), 5),
     "PPO, 500 epochs, paper's reward": (Ppo(epochs=500, reward="paper"), 5),

@@ -6,47 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from plan.dynamics.chain import Chain
-from plan.dynamics.power import METRICS, ChainTorque
 from plan.errors import MethodError
-from plan.paper.brute_force import BruteForce, make_courses
-from plan.paper.brute_loop import BruteLoop
-from plan.problem.problem import PlanningProblem
-from tests.plan.worlds import MONITOR, dense_net, joint_nets, ledger, losses, model, problem, three_joints
-
-
-def grid(courses, second: int) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Decision vectors of one block, rows for joint 3 and columns for joint 1."""
-    count = len(courses.vias[0])
-    shape = (count, count, courses.vias[0].shape[1])
-    first = np.broadcast_to(courses.vias[0][None], shape)
-    own = np.broadcast_to(courses.vias[1][second], shape)
-    third = np.broadcast_to(courses.vias[2][:, None], shape)
-    return np.stack([first, own, third], axis=-1).reshape(count * count, -1)
-
-
-def block_error(task: PlanningProblem) -> float:
-    courses = make_courses(task, 3)
-    ours = BruteLoop(task.model, courses, task.metric).block(4)
-    return float(np.abs(task.evaluate(grid(courses, 4)).cost - ours.reshape(-1)).max())
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_loop_equals_plain_evaluation(metric: str) -> None:
-    """The polynomial in the first joint's state gives the energies of plain evaluation to 1e-9 J."""
-    assert block_error(problem(metric=metric)) < 1e-9
-
-
-def test_loop_on_a_tilted_base() -> None:
-    """Where the first joint turns against gravity, its sine and cosine are carried along."""
-    tilted = ChainTorque(Chain.from_arm(three_joints().with_gravity([2.0, 3.0, -9.0])), losses())
-    assert block_error(problem(model=tilted)) < 1e-9
-
-
-@pytest.mark.parametrize(("net", "bound"), [(joint_nets(), 5e-3), (dense_net(), 1e-3)], ids=["default", "paper"])
-def test_loop_with_a_net(net: object, bound: float) -> None:
-    """Tables of the default net cost a few millijoules of 50 J, the paper's net single precision."""
-    assert block_error(problem(model=model(net))) < bound  # type: ignore[arg-type]
+from plan.paper.brute_force import BruteForce
+from tests.plan.worlds import MONITOR, joint_nets, ledger, model, problem
 
 
 @pytest.mark.parametrize("net", [None, joint_nets()], ids=["no net", "default"])
