@@ -24,7 +24,7 @@ from ident.motion.motion import Motion, no_motion, prepare_each
 from ident.motion.out_of_core import emptied, hold, pieces_of
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.provenance import SessionStamp, StampLedger
-from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts, robot_named_in
+from ident.recordings.load import PART_SAMPLES, TOPIC, Source, gather_sources, load_parts, settings_of
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
@@ -68,7 +68,8 @@ class Given:
         if self.robot is not None:
             return self.robot
         named = (
-            one.robot if isinstance(one, Session) else robot_named_in(one, self.session_file) for one in self.gathered
+            one.robot if isinstance(one, Session) else settings_of(Path(one), self.session_file).robot
+            for one in self.gathered
         )
         first = next(filter(None, named), None)
         return None if first is None or is_fetched(first) else first

@@ -33,7 +33,7 @@ from ident.infer.units import (
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import TIME
 from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import METADATA, SUFFIXES
+from ident.recordings.load import METADATA, SUFFIXES, is_run
 from ident.recordings.session_toml import GUESSED, NAME
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -146,8 +146,7 @@ def _largest(path: Path) -> Path:
         return path
     if not path.is_dir():
         raise RecordingError(path, "no such file or folder", "give a folder of runs or a table")
-    found = [one for one in path.iterdir() if one.suffix.lower() in SUFFIXES and not one.name.startswith(".")]
-    found += [one for one in path.iterdir() if one.is_dir() and (one / METADATA).is_file()]
+    found = [one for one in path.iterdir() if is_run(one)]
     if not found:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(SUFFIXES)}")
     return max(found, key=lambda one: (one.stat().st_size, one.name))

@@ -14,7 +14,7 @@ from pathlib import Path
 from ident.errors import InputError
 from ident.outputs import MARKER, is_begun
 from ident.recordings.lerobot import is_dataset
-from ident.recordings.load import METADATA, SUFFIXES
+from ident.recordings.load import is_run
 from ident.recordings.session_toml import NAME, load_session_file
 
 # Kind of the store's folder, by its marker: it may lie within the watched folder and is passed over there.
@@ -96,13 +96,7 @@ def _folders(folder: Path) -> list[Path]:
 
 def _is_session(folder: Path) -> bool:
     """Whether runs lie in a folder: tables, bags, a data set."""
-    if is_dataset(folder):
-        return True
-    return any(
-        not one.name.startswith(".")
-        and ((one.is_file() and one.suffix.lower() in SUFFIXES) or (one / METADATA).is_file())
-        for one in folder.iterdir()
-    )
+    return is_dataset(folder) or any(is_run(one) for one in folder.iterdir())
 
 
 def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
-from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import TIME, NamedColumns, Table, is_native
+from ident.recordings.bad_cells import named_columns
+from ident.recordings.columns import TIME, NamedColumns, is_native
 from ident.recordings.parquet import MOST_PLACES
 from ident.recordings.recording import CHANNELS
 from ident.safe_read import read_arrays, require_regular, require_unpacked
@@ -35,46 +35,27 @@ def open_arrays(path: Path, always: bool = False) -> NamedColumns:
     Raises:
         RecordingError: Not an archive, or no names of the joints; when columns are read: different lengths.
     """
-    named = (
-        load_mat(path)
-        if path.suffix.lower() == ".mat"
-        else read_arrays(path, "write it with numpy.savez", RecordingError)
-    )
+    packed = path.suffix.lower() == ".mat"
+    named = load_mat(path) if packed else read_arrays(path, "write it with numpy.savez", RecordingError)
     stacked = "position" in named and ("joints" in named or not always)
     arrays = _unstack(named, path) if stacked else spread_arrays(named)
     names = tuple(arrays)
 
-    def read(chosen: Mapping[int, str]) -> Table:
-        columns: dict[str, Float[Array, " T"]] = {}
-        for index, native in chosen.items():
-            values = arrays[names[index]]
-            if values.ndim != 1 or values.dtype.kind not in "fiu":
-                what = f"has {values.ndim} dimensions of {values.dtype}"
+    def is_column(values: np.ndarray) -> bool:
+        return values.ndim == 1 and values.dtype.kind in "fiu"
+
+    def load(chosen: Sequence[int]) -> list[Float[Array, " T"]]:
+        for name in (names[index] for index in chosen):
+            if not is_column(arrays[name]):
+                what = f"has {arrays[name].ndim} dimensions of {arrays[name].dtype}"
                 remedy = "a native column is one-dimensional and holds numbers"
-                raise RecordingError(f"{path}, array {names[index]}", what, remedy)
-            columns[native] = values.astype(float)
-        lengths = {native: len(values) for native, values in columns.items()}
-        if len(set(lengths.values())) > 1:
-            raise RecordingError(path, *unequal(lengths))
-        if columns and not next(iter(lengths.values())):
-            raise RecordingError(path, "has no samples", "give a recording with samples")
-        return screen_cells(columns, path)
+                raise RecordingError(f"{path}, array {name}", what, remedy)
+        return [arrays[names[index]].astype(float) for index in chosen]
 
     def numbers() -> dict[str, Float[Array, " T"]]:
-        return {
-            name: values.astype(float)
-            for name, values in arrays.items()
-            if values.dtype.kind in "fiu" and values.ndim == 1
-        }
+        return {name: values.astype(float) for name, values in arrays.items() if is_column(values)}
 
-    return NamedColumns(names, read, numbers)
-
-
-def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
-    """What is wrong with columns of different lengths, and the remedy."""
-    first, *rest = lengths
-    other = next(name for name in rest if lengths[name] != lengths[first])
-    return f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
+    return named_columns(names, load, path, numbers)
 
 
 def _unstack(arrays: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
@@ -112,7 +93,7 @@ def spread_arrays(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
             columns[name] = values
             continue
         values = values.T if values.ndim == 2 and values.shape[0] != samples else values
-        if values.ndim == 0 or values.shape[0] != samples or values.ndim > 2:
+        if values.ndim not in (1, 2) or values.shape[0] != samples:
             continue
         if values.ndim == 1 or values.shape[1] == 1:
             columns[name] = values.reshape(-1)
@@ -132,24 +113,20 @@ def load_mat(path: Path) -> dict[str, np.ndarray]:
     remedy = "write it with save(…, '-v7')"
     try:
         _require_elements(path)
-        content = loadmat(path, simplify_cells=True)
+        waiting: list[tuple[str, Any]] = [("", loadmat(path, simplify_cells=True))]
+        arrays: dict[str, np.ndarray] = {}
+        while waiting:
+            name, value = waiting.pop(0)
+            if isinstance(value, Mapping):
+                inner = [(f"{name}.{key}" if name else key, one) for key, one in value.items() if key[:2] != "__"]
+                waiting = [*inner, *waiting]
+            else:
+                arrays[name] = np.squeeze(np.asarray(value))
     except NotImplementedError:
         raise RecordingError(path, "is a MATLAB 7.3 file (HDF5)", remedy) from None
     except Exception as error:  # zlib, struct, NumPy and the reader each raise their own
         raise RecordingError(path, f"not a MATLAB file ({first_line(error)})", remedy) from None
-    arrays = {name: np.squeeze(values) for name, values in flatten(content).items()}
     return {name: values for name, values in arrays.items() if values.ndim}
-
-
-def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
-    """The arrays of nested records by their dotted names."""
-    found: dict[str, np.ndarray] = {}
-    for name, value in record.items():
-        if isinstance(value, Mapping):
-            found.update(flatten(value, f"{prefix}{name}."))
-        elif not name.startswith("__"):
-            found[f"{prefix}{name}"] = np.asarray(value)
-    return found
 
 
 def _require_elements(path: Path) -> None:

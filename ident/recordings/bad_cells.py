@@ -1,15 +1,16 @@
-"""What damaged cells mean: which rows were dropped, which cells forbid a fit, and how that is told."""
+"""What damaged cells mean: which rows are dropped, which cells forbid a fit, and how that is reported."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ident.arrays import Array, Float, Int
-from ident.recordings.columns import NamedColumns, Table, joint_of
+from ident.arrays import Array, Bool, Float, Int
+from ident.errors import RecordingError
+from ident.recordings.columns import NamedColumns, Table, joint_of, unequal
 from ident.recordings.recording import Severity, TelemetryIssue
 
 # Channels that a recording may lack.
@@ -20,83 +21,95 @@ FEW_ROWS, MANY_ROWS = 1e-3, 0.1
 MEND = "`ident inspect SESSION --mend DIR` writes a copy without the damaged rows"
 
 
-def _none() -> Int[Array, " 0"]:
-    return np.empty(0, dtype=int)
-
-
-@dataclass(frozen=True)
-class Damage:
-    """Damaged rows and cells of one table.
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells of one table, some of which may be damaged.
 
     Attributes:
         source: The file.
-        place: What its rows are counted in: "line" of a text, "row" of a binary table; 1-based.
+        columns: Native name -> numbers, NaN or infinite where there is none.
+        place: What its rows are counted in: "line" of a text, "row" of a binary table.
         names: Names of the columns, for messages.
-        natives: Their native names.
-        rows: Number of rows read.
-        garbage_rows: Dropped: most cells unreadable, or a wrong number of them.
-        empty_rows: Dropped: most cells NaN or empty.
-        truncated_row: Dropped: the last row, cut short.
-        text_cells: (row, index of the column) of text in an otherwise good row; NaN there.
-        missing_cells: The same for NaN, infinite or empty cells.
-        sample: The first text cell as it stands in the file.
+        numbers: Number of each row in the file; 1, 2, … if None.
+        text: Mask of cells that hold text; None where there are none.
+        misshapen: Numbers of further rows, which have a wrong number of cells.
+        truncated: Number of the file's last row if it is cut short: it is dropped whatever it holds.
+        raw: A cell as it stands in the file, by its row and column.
     """
 
     source: Path
-    place: str
-    names: tuple[str, ...]
-    natives: tuple[str, ...]
-    rows: int
-    garbage_rows: Int[Array, " g"] = field(default_factory=_none)
-    empty_rows: Int[Array, " e"] = field(default_factory=_none)
-    truncated_row: int | None = None
-    text_cells: Int[Array, "c 2"] | None = None
-    missing_cells: Int[Array, "d 2"] | None = None
-    sample: str = ""
+    columns: Mapping[str, Float[Array, " R"]]
+    place: str = "row"
+    names: Sequence[str] = ()
+    numbers: Int[Array, " R"] | None = None
+    text: Bool[Array, "R k"] | None = None
+    misshapen: Sequence[int] = ()
+    truncated: int | None = None
+    raw: Callable[[int, int], str] = lambda row, column: ""
+
+    def screen(self) -> Table:
+        """Drops rows that are surely no samples; single bad cells of other rows become NaN, with a fatal issue.
+
+        A row is no sample if it has a wrong number of cells, is the last and cut short, or if most of its cells are
+        text or empty. Temperature is often logged more slowly than the rest: its empty cells count for nothing.
+
+        Raises:
+            RecordingError: No row is left.
+        """
+        finite = np.column_stack([np.isfinite(values) for values in self.columns.values()])
+        numbers = np.arange(1, len(finite) + 1) if self.numbers is None else self.numbers
+        watched = np.array([not name.endswith("/temperature") for name in self.columns])
+        text = np.zeros(finite.shape, dtype=bool) if self.text is None else self.text
+        missing = ~text & ~finite & watched
+        bad = text | missing
+        cut = numbers == (-1 if self.truncated is None else self.truncated)
+        lost = cut | (bad[:, watched].mean(axis=1) >= MOST_CELLS if watched.any() else False)
+        if lost.all():
+            raise RecordingError(self.source, "no row can be read", "give a table with numbers")
+        unreadable = np.sort([*self.misshapen, *numbers[lost & ~cut & text.any(axis=1)]]).astype(int)
+        empty = numbers[lost & ~cut & ~text.any(axis=1)]
+        issues = [
+            self._dropped("garbage_cells", unreadable, "unreadable", len(finite)),
+            self._dropped("nan_cells", empty, "empty or NaN", len(finite)),
+            None if self.truncated is None else cut_short(self.source, self.place, self.truncated),
+            self._bad("garbage_cells", np.argwhere(text & ~lost[:, None]), numbers),
+            self._bad("nan_cells", np.argwhere(missing & ~lost[:, None]), numbers),
+        ]
+        # Infinite cells become NaN: one mark for "no number here".
+        kept = {
+            name: np.where(good, values, np.nan)[~lost]
+            for (name, values), good in zip(self.columns.items(), finite.T, strict=True)
+        }
+        return Table(kept, tuple(issue for issue in issues if issue is not None))
+
+    def _dropped(self, issue: str, rows: Int[Array, " g"], kind: str, read: int) -> TelemetryIssue | None:
+        if len(rows) == 0:
+            return None
+        share = len(rows) / (read + len(self.misshapen))
+        severity: Severity = "note" if share <= FEW_ROWS or len(rows) <= 3 else "warning"
+        if share > MANY_ROWS:
+            severity = "fatal"
+        count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
+        shown = ", ".join(map(str, rows[:5])) + (", …" if len(rows) > 5 else "")
+        evidence = f"{self.source.name}, {self.place} {shown}: {count} {kind} ({share:.2%}), dropped"
+        return TelemetryIssue(issue, (), severity, evidence, "none needed; look at what writes into the log")
+
+    def _bad(self, issue: str, cells: Int[Array, "c 2"], numbers: Int[Array, " R"]) -> TelemetryIssue | None:
+        if len(cells) == 0:
+            return None
+        (row, column), natives = cells[0], list(self.columns)
+        joints = dict.fromkeys(joint_of(natives[index]) for index in sorted(set(cells[:, 1])))
+        seen = "NaN or no number" if issue == "nan_cells" else repr(self.raw(row, column))
+        count = "" if len(cells) == 1 else f", and {len(cells) - 1} more such cells"
+        name = (self.names or natives)[column]
+        evidence = f"{self.source.name}, {self.place} {numbers[row]}, column {name}: {seen}{count}"
+        return TelemetryIssue(issue, tuple(joint for joint in joints if joint), "fatal", evidence, MEND)
 
 
-def describe_damage(damage: Damage) -> tuple[TelemetryIssue, ...]:
-    """The issues of a table's damage; empty where there is none."""
-    cut = f"{damage.source.name}, {damage.place} {damage.truncated_row}: the last row is cut short, dropped"
-    truncated = TelemetryIssue("truncated_row", (), "note", cut, "none needed; let the logger end cleanly")
-    issues = [
-        _dropped("garbage_cells", damage, damage.garbage_rows, "unreadable"),
-        _dropped("nan_cells", damage, damage.empty_rows, "empty or NaN"),
-        None if damage.truncated_row is None else truncated,
-        _bad_cells("garbage_cells", damage, damage.text_cells),
-        _bad_cells("nan_cells", damage, damage.missing_cells),
-    ]
-    return tuple(issue for issue in issues if issue is not None)
-
-
-def _dropped(issue: str, damage: Damage, rows: Int[Array, " g"], kind: str) -> TelemetryIssue | None:
-    if len(rows) == 0:
-        return None
-    share = len(rows) / damage.rows
-    severity: Severity = "note" if share <= FEW_ROWS or len(rows) <= 3 else "warning"
-    if share > MANY_ROWS:
-        severity = "fatal"
-    count = f"{len(rows)} rows" if len(rows) > 1 else "1 row"
-    evidence = f"{damage.source.name}, {damage.place} {listed(rows)}: {count} {kind} ({share:.2%}), dropped"
-    return TelemetryIssue(issue, (), severity, evidence, "none needed; look at what writes into the log")
-
-
-def _bad_cells(issue: str, damage: Damage, cells: Int[Array, "c 2"] | None) -> TelemetryIssue | None:
-    if cells is None or len(cells) == 0:
-        return None
-    row, column = (int(value) for value in cells[0])
-    columns = sorted({int(index) for index in cells[:, 1]})
-    joints = dict.fromkeys(joint_of(damage.natives[index]) for index in columns)
-    seen = "NaN or no number" if issue == "nan_cells" else repr(damage.sample)
-    count = "" if len(cells) == 1 else f", and {len(cells) - 1} more such cells"
-    evidence = f"{damage.source.name}, {damage.place} {row}, column {damage.names[column]}: {seen}{count}"
-    return TelemetryIssue(issue, tuple(joint for joint in joints if joint), "fatal", evidence, MEND)
-
-
-def listed(numbers: Int[Array, " n"], limit: int = 5) -> str:
-    """`3, 4, 9, …` of row numbers."""
-    shown = ", ".join(str(int(number)) for number in numbers[:limit])
-    return shown + (", …" if len(numbers) > limit else "")
+def cut_short(source: Path, place: str, row: int) -> TelemetryIssue:
+    """That the last row of a table was dropped, for it is no whole one."""
+    evidence = f"{source.name}, {place} {row}: the last row is cut short, dropped"
+    return TelemetryIssue("truncated_row", (), "note", evidence, "none needed; let the logger end cleanly")
 
 
 def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Table:
@@ -107,59 +120,58 @@ def screen_cells(columns: Mapping[str, Float[Array, " T"]], source: Path) -> Tab
         source: The file, for messages.
     """
     columns, unused = drop_empty(columns, source)
-    # Temperature is often logged more slowly than the rest: its empty cells are filled later, not refused.
-    watched = [name for name in columns if not name.endswith("/temperature")]
-    if not watched or all(np.isfinite(columns[name]).all() for name in watched):
+    if all(np.isfinite(values).all() for name, values in columns.items() if not name.endswith("/temperature")):
         return Table(columns, unused)
-    missing = np.column_stack([~np.isfinite(columns[name]) for name in watched])
-    lost = missing.mean(axis=1) >= MOST_CELLS
-    cells = np.argwhere(missing & ~lost[:, None])
-    cells[:, 0] += 1
-    damage = Damage(
-        source=source,
-        place="row",
-        names=tuple(watched),
-        natives=tuple(watched),
-        rows=len(missing),
-        empty_rows=np.flatnonzero(lost) + 1,
-        missing_cells=cells,
-    )
-    kept = {name: without_infinity(values[~lost]) for name, values in columns.items()}
-    return Table(kept, (*unused, *describe_damage(damage)))
+    table = Cells(source, columns).screen()
+    return Table(table.columns, (*unused, *table.issues))
+
+
+def named_columns(
+    names: Sequence[str],
+    load: Callable[[Sequence[int]], Sequence[Float[Array, " T"]]],
+    source: Path,
+    numbers: Callable[[], Mapping[str, Float[Array, " T"]]] = dict,
+    issues: tuple[TelemetryIssue, ...] = (),
+) -> NamedColumns:
+    """The columns of a table that holds numbers only.
+
+    Args:
+        names: The file's own names.
+        load: Gives some columns by their indices.
+        source: The file, for messages.
+        numbers: All columns of numbers by their own names.
+        issues: What was found when it was opened.
+    """
+
+    def read(chosen: Mapping[int, str]) -> Table:
+        columns = dict(zip(chosen.values(), load(list(chosen)), strict=True))
+        lengths = {native: len(values) for native, values in columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise RecordingError(source, *unequal(lengths))
+        if columns and not any(lengths.values()):
+            raise RecordingError(source, "has no samples", "give a table with samples")
+        table = screen_cells(columns, source)
+        return Table(table.columns, (*issues, *table.issues))
+
+    return NamedColumns(tuple(names), read, numbers)
 
 
 def held_columns(
     columns: Mapping[str, Float[Array, " T"]], source: Path, issues: tuple[TelemetryIssue, ...] = ()
 ) -> NamedColumns:
-    """Columns of numbers that are in memory already.
-
-    Args:
-        columns: The file's own names -> values.
-        source: The file, for messages.
-        issues: What was found when they were read.
-    """
-    names = tuple(columns)
-
-    def read(chosen: Mapping[int, str]) -> Table:
-        table = screen_cells({native: columns[names[i]] for i, native in chosen.items()}, source)
-        return Table(table.columns, (*issues, *table.issues))
-
-    return NamedColumns(names, read, lambda: columns)
+    """Columns of numbers that are in memory already, by the file's own names."""
+    names = list(columns)
+    return named_columns(names, lambda chosen: [columns[names[i]] for i in chosen], source, lambda: columns, issues)
 
 
 def drop_empty(
     columns: Mapping[str, Float[Array, " T"]], source: Path
 ) -> tuple[dict[str, Float[Array, " T"]], tuple[TelemetryIssue, ...]]:
     """Leaves out columns that nobody needs and that hold no number: drivers log interfaces that the arm lacks."""
-    needless = [name for name in columns if name.rpartition("/")[2] in OPTIONAL and np.isnan(columns[name]).all()]
-    if not needless:
+    empty = [name for name in columns if name.rpartition("/")[2] in OPTIONAL and np.isnan(columns[name]).all()]
+    if not empty:
         return dict(columns), ()
-    joints = tuple(dict.fromkeys(joint_of(name) for name in needless))
-    evidence = f"{source.name}: no number in {', '.join(needless[:3])}{', …' if len(needless) > 3 else ''}; not used"
+    joints = tuple(dict.fromkeys(joint_of(name) for name in empty))
+    evidence = f"{source.name}: no number in {', '.join(empty[:3])}{', …' if len(empty) > 3 else ''}; not used"
     note = TelemetryIssue("missing_channel", joints, "note", evidence, "none needed")
-    return {name: values for name, values in columns.items() if name not in needless}, (note,)
-
-
-def without_infinity(values: Float[Array, " T"]) -> Float[Array, " T"]:
-    """Infinite cells become NaN: one mark for "no number here"."""
-    return np.where(np.isfinite(values), values, np.nan)
+    return {name: values for name, values in columns.items() if name not in empty}, (note,)

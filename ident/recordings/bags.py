@@ -50,17 +50,16 @@ def open_bag(path: Path, settings: SessionFile | None, topic: str) -> NamedColum
         if not topics:
             remedy = "record it with a ROS that writes definitions"
             raise RecordingError(path, "no message in it can be read", remedy)
-        most = max(len(one.rows) for one in topics.values())
-        kept = {name: one for name, one in topics.items() if len(one.rows) > max(1, LEAST_TALK * most)}
-        return held_columns(join_topics(kept, set(kept)), path)
+        least = max(1, LEAST_TALK * max(len(one[TIME]) for one in topics.values()))
+        kept = [one for one in topics.values() if len(one[TIME]) > least]
+        return held_columns(merge(kept, [True] * len(kept), path)[0], path)
     fields = {name: native for name, native in settings.columns.items() if name.startswith("/") and SEPARATOR in name}
     if not fields:
         return _open_joint_states(path, topic)
-    wanted = {name.partition(SEPARATOR)[0] for name in settings.columns}
+    topics = load_topics(path, {name.partition(SEPARATOR)[0] for name in settings.columns})
     torque = {name.partition(SEPARATOR)[0] for name, own in fields.items() if own.endswith(("/effort", "/current"))}
-    columns = join_topics(load_topics(path, wanted), torque or wanted)
-    held = held_columns(columns, path)
-    clock = held.names.index(TIME) if columns else -1
+    held = held_columns(merge([*topics.values()], [not torque or name in torque for name in topics], path)[0], path)
+    clock = held.names.index(TIME) if TIME in held.names else -1
 
     def read(chosen: Mapping[int, str]) -> Table:
         """The time of the torque's topic is the run's where no other is named."""
@@ -92,14 +91,15 @@ def _read_messages(
 
 @dataclass
 class Stream:
-    """The messages that name the same joints: one publisher's."""
+    """One publisher's messages: their stamps [ns], and each as a row of a table."""
 
     stamps: list[int] = field(default_factory=list)
     receipts: list[int] = field(default_factory=list)
     rows: list[Any] = field(default_factory=list)
+    names: tuple[str, ...] = ()
 
     def take(self, message: Record, receipt: int, row: Any) -> None:
-        """One more message, with the row that it is in a table."""
+        """One more message, with the row that it is."""
         header = message.get("header")
         stamp = header.get("stamp", {}) if isinstance(header, dict) else {}
         self.stamps.append(int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nanosec", 0)))
@@ -139,14 +139,16 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     streams.pop((), None)
     if not streams:
         raise RecordingError(path, f"no message on {topic}", "give a bag in which the joint states were recorded")
-    columns, issues = _merge(
-        _join_same_joints({key: _to_columns(key, one, path) for key, one in streams.items()}), path
-    )
+    publishers = _publishers({key: _joint_columns(key, one, path) for key, one in streams.items()})
+    columns, others = merge(publishers, [any(name.endswith("/effort") for name in one) for one in publishers], path)
+    issues = []
+    for apart in (tuple(dict.fromkeys(map(joint_of, names))) for names in others):
+        evidence = f"{path.name}: {', '.join(apart)} come in messages of their own, interpolated"
+        issues.append(TelemetryIssue("jitter", apart, "note", evidence, "none needed"))
     joints = [joint_of(name) for name in columns if name.endswith("/position")]
     silent = [j for j in joints if f"{j}/effort" not in columns or np.isnan(columns[f"{j}/effort"]).all()]
     if len(silent) == len(joints):
-        missing = "position" if not joints else "effort"
-        what = f"the messages on {topic} have no {missing}"
+        what = f"the messages on {topic} have no {'effort' if joints else 'position'}"
         raise RecordingError(path, what, "let the driver publish position and effort")
     if silent:  # fingers, say
         columns = {name: values for name, values in columns.items() if joint_of(name) not in silent}
@@ -155,7 +157,7 @@ def _open_joint_states(path: Path, topic: str) -> NamedColumns:
     return held_columns(columns, path, tuple(issues))
 
 
-def _to_columns(joints: Sequence[str], stream: Stream, path: Path) -> Columns:
+def _joint_columns(joints: Sequence[str], stream: Stream, path: Path) -> Columns:
     """One publisher's messages as columns, its time among them [s]; fields that it leaves empty are left out."""
     if len(set(joints)) < len(joints):
         twice = next(joint for joint in joints if list(joints).count(joint) > 1)
@@ -168,27 +170,8 @@ def _to_columns(joints: Sequence[str], stream: Stream, path: Path) -> Columns:
     return columns
 
 
-def _merge(streams: list[Columns], path: Path) -> tuple[Columns, list[TelemetryIssue]]:
-    """Brings all publishers to the time of the one with torque that speaks most often."""
-    torques = [any(name.endswith("/effort") for name in columns) for columns in streams]
-    ranked = sorted(range(len(streams)), key=lambda k: (torques[k], len(streams[k][TIME])), reverse=True)
-    first, *others = (streams[k] for k in ranked)
-    issues, clock, inside = [], first[TIME], np.ones(len(first[TIME]), dtype=bool)
-    for other in others:
-        names = [name for name in other if name != TIME and name not in first]
-        first.update({name: _interpolate(clock, other[TIME], other[name]) for name in names})
-        if not np.array_equal(clock, other[TIME]):
-            joints = tuple(dict.fromkeys(map(joint_of, names)))
-            evidence = f"{path.name}: {', '.join(joints)} come in messages of their own, interpolated"
-            issues.append(TelemetryIssue("jitter", joints, "note", evidence, "none needed"))
-        inside &= (clock >= other[TIME].min()) & (clock <= other[TIME].max())
-    if not inside.any():
-        raise RecordingError(path, "its publishers never speak at the same time", "record all joints together")
-    return {name: values[inside] for name, values in first.items()}, issues
-
-
-def _join_same_joints(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns]:
-    """Messages that name the same joints in another order are one stream."""
+def _publishers(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns]:
+    """Messages that name the same joints in another order are one publisher's."""
     groups: dict[frozenset[str], list[Columns]] = defaultdict(list)
     for joints, columns in tables.items():
         groups[frozenset(joints)].append(columns)
@@ -202,27 +185,15 @@ def _join_same_joints(tables: Mapping[tuple[str, ...], Columns]) -> list[Columns
     return joined
 
 
-def _interpolate(clock: Float[Array, " T"], time: Float[Array, " S"], values: Float[Array, " S"]) -> Float[Array, " T"]:
-    if np.array_equal(clock, time):
-        return values
-    order = np.argsort(time, kind="stable")
-    return np.interp(clock, time[order], values[order])
+def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Columns]:
+    """Time and numbers of some topics, or of all whose messages can be read.
 
-
-@dataclass
-class Topic(Stream):
-    """The numbers of one topic: a row a message; only messages with the first one's fields count."""
-
-    names: tuple[str, ...] = ()
-
-
-def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Topic]:
-    """The numbers of some topics, or of all whose messages can be read.
+    Only messages with the fields of a topic's first one count.
 
     Raises:
         RecordingError: Not a bag, or a damaged one.
     """
-    found: dict[str, Topic] = defaultdict(Topic)
+    found: dict[str, Stream] = defaultdict(Stream)
 
     def choose(bag: Bag) -> list[Any]:
         return [one for one in bag.connections if wanted is None or one.topic in wanted]
@@ -235,7 +206,11 @@ def load_topics(path: Path, wanted: set[str] | None = None) -> dict[str, Topic]:
             topic.take(message, receipt, [value for _, value in fields])
 
     _read_messages(path, choose, take)
-    return {name: topic for name, topic in found.items() if topic.names}
+    return {
+        name: {TIME: one.time, **dict(zip((f"{name}{SEPARATOR}{own}" for own in one.names), table, strict=True))}
+        for name, one in found.items()
+        if one.names and len(table := np.array(one.rows).T)
+    }
 
 
 def _numbers(message: Record, prefix: str, labels: Sequence[str]) -> Iterator[tuple[str, float]]:
@@ -261,22 +236,35 @@ def _flat(value: Any, name: str, labels: Sequence[str]) -> Iterator[tuple[str, f
             yield from _flat(one, f"{name}.{label}", ())
 
 
-def join_topics(topics: dict[str, Topic], leading: set[str]) -> Columns:
-    """All topics on one clock, that of the most talkative of the leading ones; the others are interpolated.
+def merge(streams: Sequence[Columns], leading: Sequence[bool], path: Path) -> tuple[Columns, list[list[str]]]:
+    """All streams on one clock, that of the most talkative of the leading ones; the others are interpolated.
 
     Args:
-        topics: Their numbers.
-        leading: Topics whose clock may be taken: those of the torque.
+        streams: Time and columns of each.
+        leading: Whose clock may be taken: those of the torque.
+        path: The bag, for messages.
+
+    Returns:
+        The columns while all of them speak, and the names of those that each other stream gave by interpolation.
+
+    Raises:
+        RecordingError: There is no such time.
     """
-    ranked = sorted(topics, key=lambda name: (name in leading, len(topics[name].rows)), reverse=True)
+    ranked = sorted(range(len(streams)), key=lambda k: (leading[k], len(streams[k][TIME])), reverse=True)
     if not ranked:
-        return {}
-    clock = topics[ranked[0]].time
+        return {}, []
+    found, others = dict(streams[ranked[0]]), []
+    clock = found[TIME]
     inside = np.ones(len(clock), dtype=bool)
-    columns: Columns = {TIME: clock}
-    for name in ranked:
-        time, table = topics[name].time, np.array(topics[name].rows)
-        inside &= np.array_equal(time, clock) | ((clock >= time.min()) & (clock <= time.max()))
-        for place, column in enumerate(topics[name].names):
-            columns[f"{name}{SEPARATOR}{column}"] = _interpolate(clock, time, table[:, place])
-    return {name: values[inside] for name, values in columns.items()}
+    for stream in (streams[k] for k in ranked[1:]):
+        names, time = [name for name in stream if name not in found], stream[TIME]
+        if np.array_equal(clock, time):
+            found.update({name: stream[name] for name in names})
+            continue
+        order = np.argsort(time, kind="stable")
+        found.update({name: np.interp(clock, time[order], stream[name][order]) for name in names})
+        inside &= (clock >= time.min()) & (clock <= time.max())
+        others.append(names)
+    if not inside.any():
+        raise RecordingError(path, "its publishers never speak at the same time", "record all joints together")
+    return {name: values[inside] for name, values in found.items()}, others

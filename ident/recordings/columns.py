@@ -121,6 +121,13 @@ def listed(names: Sequence[str], limit: int = 12) -> str:
     return shown if len(names) <= limit else f"{shown}, … ({len(names)} in all)"
 
 
+def unequal(lengths: Mapping[str, int]) -> tuple[str, str]:
+    """What is wrong with columns of different lengths, and the remedy."""
+    first, *rest = lengths
+    other = next(name for name in rest if lengths[name] != lengths[first])
+    return f"{first} has {lengths[first]} samples and {other} {lengths[other]}", "make them equally long"
+
+
 def take_run(name: str, columns: NamedColumns, session_file: SessionFile, source: Path) -> Recording:
     """Makes a recording of a file's columns: time, joints in the order of their position columns, torque.
 

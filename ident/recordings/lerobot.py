@@ -11,7 +11,7 @@ with `dtype`, `shape` and `names`; columns `timestamp`, `episode_index`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,8 +21,8 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.recordings.bad_cells import held_columns
-from ident.recordings.columns import TIME, native_names, take_run
+from ident.recordings.bad_cells import named_columns
+from ident.recordings.columns import TIME, take_run
 from ident.recordings.parquet import column_numbers, load_columns
 from ident.recordings.recording import Recording, TelemetryIssue
 from ident.recordings.session_toml import SessionFile
@@ -145,12 +145,13 @@ def _usual_names(columns: Mapping[str, Any], session_file: SessionFile) -> Sessi
 
 
 def _episodes(file: Path, columns: Mapping[str, Any], settings: SessionFile) -> Iterator[Recording]:
-    names = tuple(columns)
-    chosen = native_names(names, settings, file)
-    table = {index: column_numbers(columns[names[index]], names[index], file) for index in chosen}
+    names = list(columns)
     rows = len(next(iter(columns.values()))) if columns else 0
     episode = column_numbers(columns[EPISODE], EPISODE, file) if EPISODE in columns else np.zeros(rows)
     for start, end in pairwise([0, *(np.flatnonzero(np.diff(episode)) + 1), rows]):
-        part = {name: table[i][start:end] if i in table else np.empty(0) for i, name in enumerate(names)}
+
+        def load(chosen: Sequence[int], start: int = int(start), end: int = int(end)) -> list[Float[Array, " T"]]:
+            return [column_numbers(columns[names[i]].slice(start, end - start), names[i], file) for i in chosen]
+
         number = int(np.nan_to_num(episode[start])) if rows else 0
-        yield take_run(f"episode_{number:06d}", held_columns(part, file), settings, file)
+        yield take_run(f"episode_{number:06d}", named_columns(names, load, file), settings, file)

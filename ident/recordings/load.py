@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow as pa
 
 from ident.errors import RecordingError, first_line
-from ident.recordings.archives import open_arrays, unequal
-from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import NamedColumns, Table, take_run
+from ident.recordings.archives import open_arrays
+from ident.recordings.bad_cells import named_columns
+from ident.recordings.columns import NamedColumns, take_run, unequal
 from ident.recordings.lerobot import is_dataset, read_dataset
 from ident.recordings.parquet import column_numbers, open_table
 from ident.recordings.recording import Recording, Session, TelemetryIssue
@@ -83,12 +83,12 @@ def load_parts(
         raise RecordingError(path, "no such file or folder", remedy)
     if not path.is_dir():
         require_regular(path, remedy, RecordingError)
-    settings = replace(_settings_of(path, session_file), with_effort=with_effort)
+    settings = replace(settings_of(path, session_file), with_effort=with_effort)
     notes: list[TelemetryIssue] = []
     if is_dataset(path):
         found = read_dataset(path, settings)
     else:
-        files, notes = _find_runs(path, settings)
+        files, notes = find_runs(path, settings)
         found = (load_recording(file, settings, topic) for file in files)
     before: list[Recording] = []
     for batch in _batches(found, most):
@@ -111,29 +111,14 @@ def load_parts(
         del batch, runs  # a part is let go before the next is read
 
 
-def robot_named_in(path: str | Path, session_file: str | Path | None = None) -> str | None:
-    """The robot that a session's settings name, if any; no recording is read.
+def settings_of(path: Path, session_file: str | Path | None = None) -> SessionFile:
+    """The settings of a session; no recording is read.
 
     Raises:
         RecordingError: The session.toml can't be used.
     """
-    return _settings_of(Path(path), session_file).robot
-
-
-def _settings_of(path: Path, session_file: str | Path | None) -> SessionFile:
     settings_path = Path(session_file) if session_file else find_session_file(path)
     return load_session_file(settings_path) if settings_path else SessionFile()
-
-
-def join_runs(runs: Sequence[Recording], name: str) -> Session:
-    """Runs that are in memory already as one session.
-
-    Raises:
-        RecordingError: A run has other joints than the first.
-    """
-    same = _same_joints(runs)
-    common, notes = _common_clock(same)
-    return Session(name=name, runs=tuple(same), common_clock=common, notes=tuple(notes))
 
 
 def _batches(runs: Iterable[Recording], most: int) -> Iterator[list[Recording]]:
@@ -205,31 +190,31 @@ def require_readable_size(path: Path) -> None:
         raise RecordingError(path, what, "part it into several runs")
 
 
-def _is_bag_folder(path: Path) -> bool:
-    return path.is_dir() and (path / METADATA).is_file()
+def is_run(entry: Path, suffixes: Sequence[str] = SUFFIXES) -> bool:
+    """Whether something in a folder is a run: a bag's folder, or a file of a kind that holds recordings."""
+    known = (entry / METADATA).is_file() if entry.is_dir() else entry.suffix.lower() in suffixes
+    return known and not entry.name.startswith(".")
 
 
-def _find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[TelemetryIssue]]:
-    """The runs of a session in file-name order; of one run in several formats, one is taken."""
-    if path.is_file() or _is_bag_folder(path):
+def find_runs(path: Path, settings: SessionFile) -> tuple[list[Path], list[TelemetryIssue]]:
+    """The runs of a session in file-name order; of one run in several formats, one is taken.
+
+    Raises:
+        RecordingError: There are none.
+    """
+    if path.is_file() or (path / METADATA).is_file():
         return [path], []
     # Without [columns], a text that is not a CSV is more likely a remark than a recording.
     suffixes = SUFFIXES if settings.columns else SUFFIXES[: SUFFIXES.index(".csv") + 1]
     by_stem: dict[str, list[Path]] = {}
-    for entry in sorted(path.iterdir()):
-        if not entry.name.startswith(".") and (
-            _is_bag_folder(entry) or (not entry.is_dir() and entry.suffix.lower() in suffixes)
-        ):
-            by_stem.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
+    for entry in sorted(one for one in path.iterdir() if is_run(one, suffixes)):
+        by_stem.setdefault(entry.name if entry.is_dir() else entry.stem, []).append(entry)
     if not by_stem:
         raise RecordingError(path, "holds no runs", f"put recordings there: {', '.join(suffixes)} or bag folders")
-
-    def preference(entry: Path) -> int:
-        return SUFFIXES.index(".mcap" if entry.is_dir() else entry.suffix.lower())
-
     files, notes = [], []
     for stem in sorted(by_stem):
-        first, *others = sorted(by_stem[stem], key=preference)
+        kinds = {one: SUFFIXES.index(".mcap" if one.is_dir() else one.suffix.lower()) for one in by_stem[stem]}
+        first, *others = sorted(kinds, key=lambda one: kinds[one])
         files.append(first)
         if others:
             evidence = f"{path.name}: {first.name} is read, not {', '.join(other.name for other in others)}"
@@ -257,8 +242,6 @@ def _same_joints(runs: Sequence[Recording]) -> list[Recording]:
 
 def _common_clock(runs: Sequence[Recording]) -> tuple[bool, list[TelemetryIssue]]:
     """Whether time goes on from run to run; a table without time has no clock to share."""
-    if len(runs) == 1:
-        return True, []
     for before, after in itertools.pairwise(runs):
         if not before.time.max(initial=-float("inf")) < after.time.min(initial=float("inf")):
             evidence = (
@@ -275,11 +258,6 @@ PathOrSession = str | Path | Session
 HINT = "give a folder or file of runs, a Session, or a table with the columns time, <joint>/position, <joint>/effort"
 
 
-def is_frame(source: object) -> bool:
-    """Whether something is a table in memory: whatever speaks Arrow, an older pandas frame, a mapping of arrays."""
-    return isinstance(source, Mapping) or hasattr(source, "__arrow_c_stream__") or _is_pandas(source)
-
-
 def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = None) -> Recording:
     """One run from a table in memory, as from a file of the same columns.
 
@@ -293,14 +271,11 @@ def read_frame(frame: Any, name: str = "frame", settings: SessionFile | None = N
     """
     table, path, settings = _as_table(frame, name), Path(name), settings or SessionFile()
     names = tuple(table.column_names)
-    if not table.num_rows:
-        raise RecordingError(name, "has no rows", "give a table with samples")
 
-    def read(chosen: Mapping[int, str]) -> Table:
-        columns = {native: column_numbers(table.column(index), names[index], name) for index, native in chosen.items()}
-        return screen_cells(columns, path)
+    def load(chosen: Sequence[int]) -> list[Any]:
+        return [column_numbers(table.column(index), names[index], name) for index in chosen]
 
-    return take_run(name, NamedColumns(names, read, dict), settings, path).replace(source=None)
+    return take_run(name, named_columns(names, load, path), settings, path).replace(source=None)
 
 
 def gather_sources(source: Source | Sequence[Source], settings: SessionFile | None = None) -> list[PathOrSession]:
@@ -311,33 +286,36 @@ def gather_sources(source: Source | Sequence[Source], settings: SessionFile | No
     Raises:
         RecordingError: Something that holds no recording; nothing at all.
     """
-    listed = list(source) if isinstance(source, list | tuple) else [source]
     found: list[PathOrSession] = []
     runs: list[Recording] = []
-    for one in listed:
+
+    def close() -> None:
+        """The runs so far become a session."""
+        if runs:
+            same = _same_joints(runs)
+            common, notes = _common_clock(same)
+            name = f"tables_{len(found) + 1}"
+            found.append(Session(name=name, runs=tuple(same), common_clock=common, notes=tuple(notes)))
+            runs.clear()
+
+    for one in source if isinstance(source, list | tuple) else [source]:
         if isinstance(one, Recording):
             runs.append(one)
-        elif is_frame(one):
+        elif isinstance(one, Mapping) or hasattr(one, "__arrow_c_stream__") or _is_pandas(one):
             runs.append(read_frame(one, f"table_{len(runs) + 1:02}", settings))
-        else:
-            _close(runs, found)
-            if not isinstance(one, str | Path | Session):
-                raise RecordingError("source", f"a {type(one).__name__} holds no recording", HINT)
+        elif isinstance(one, str | Path | Session):
+            close()
             found.append(one)
-    _close(runs, found)
+        else:
+            raise RecordingError("source", f"a {type(one).__name__} holds no recording", HINT)
+    close()
     if not found:
         raise RecordingError("source", "holds no recording", HINT)
     return found
 
 
-def _close(runs: list[Recording], found: list[PathOrSession]) -> None:
-    """The runs so far become a session."""
-    if runs:
-        found.append(join_runs(runs, f"tables_{len(found) + 1}"))
-        runs.clear()
-
-
 def _is_pandas(source: object) -> bool:
+    """A frame of pandas, old ones that don't speak Arrow among them."""
     return type(source).__module__.split(".")[0] == "pandas" and hasattr(source, "columns")
 
 

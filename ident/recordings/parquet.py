@@ -15,8 +15,8 @@ import pyarrow as pa
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError, first_line
-from ident.recordings.bad_cells import screen_cells
-from ident.recordings.columns import NamedColumns, Table
+from ident.recordings.bad_cells import named_columns
+from ident.recordings.columns import NamedColumns
 from ident.recordings.parquet_footer import count_values
 from ident.safe_read import require_regular, require_unpacked
 
@@ -49,22 +49,14 @@ def open_table(path: Path) -> NamedColumns:
         raise _not_whole(path, error) from None
     names = tuple(own for _, own in homes)
 
-    def read(chosen: Mapping[int, str]) -> Table:
-        try:
-            with open_parquet(path) as file:
-                table = file.read(columns=list(dict.fromkeys(homes[index][0] for index in chosen)))
-            cells = _spread_all(table, {})
-        except FAILURES as error:
-            raise _not_whole(path, error) from None
-        if chosen and table.num_rows == 0:
-            raise RecordingError(path, "has no rows", "give a table with samples")
-        columns = {native: column_numbers(cells[names[i]], names[i], path) for i, native in chosen.items()}
-        return screen_cells(columns, path)
+    def load(chosen: Sequence[int]) -> list[Float[Array, " T"]]:
+        cells = _cells(path, {}, list(dict.fromkeys(homes[index][0] for index in chosen)))
+        return [column_numbers(cells[names[index]], names[index], path) for index in chosen]
 
     def numbers() -> dict[str, Float[Array, " T"]]:
         return {name: column_numbers(values, name, path) for name, values in load_columns(path).items()}
 
-    return NamedColumns(names, read, numbers)
+    return named_columns(names, load, path, numbers)
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
@@ -88,20 +80,22 @@ def load_columns(path: Path, labels: Mapping[str, Sequence[str]] | None = None) 
     Raises:
         RecordingError: Not a Parquet file, or lists of different lengths.
     """
-    try:
-        with open_parquet(path) as file:
-            found = _spread_all(file.read(), labels or {})
-    except FAILURES as error:
-        raise _not_whole(path, error) from None
+    found = _cells(path, labels or {})
     return {name: one for name, one in found.items() if pa.types.is_floating(one.type) or pa.types.is_integer(one.type)}
 
 
-def _spread_all(table: pa.Table, labels: Mapping[str, Sequence[str]]) -> dict[str, Column]:
-    found: dict[str, Column] = {}
-    for name in table.column_names:
-        if table.column_names.count(name) > 1:
-            raise ValueError(f"the column {name!r} stands twice")
-        found.update(spread_list(name, table.column(name), labels.get(name, ())))
+def _cells(path: Path, labels: Mapping[str, Sequence[str]], names: list[str] | None = None) -> dict[str, Column]:
+    """Some columns of a file, or all; lists spread out."""
+    try:
+        with open_parquet(path) as file:
+            table = file.read(columns=names)
+        found: dict[str, Column] = {}
+        for name in table.column_names:
+            if table.column_names.count(name) > 1:
+                raise ValueError(f"the column {name!r} stands twice")
+            found.update(spread_list(name, table.column(name), labels.get(name, ())))
+    except FAILURES as error:
+        raise _not_whole(path, error) from None
     return found
 
 

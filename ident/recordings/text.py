@@ -14,7 +14,7 @@ import pyarrow.csv as pacsv
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
-from ident.recordings.bad_cells import Damage, describe_damage, drop_empty
+from ident.recordings.bad_cells import cut_short, drop_empty
 from ident.recordings.columns import TIME, NamedColumns, Table
 from ident.recordings.parquet import column_numbers
 from ident.recordings.recording import TelemetryIssue
@@ -187,9 +187,8 @@ def _read(path: Path, layout: TextLayout, chosen: Mapping[int, str]) -> Table:
     if not rows:
         raise RecordingError(path, "has a header and no rows", "give a table with samples")
     if ends_within_cell(path, layout):
-        damage = Damage(path, "row", (), (), rows, truncated_row=rows)
         columns = {name: values[:-1] for name, values in columns.items()}
-        unused = (*unused, *describe_damage(damage))
+        unused = (*unused, cut_short(path, "row", rows))
     return Table(columns, unused)
 
 
