@@ -40,7 +40,7 @@ def test_a_lerobot_data_set_is_a_session_of_episodes(names: Any, run: Recording,
 
 
 def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Recording, tmp_path: Path) -> None:
-    """Version 2.1: lists of any length, `episode_000001.parquet`, each on a clock of its own."""
+    """Version 2.1: lists of any length, `episode_000001.parquet`; a column that stands twice is refused."""
     folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], {"observation.state": run.position, "timestamp": run.time})
     info = json.loads((folder / "meta/info.json").read_text())
     info["features"]["observation.effort"] = {"dtype": "float32", "shape": [2], "names": ["a.effort", "b.effort"]}
@@ -56,14 +56,7 @@ def test_a_lerobot_data_set_of_version_2_has_a_file_for_each_episode(run: Record
     for episode, one in enumerate(session.runs):
         np.testing.assert_allclose(one.position, run.position + episode, atol=1e-6)
         np.testing.assert_allclose(one.effort, run.effort, rtol=1e-6)
-
-
-def test_a_lerobot_column_that_stands_twice_is_refused(run: Recording, tmp_path: Path) -> None:
-    """Which of the two holds nobody knows."""
-    columns = {"observation.state": run.position, "timestamp": run.time}
-    folder = lerobot(tmp_path / "set", ["a.pos", "b.pos"], columns)
-    file = folder / "data/chunk-000/file-000.parquet"
-    table = pq.read_table(file)
+    table = pq.read_table(file := next(folder.rglob("*.parquet")))
     pq.write_table(table.append_column("timestamp", table.column("timestamp")), file)
     with pytest.raises(RecordingError, match="'timestamp' stands twice"):
         load_session(folder)
@@ -98,23 +91,16 @@ def test_lerobot_features_without_names_are_mapped_by_place(run: Recording, tmp_
     np.testing.assert_allclose(load_session(folder).runs[1].position, run.position, atol=1e-6)
 
 
-def test_lists_of_any_parquet_file_are_columns(run: Recording, tmp_path: Path) -> None:
-    """`q.0`, `q.1`, …; only the lists that are named are read."""
-    table = {"t": run.time, "q": list(run.position), "tau": list(run.effort), "note": ["x"] * len(run)}
-    pq.write_table(pa.table(table), tmp_path / "run.parquet")
-    mapped(tmp_path, {"t": "time", **places(("q", "position"), ("tau", "effort"))})
-    read = load_session(tmp_path).runs[0]
-    np.testing.assert_array_equal(read.position, run.position)
-    np.testing.assert_array_equal(read.effort, run.effort)
-
-
-@pytest.mark.parametrize("kind", ["npz", "npz of rows", "mat", "mat struct"])
+@pytest.mark.parametrize("kind", ["npz", "npz of rows", "mat", "mat struct", "parquet"])
 def test_arrays_of_two_dimensions_are_columns(kind: str, run: Recording, tmp_path: Path) -> None:
-    """Samples may stand in rows or in columns; fields of MATLAB's structs are dotted."""
+    """Samples may stand in rows or in columns; fields of MATLAB's structs are dotted; Parquet holds lists."""
     turned = run.position.T if kind == "npz of rows" else run.position
     arrays = {"t": run.time, "q": turned, "tau": run.effort, "model": np.arange(3)}
     prefix = "log." if kind == "mat struct" else ""
-    if kind.startswith("npz"):
+    if kind == "parquet":  # only the lists that are named are read
+        table = {"t": run.time, "q": list(run.position), "tau": list(run.effort), "note": ["x"] * len(run)}
+        pq.write_table(pa.table(table), tmp_path / "run.parquet")
+    elif kind.startswith("npz"):
         np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
     else:
         savemat(tmp_path / "run.mat", {"log": arrays} if prefix else arrays)

@@ -1,4 +1,4 @@
-"""Folders and files as sessions: order, settings, clocks, blocks; and recorded joints against the robot's."""
+"""Folders and files as sessions: order, settings, clocks; and recorded joints against the robot's."""
 
 from __future__ import annotations
 
@@ -10,28 +10,22 @@ import pytest
 from ident.errors import RecordingError
 from ident.recordings.joint_names import map_by_ending, match_joints
 from ident.recordings.load import load_session
-from ident.recordings.recording import Recording, Session, blocks, count_blocks
+from ident.recordings.recording import Recording, Session, count_blocks
 from ident.recordings.save import write_recording
 
 
-def test_runs_come_in_file_name_order_on_one_clock(run: Recording, tmp_path: Path) -> None:
-    for name, start in (("b", 10.0), ("a", 0.0), ("c", 20.0)):
+@pytest.mark.parametrize("pause", [10.0, 0.0])
+def test_runs_come_in_file_name_order(pause: float, run: Recording, tmp_path: Path) -> None:
+    """On one clock; clocks that restart are reported."""
+    for name, start in (("b", pause), ("a", 0.0), ("c", 2 * pause)):
         write_recording(run.replace(time=run.time + start), tmp_path / f"{name}.parquet")
     (tmp_path / "README.txt").write_text("not a recording")
     session = load_session(tmp_path)
     assert [each.name for each in session.runs] == ["a", "b", "c"]
-    assert session.common_clock
-    assert session.issues() == ()
+    assert session.common_clock == bool(pause)
+    assert [(issue.issue, issue.severity) for issue in session.issues()] == [("clock_restarts", "note")] * (not pause)
     assert session.samples == 1200
     assert session.duration == pytest.approx(3 * 3.99)
-
-
-def test_clocks_that_restart_are_told(run: Recording, tmp_path: Path) -> None:
-    for name in "ab":
-        write_recording(run, tmp_path / f"{name}.parquet")
-    session = load_session(tmp_path)
-    assert not session.common_clock
-    assert [(issue.issue, issue.severity) for issue in session.issues()] == [("clock_restarts", "note")]
 
 
 def test_of_one_run_in_two_formats_one_is_read(run: Recording, tmp_path: Path) -> None:
@@ -94,37 +88,25 @@ def test_all_ur10e_logs_are_read(real_data: Path, ur10e_toml: Path) -> None:
     np.testing.assert_allclose(run.effort[:, 0], 14.87 * table[:, 13], rtol=1e-15)
 
 
-def session_of(*durations: float) -> Session:
-    runs = []
-    for k, duration in enumerate(durations):
-        time = np.arange(0.0, duration, 0.01)
-        runs.append(Recording(f"r{k}", ("a",), time, time[:, None], time[:, None]))
-    return Session("s", tuple(runs))
-
-
-@pytest.mark.parametrize("durations", [(20.0,), (3.0, 12.0), (5.0, 5.0, 5.0, 5.0, 5.0, 5.0), (9.0, 1.0)])
-def test_blocks_are_a_partition(durations: tuple[float, ...]) -> None:
-    session = session_of(*durations)
-    cut = blocks(session)
-    assert len(cut) >= 5
-    assert sum(len(block) for block in cut) == session.samples
-    joined = np.concatenate([block.position[:, 0] for block in cut])
-    np.testing.assert_array_equal(joined, np.concatenate([run.position[:, 0] for run in session.runs]))
-
-
-def test_enough_runs_are_left_whole() -> None:
-    session = session_of(5.0, 5.0, 5.0, 5.0, 5.0)
-    assert blocks(session) == session.runs
-
-
-def test_no_block_is_shorter_than_the_shortest() -> None:
-    assert len(blocks(session_of(6.0))) == 3
-    assert count_blocks(session_of(7.0)) == 4
-    assert count_blocks(session_of(7.6)) == 5
-    assert count_blocks(session_of(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)) == 0
+@pytest.mark.parametrize(("durations", "count"), [((7.0,), 4), ((7.6,), 5), ((1.0,) * 6, 0)])
+def test_no_block_is_shorter_than_the_shortest(durations: tuple[float, ...], count: int) -> None:
+    clocks = [np.arange(0.0, duration, 0.01) for duration in durations]
+    runs = [Recording("r", ("a",), time, time[:, None], time[:, None]) for time in clocks]
+    assert count_blocks(Session("s", tuple(runs))) == count
 
 
 PANDA = tuple(f"panda_joint{i}" for i in range(1, 8))
+FER = tuple(f"fer_joint{i}" for i in (3, 1, 2, 4, 5, 6, 7))
+MATCHES = {
+    "equal names in another order": (("c", "a", "b"), ("a", "b", "c"), {}),
+    "other beginnings": (FER, PANDA, {"joints_renamed": PANDA}),
+    "fingers": (
+        (*FER, "fer_finger_joint1"),
+        PANDA,
+        {"joints_renamed": PANDA, "joints_left_out": ("fer_finger_joint1",)},
+    ),
+    "one is not recorded": (PANDA[:6], PANDA, {"joints_locked": PANDA[6:]}),
+}
 
 
 def session_with(*joints: str) -> Session:
@@ -132,39 +114,21 @@ def session_with(*joints: str) -> Session:
     return Session("s", (Recording("r", joints, np.arange(5.0), values, values),))
 
 
-def test_equal_names_come_in_the_robots_order() -> None:
-    session, issues = match_joints(session_with("c", "a", "b"), ("a", "b", "c"))
-    assert session.joints == ("a", "b", "c")
-    np.testing.assert_array_equal(session.runs[0].position[0], [1.0, 2.0, 0.0])
-    assert issues == ()
-
-
-def test_names_that_differ_in_their_beginning_match_and_that_is_told() -> None:
-    session, issues = match_joints(session_with(*(f"fer_joint{i}" for i in (3, 1, 2, 4, 5, 6, 7))), PANDA)
-    assert session.joints == PANDA
-    assert session.runs[0].position[0, 2] == 0.0
-    assert [(issue.issue, issue.severity) for issue in issues] == [("joints_renamed", "note")]
-
-
-def test_fingers_are_left_out_also_where_names_are_mapped() -> None:
-    recorded = (*(f"fer_joint{i}" for i in range(1, 8)), "fer_finger_joint1", "fer_finger_joint2")
-    session, issues = match_joints(session_with(*recorded), PANDA)
-    assert session.joints == PANDA
-    assert {issue.issue for issue in issues} == {"joints_renamed", "joints_left_out"}
-
-
-def test_a_joint_that_is_not_recorded_is_told() -> None:
-    session, issues = match_joints(session_with(*PANDA[:6]), PANDA)
-    assert session.joints == PANDA[:6]
-    assert [(issue.issue, issue.joints) for issue in issues] == [("joints_locked", PANDA[6:])]
+@pytest.mark.parametrize(("recorded", "robot", "told"), MATCHES.values(), ids=MATCHES)
+def test_joints_come_in_the_robots_order(
+    recorded: tuple[str, ...], robot: tuple[str, ...], told: dict[str, tuple[str, ...]]
+) -> None:
+    """What is renamed, left out or missing is reported."""
+    session, issues = match_joints(session_with(*recorded), robot)
+    assert session.joints == tuple(name for name in robot if name not in told.get("joints_locked", ()))
+    place = [recorded.index(name if name in recorded else name.replace("panda", "fer")) for name in session.joints]
+    np.testing.assert_array_equal(session.runs[0].position[0], place)
+    assert {issue.issue: set(issue.joints) for issue in issues} == {name: set(one) for name, one in told.items()}
 
 
 def test_a_mapping_covers_the_whole_robot_or_is_none() -> None:
     assert map_by_ending(("j1", "j2"), ("arm_1", "arm_2")) == {"j1": "arm_1", "j2": "arm_2"}
     assert map_by_ending(("j1", "j2"), ("arm_1", "arm_2", "arm_3")) == {}
     assert map_by_ending(("left_j1", "right_j1"), ("j1",)) == {}, "two recorded joints fit: neither is taken"
-
-
-def test_other_joints_are_refused_with_the_line_to_write() -> None:
     with pytest.raises(RecordingError, match=r'"elbow/position" = "panda_joint1/position"'):
         match_joints(session_with("elbow", "wrist"), PANDA)

@@ -43,38 +43,36 @@ def test_every_layout_gives_the_same_arrays(layout: str, lines: list[str], run: 
         np.testing.assert_allclose(getattr(read, channel), getattr(run, channel), atol=5.1e-7)
 
 
-def test_columns_by_number_need_no_header(lines: list[str], run: Recording, tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("\n".join(lines[1:]))
-    (tmp_path / "session.toml").write_text(NUMBERED)
+SETTINGS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
+    "columns by number": (lambda lines: lines[1:], NUMBERED),
+    "a joint renamed": (
+        lambda lines: [lines[0].replace("a/", "fer/"), *lines[1:]],
+        '[columns]\n"fer/position" = "a/position"',
+    ),
+    "a rate in place of time": (lambda lines: [lines[0].replace("time", "t"), *lines[1:]], "sample_rate_hz = 100"),
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_settings_make_native_columns(case: str, lines: list[str], run: Recording, tmp_path: Path) -> None:
+    change, settings = SETTINGS[case]
+    (tmp_path / "run.csv").write_text("\n".join(change(lines)))
+    (tmp_path / "session.toml").write_text(settings)
     read = load_session(tmp_path).runs[0]
-    np.testing.assert_allclose(read.position, run.position, atol=5.1e-7)
-    np.testing.assert_allclose(read.effort, run.effort, atol=5.1e-7)
-
-
-def test_renaming_the_position_renames_the_joint(lines: list[str], tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("\n".join(lines).replace("a/", "fer/"))
-    (tmp_path / "session.toml").write_text('[columns]\n"fer/position" = "a/position"\n')
-    assert load_session(tmp_path).joints == ("a", "b")
-
-
-def test_a_rate_stands_in_for_time(lines: list[str], run: Recording, tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("\n".join(lines).replace("time", "zeit"))
-    (tmp_path / "run.toml").write_text("sample_rate_hz = 100\n")
-    np.testing.assert_allclose(load_session(tmp_path / "run.csv").runs[0].time, run.time, atol=1e-12)
+    assert read.joints == run.joints
+    for channel in ("time", "position", "effort"):
+        np.testing.assert_allclose(getattr(read, channel), getattr(run, channel), atol=5.1e-7)
 
 
 def test_torque_is_sign_times_gain_times_current(lines: list[str], run: Recording, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("\n".join(lines).replace("effort", "current"))
-    (tmp_path / "session.toml").write_text("[drive_gain_Nm_per_A]\na = 2\nb = 3\n[effort_sign]\nb = -1\n")
+    (tmp_path / "session.toml").write_text(
+        "angle_unit = 'deg'\n[drive_gain_Nm_per_A]\na = 2\nb = 3\n[effort_sign]\nb = -1\n"
+    )
     read = load_session(tmp_path).runs[0]
     np.testing.assert_allclose(read.effort, run.effort * [2.0, -3.0], atol=2e-6)
+    np.testing.assert_allclose(read.position, np.radians(run.position), atol=1e-8)
     assert read.current is not None
-
-
-def test_degrees_are_converted_where_session_toml_says_so(lines: list[str], run: Recording, tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("\n".join(lines))
-    (tmp_path / "run.toml").write_text('angle_unit = "deg"\n')
-    np.testing.assert_allclose(load_session(tmp_path / "run.csv").runs[0].position, np.radians(run.position), atol=1e-8)
 
 
 def test_a_slow_temperature_is_filled_between_its_cells(lines: list[str], tmp_path: Path) -> None:
