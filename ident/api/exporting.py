@@ -10,8 +10,7 @@ from typing import Any
 from ident.api.fitting import Model, load_model
 from ident.api.patching import Written
 from ident.export.write import FILES, write_export
-from ident.model.evaluation import evaluate
-from ident.model.limits import SCHEMA, Check, load_limits
+from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
 from ident.provenance import Provenance, files_of, runs_of
 from ident.recordings.load import TOPIC
 from ident.results import Result
@@ -47,7 +46,7 @@ class Verification(Result):
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "schema": SCHEMA,
+            "schema": VERIFICATION_SCHEMA,
             "model": self.model,
             "robot": self.robot,
             "joints": list(self.joints),

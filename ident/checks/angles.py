@@ -1,4 +1,11 @@
-"""Positions: degrees for radians, wraps at half a turn, single wild samples, jumps."""
+"""Positions: degrees for radians, wraps at half a turn, single wild samples, jumps.
+
+Single wild cells of any channel: cut out before anything else looks at the numbers.
+
+A cell is absurd if no unit makes it a figure of an arm. It is a spike if it leaves the samples around it, which agree
+among themselves, much farther than nearly all samples do: the measure is a high quantile of the same distance over all
+runs, so that fast motion, coarse channels and noise each set their own level, and no few samples can raise it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +17,8 @@ from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, joints_at
-from ident.recordings.recording import Recording, Session, TelemetryIssue, cut_before
+from ident.compiled import compiled
+from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
 TURN = 2.0 * math.pi
@@ -189,3 +197,180 @@ def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     return (parted.left() if parted.runs else session), issues or parted.issues(
         "time_gap", "warning", "; parted there", lost
     )
+
+
+# Encoder ticks of many turns stay below, and any angle, torque, current or temperature, in whatever unit.
+ABSURD = 1e12
+# Nanoseconds since 1970 are 2e18.
+ABSURD_TIME = 1e20
+# Times the distance that this share of all samples keeps: no fewer bad samples than the rest can raise it.
+SHARE, TIMES = 0.97, 8.0
+# Beside a channel that hardly ever moves any sample would stand out: a spike is also a share of the channel's own range
+# (2nd to 98th percentile over all runs). Samples on each side that are asked (a burst of as many is found), and that
+# share: the largest of clean channels is 0.18 and 0.42; a reversal of five samples reaches one. What lasts longer is a
+# fault of another kind, or true.
+WIDTHS = ((1, 0.5), (5, 2.0))
+# Share of the widest joint's range below which nothing is a spike.
+TREMBLE = 0.02
+# Sampled more slowly than this, friction that turns round for a moment is a single sample too [s].
+SLOW_S = 0.025
+# More rows than this are no hiccup: the channel can't be trusted.
+MOST_ROWS = 0.02
+# How many times farther out than all else a cell must lie. Torques, speeds and positions of 82 clean sessions, five of
+# them of real arms, stay below 1.25, temperatures in whole steps below 2. Where samples are rare, or steps coarse, more
+# is asked.
+GAP, WIDE_GAP = 3.0, 10.0
+# A joint whose torque is friction alone jumps from rest to its level, and one at rest has next to no reach of its own:
+# distances below what the other joints keep this share of their samples within are nothing.
+REACH_SHARE = 0.95
+# Commands may leap: nobody but the checks of `ident.checks.channels` reads them.
+WATCHED = ("effort", "position", "velocity", "current", "acceleration", "temperature")
+# Nobody needs these: where they are broken they are left out, and the session is used without them.
+OPTIONAL = ("velocity", "acceleration", "temperature")
+
+
+def mend_absurd(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops the rows with a cell that no arm can have had, time included."""
+    wild = []
+    for run in session.runs:
+        far = [np.abs(values) > ABSURD for values in run.channels().values()]
+        wild.append(np.any(far, axis=0) | (np.abs(run.time) > ABSURD_TIME)[:, None])
+    return _drop(session, wild, "garbage_cells", "cells beyond any figure of an arm", "")
+
+
+def mend_channel_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops the rows in which a channel leaves the samples around it for a moment."""
+    issues: list[TelemetryIssue] = []
+    slow = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0])) > SLOW_S
+    for channel in WATCHED:
+        if not all(channel in run.channels() for run in session.runs):
+            continue
+        values = [np.asarray(run.channels()[channel]) for run in session.runs]
+        gap = WIDE_GAP if slow or channel in ("position", "temperature") else GAP
+        wild = find_wild(values, SPIKE_RAD if channel == "position" else 0.0, slow, gap)
+        issue = "effort_spike" if channel in ("effort", "current") else "garbage_cells"
+        session, found = _drop(session, wild, issue, f"{channel} leaves the samples around it", channel)
+        issues += found
+    return session, issues
+
+
+def find_far(runs: list[Float[Array, "T n"]], gap: float = GAP, floor: float = 0.0) -> list[Bool[Array, "T n"]]:
+    """Which cells of a channel lie far from all else, by run, however many they are.
+
+    A motion, a torque or a temperature comes to a value through those on the way. Walking outwards from a channel's
+    median, sample by sample in order of distance, the first stretch without any sample that is several times as wide as
+    all that lies within parts the channel from what is not its own. Half of the samples may be bad.
+
+    Args:
+        runs: The channel.
+        gap: How many times the reach of all that lies within the stretch must span.
+        floor: Reach below which nothing is far, in the channel's unit.
+    """
+    whole = np.concatenate(runs)
+    if len(whole) < 3:
+        return [np.zeros(values.shape, dtype=bool) for values in runs]
+    middle = np.median(whole, axis=0)
+    reach = np.abs(whole - middle)
+    usual = np.quantile(reach, REACH_SHARE, axis=0)
+    limit, half = np.full(len(middle), np.inf), len(whole) // 2
+    for joint in range(len(middle)):
+        least = max(float((np.delete(usual, joint) if len(usual) > 1 else usual).max()), floor)
+        ranked = np.sort(reach[:, joint])
+        # Where the channel ends: before the first empty stretch beyond half of the samples.
+        empty = ranked[half + 1 :] > gap * np.maximum(ranked[half:-1], least)
+        if least > 0.0 and empty.any():
+            limit[joint] = ranked[half + int(np.argmax(empty))]
+    return [np.abs(values - middle) > limit for values in runs]
+
+
+def find_wild(
+    runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = False, gap: float = GAP
+) -> list[Bool[Array, "T n"]]:
+    """Which cells of a channel are spikes, by run.
+
+    Args:
+        runs: The channel.
+        slow: Whether a single sample may be true where it stands out by the channel's range.
+        gap: How far beyond an empty stretch a cell must lie, see `find_far`.
+        floor: Of positions: less than this is no spike [rad], and a turn is a wrap; an encoder may have been set anew.
+    """
+    masks = find_far(runs, gap, TURN if floor else 0.0)
+    for width, least in WIDTHS:
+        usable = [k for k, values in enumerate(runs) if len(values) > 4 * width]
+        if not usable:
+            continue
+        off = {k: distance(runs[k], width) for k in usable}
+        size = np.concatenate([np.abs(off[k]) for k in usable])
+        level = np.quantile(size, SHARE, axis=0)
+        low, high = np.percentile(np.concatenate([runs[k] for k in usable]), [2, 98], axis=0)
+        least = WIDTHS[-1][1] if slow else least
+        limit = np.maximum(np.maximum(TIMES * level, least * (high - low)), floor)
+        # A joint at rest has next to no range of its own: what is a tremble beside the arm's motion is no fault.
+        limit = np.maximum(limit, TREMBLE * float(np.max(high - low)))
+        # A channel that never changes has neither: any change of it would be a spike.
+        for k in usable:
+            wraps = np.abs(np.abs(off[k]) - TURN) < WRAP_REST if floor else np.zeros_like(masks[k])
+            masks[k] |= (np.abs(off[k]) > limit) & (limit > 0.0) & ~wraps
+    return masks
+
+
+def distance(values: Float[Array, "T n"], width: int) -> Float[Array, "T n"]:
+    """How far each sample lies from the median of those around it, itself and so many on each side counted.
+
+    The first and last ones have the window at the run's end: a mirrored neighbour would count twice.
+    """
+    columns = np.array(values, dtype=float, order="C")
+    medians = np.empty((len(columns) - 2 * width, columns.shape[1]))
+    _running_medians(columns, np.empty(2 * width + 1), medians)
+    rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
+    return np.asarray(values - medians[rows])
+
+
+@compiled("f2 f1 f2")
+def _running_medians(values: Array, window: Array, medians: Array) -> None:
+    """Median of every stretch of each column; a window kept in order gains one sample and loses one at a step."""
+    size = len(window)
+    for c in range(values.shape[1]):
+        for t in range(len(values)):
+            new = values[t, c]
+            k = min(t, size)
+            if t >= size:
+                old, k = values[t - size, c], 0
+                while k < size - 1 and window[k] != old:
+                    k += 1
+                while k < size - 1:
+                    window[k] = window[k + 1]
+                    k += 1
+            while k > 0 and window[k - 1] > new:
+                window[k] = window[k - 1]
+                k -= 1
+            window[k] = new
+            if t >= size - 1:
+                medians[t - size + 1, c] = window[size // 2]
+
+
+def _drop(
+    session: Session, wild: list[Bool[Array, "T n"]], issue: str, words: str, channel: str
+) -> tuple[Session, list[TelemetryIssue]]:
+    """Drops rows with wild cells, and tells; where there are too many, refuses."""
+    found, lost = Findings(session), 0
+    for run, mask in zip(session.runs, wild, strict=True):
+        rows = np.asarray(mask.any(axis=1))
+        if rows.any():
+            first = int(np.flatnonzero(rows)[0])
+            joint = int(np.argmax(mask[first]))
+            lost += int(rows.sum())
+            seen = f", {run.channels()[channel][first, joint]:.4g}" if channel else ""
+            what = f"{words} in {rows.sum()} rows, first of {run.joints[joint]} in row {first + 1}{seen}"
+            found.note(run, what, np.flatnonzero(mask.any(axis=0)))
+            run = run.at(~rows)
+        found.runs.append(run)
+    if lost <= max(MOST_ROWS * session.samples, 1):
+        severity: Severity = "note" if lost < 0.001 * session.samples else "warning"
+        remedy = "none needed; look at the logger"
+        return found.left(), found.issues(issue, severity, "; these rows are dropped", remedy)
+    if channel in OPTIONAL:
+        found.runs = [run.replace(**{channel: None}) for run in session.runs]
+        issues = found.issues(issue, "warning", f"; {channel} is not used", f"repair {channel} to have it used")
+        return found.left(), issues
+    return found.left(), found.issues(issue, "fatal", "", "repair the channel and record again, or leave it out")

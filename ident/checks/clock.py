@@ -1,12 +1,22 @@
-"""Time: does it increase, does it stop, does it tremble?"""
+"""Time: does it increase, does it stop, does it tremble?
+
+Measured velocity against the positions' derivative; the time base; commands that pose as measurements.
+"""
 
 from __future__ import annotations
+
+import math
+from itertools import pairwise
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.checks.report import Findings
+from ident.checks.angles import scale_angles
+from ident.checks.effort import States, collect_states, fit_signed
+from ident.checks.filtered_run import Velocities, compare_velocities
+from ident.checks.report import Findings, joints_at
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
+from ident.robot.arm import ArmModel
 
 # Rows dropped for their time: a hiccup of the logger up to here, another clock beyond.
 FEW_ROWS = 0.01
@@ -164,3 +174,157 @@ def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
         weight = np.prod([-other / (offsets[i] - other) for other in others], axis=0)
         estimate += weight[:, None] * q[row : len(q) - 4 + row]
     return float(np.mean((q[2:-2] - estimate) ** 2))
+
+
+# All joints of the real logs lie within 1.1 % of slope 1 (30 Hz) and correlate by 0.997 or more.
+CLOCK_OFF, CLOCK_SPREAD, CLOCK_CORRELATION = 0.03, 0.03, 0.95
+SLOPE_LOW, SLOPE_HIGH, CORRELATION = 0.9, 1.1, 0.9
+# Whole ticks from sample to sample that can only be of a micro- or nanosecond clock.
+LEAST_TICKS = 200.0
+# Intervals that no logger of an arm's motion has: time in another unit than seconds.
+SLOWEST_INTERVAL_S, FASTEST_INTERVAL_S = 0.5, 2e-5
+# Without a measured velocity, inertial torque against gravity tells the time base: it goes with time to the -2. The
+# ratio of their coefficients was 0.49 to 3.4 in the real logs, rotors and friction included.
+INERTIA_LOW, INERTIA_HIGH, VISIBLE_INERTIA = 0.15, 6.0, 0.03
+# Only on joints that carry much: on a wrist the rotor's inertia exceeds the links' by any factor. [N m]
+LOADED_NM = 5.0
+# And no arm moves faster than this many times its own limit.
+OVER_LIMIT = 1.5
+
+
+def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Accepts time in whole nanoseconds or microseconds, as drivers stamp it, and tells."""
+    times = [run.time for run in session.runs if len(run) > 1]
+    interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
+    if interval < LEAST_TICKS or not all(np.array_equal(time, np.floor(time)) for time in times):
+        return session, []
+    unit, name = (1e-6, "microseconds") if interval < 2e5 and times[0].max() < 1e17 else (1e-9, "nanoseconds")
+    scaled = session.replace(runs=[run.replace(time=(run.time - times[0][0]) * unit) for run in session.runs])
+    evidence = f"{session.name}: time is in whole {name}, {interval:.4g} from sample to sample; read as such"
+    return scaled, [TelemetryIssue("wrong_time_base", (), "note", evidence, "none needed")]
+
+
+def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds time that runs at another rate. The session is corrected for the checks that follow; a fit is refused."""
+    interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
+    found = compare_velocities(session)
+    if found is not None and found.moving.any():
+        factor = _common_factor(found)
+        if factor is not None:
+            return _tell_factor(session, factor, "measured velocity is {:.4g} times the positions' derivative")
+    if interval > SLOWEST_INTERVAL_S or 0.0 < interval < FASTEST_INTERVAL_S:
+        # An interval between 0.2 ms and 0.2 s, in ms, us or ns.
+        unit = 1e-3 if interval < 200.0 else 1e-6 if interval < 2e5 else 1e-9
+        factor = 1.0 / unit if interval > SLOWEST_INTERVAL_S else 1.0
+        return _tell_factor(session, factor, f"the median interval is {interval:.4g} s")
+    if found is None and arm is not None:
+        return session, _compare_inertia(session, arm)
+    return session, []
+
+
+def _common_factor(found: Velocities) -> float | None:
+    """The factor by which all moving joints' velocities are off together, if they are."""
+    slopes = found.slope[found.moving]
+    middle = float(np.median(slopes))
+    if middle <= 0.0 or abs(middle - 1.0) <= CLOCK_OFF or (found.correlation[found.moving] < CLOCK_CORRELATION).any():
+        return None
+    if np.abs(slopes / middle - 1.0).max() > CLOCK_SPREAD or found.moving.sum() < 2:
+        return None
+    degrees = math.degrees(1.0)
+    return None if min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < CLOCK_SPREAD else middle
+
+
+def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session, list[TelemetryIssue]]:
+    """The session with its time divided by the factor, and the issue."""
+    scaled = session.replace(runs=[run.replace(time=run.time / factor) for run in session.runs])
+    rate = 1.0 / float(np.median([run.sample_interval for run in scaled.runs if len(run) > 1]))
+    evidence = f"{session.name}: {reason.format(factor)}; the sampling rate seems to be {rate:.4g} Hz"
+    remedy = "give time in seconds, or drop it and write sample_rate_hz in session.toml"
+    return scaled, [TelemetryIssue("wrong_time_base", (), "fatal", evidence, remedy)]
+
+
+def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
+    """Time base by the model: inertial torque on heavy joints against gravity's."""
+    states = collect_states(session, arm)
+    if states is None:
+        return []
+    remedy = "check the unit of time, or sample_rate_hz of session.toml"
+    excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
+    if excess.max() > OVER_LIMIT:
+        joint = int(np.argmax(excess))
+        evidence = f"{session.name}: {session.joints[joint]} moves at {excess[joint]:.1f} times its velocity limit"
+        return [TelemetryIssue("wrong_time_base", (session.joints[joint],), "fatal", evidence, remedy)]
+    ratios = [
+        ratio
+        for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LOADED_NM))
+        if (ratio := _sure_ratio(states, int(joint))) is not None
+    ]
+    if not ratios or INERTIA_LOW < float(np.median(ratios)) < INERTIA_HIGH:
+        return []
+    ratio = float(np.median(ratios))
+    evidence = (
+        f"{session.name}: inertial torque is {ratio:.3g} times the model's, gravity taken as right: "
+        f"the recorded time seems to be {math.sqrt(ratio):.2g} times the true one"
+    )
+    return [TelemetryIssue("wrong_time_base", (), "fatal", evidence, remedy)]
+
+
+def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
+    """a_i / a_g of one joint if every leave-one-piece-out fit is on the same side of the limits."""
+    edges = np.linspace(0, len(states.q), pieces + 1).astype(int)
+    ratios = []
+    for start, end in pairwise(edges):
+        rows = np.r_[0:start, end : len(states.q)]
+        fit = fit_signed(states, joint, 1.0, rows)
+        if fit.gravity <= 0.0 or fit.explained < 0.8:
+            return None
+        ratios.append(fit.inertia / fit.gravity)
+    inside = [INERTIA_LOW < ratio < INERTIA_HIGH for ratio in ratios]
+    # Inertia that vanishes against gravity says nothing about time.
+    ratio = float(np.median(ratios))
+    visible = ratio * states.inertial[:, joint].std() > VISIBLE_INERTIA * states.gravity[:, joint].std()
+    return ratio if visible and len(set(inside)) == 1 and min(ratios) > 0.0 else None
+
+
+def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
+    """Finds velocities that are not the positions' derivative; converts degrees, drops what can't be explained."""
+    found = compare_velocities(session)
+    if found is None:
+        return session, []
+    degrees = math.degrees(1.0)
+    in_degrees = found.moving & (np.abs(found.slope / degrees - 1.0) < CLOCK_SPREAD)
+    in_degrees &= found.correlation > CLOCK_CORRELATION
+    if found.moving.any() and in_degrees[found.moving].all():
+        evidence = f"{session.name}: measured velocities are 57.3 times the positions' derivative: degrees; converted"
+        issue = TelemetryIssue(
+            "units_degrees", joints_at(session, np.flatnonzero(in_degrees)), "note", evidence, "none needed"
+        )
+        speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
+        runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
+        return session.replace(runs=runs), [issue]
+    position_degrees = np.abs(found.slope * degrees - 1.0) < CLOCK_SPREAD
+    if found.moving.any() and position_degrees[found.moving].all() and (found.correlation[found.moving] > 0.95).all():
+        evidence = (
+            f"{session.name}: measured velocities are 1/57.3 of the positions' derivative: positions are in degrees"
+        )
+        remedy = "convert the positions to radians"
+        issue = TelemetryIssue(
+            "units_degrees", joints_at(session, np.flatnonzero(found.moving)), "fatal", evidence, remedy
+        )
+        return scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False), [issue]
+    bad = found.moving & ((found.correlation < CORRELATION) | (found.slope < SLOPE_LOW) | (found.slope > SLOPE_HIGH))
+    if not bad.any():
+        return session, []
+    joint = int(np.flatnonzero(bad)[np.argmin(found.correlation[bad])])
+    evidence = (
+        f"{session.name}: measured velocity of {session.joints[joint]} is {found.slope[joint]:.3g} times the "
+        f"position's derivative (correlation {found.correlation[joint]:.2f}); velocities are not used"
+    )
+    issue = TelemetryIssue(
+        "velocity_inconsistent",
+        joints_at(session, np.flatnonzero(bad)),
+        "warning",
+        evidence,
+        "check both channels: what is used is the positions' derivative",
+    )
+    return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]

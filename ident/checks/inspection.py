@@ -10,19 +10,31 @@ from itertools import chain
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ident.checks.angles import mend_degrees, mend_spikes, mend_wraps, split_at_jumps
+from ident.checks.angles import mend_absurd, mend_channel_spikes, mend_degrees, mend_spikes, mend_wraps, split_at_jumps
+from ident.checks.arrangement import check_order, mend_mount
 from ident.checks.channels import check_clipping, check_commands, drop_stuck
-from ident.checks.clock import mend_clock_jumps, mend_jitter, mend_order, split_at_gaps
+from ident.checks.clock import (
+    mend_clock_jumps,
+    mend_jitter,
+    mend_order,
+    mend_time_base,
+    mend_time_unit,
+    mend_velocity,
+    split_at_gaps,
+)
 from ident.checks.effort import check_effort, collect_states
-from ident.checks.effort_kind import judge_effort, mend_effort_kind
+from ident.checks.effort_kind import (
+    Gains,
+    check_absent,
+    check_gains,
+    check_rating,
+    check_scales,
+    judge_effort,
+    mend_effort_kind,
+)
 from ident.checks.excitation import Amount
-from ident.checks.motion import mend_time_base, mend_time_unit, mend_velocity
-from ident.checks.mount import mend_mount
-from ident.checks.permuted import check_order
 from ident.checks.report import TelemetryReport, as_mounted
-from ident.checks.scale import Gains, check_absent, check_gains, check_rating, check_scales
 from ident.checks.settings import USUAL_TELEMETRY, TelemetrySettings
-from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel

@@ -118,8 +118,8 @@ def fit(
 ) -> None:
     """Fits analytic + loss + residual net; with a diagnosis, the laws that it names too."""
     from ident.api.fitting import fit_hybrid
-    from ident.model.checkpoint_folder import remove_checkpoint
     from ident.model.hybrid import MODEL_KIND, FitOptions
+    from ident.model.net_options import remove_checkpoint
     from ident.sessions import open_sessions
 
     accepted = tuple(accept or ())

@@ -12,12 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import family_for
+from ident.effects.effect_info import family_for
 from ident.robot.arm import ArmModel
 from ident.trajectories.kinds import KINDS, plan_motions
 from ident.trajectories.reference import ReferenceMotion
 
-# Which of the planned kinds stands for a family of motions (see `ident.effects.informative_motions`).
+# Which of the planned kinds stands for a family of motions (see `ident.effects.effect_info`).
 KIND_OF = {
     "ladder": "ladder",
     "slow": "ladder",

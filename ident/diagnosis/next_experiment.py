@@ -9,7 +9,7 @@ from typing import Any
 
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import SHOWINGS, describe_motion, family_for, setup_for
+from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
 
 # Reasons for "not testable" that no motion mends: they lie in the arm, its URDF or the sensors.
 NOT_OF_MOTION = (

@@ -16,8 +16,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Expression, Interval, Range, Typical, read_row
-from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
-from ident.effects.size_prior import SizePrior
+from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import friction_level, rated_torque
 
 __all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]

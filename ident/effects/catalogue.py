@@ -12,29 +12,17 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
-from ident.effects import (
-    backlash,
-    contact,
-    curved_friction,
-    friction,
-    hysteresis_thermal,
-    joint_elasticity,
-    rigid_body,
-    ripple,
-    sensing,
-    torque_delay,
-    transmission,
-)
+from ident.effects import contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission
 from ident.effects.base import Effect
-from ident.effects.informative_motions import SHOWINGS
+from ident.effects.effect_info import SHOWINGS
 from ident.effects.states import StatesEffect
 from ident.errors import InputError
 from ident.laws.table import TABLE
 
-FILES = (backlash, contact, curved_friction, friction, hysteresis_thermal, joint_elasticity, rigid_body, ripple)
+FILES = (contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission)
 CLASSES: dict[str, type[Effect]] = {
     vars(one)["id"]: one
-    for file in (*FILES, sensing, torque_delay, transmission)
+    for file in FILES
     for one in vars(file).values()
     if inspect.isclass(one) and issubclass(one, Effect) and "id" in vars(one)
 }

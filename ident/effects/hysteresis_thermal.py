@@ -12,7 +12,7 @@ from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
 from ident.effects.typical_sizes import coulomb_level, friction_level, hardly_moves
-from ident.model.presliding import stop_operator
+from ident.model.linearisation import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
 FINE_TIME_FACTORS = (0.4, 0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0, 2.5)

@@ -23,8 +23,7 @@ from ident.effects.added_body import (
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.bounds import arm_mass, arm_reach
 from ident.effects.effect_info import Range
-from ident.effects.intervals import coefficient_interval, delta_interval, linear_interval
-from ident.effects.size_prior import SizePrior
+from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import near_one_pose
 from ident.laws.bodies import moment_change, point_mass
 from ident.robot.arm import ArmModel

@@ -15,8 +15,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.laws.carried import NamedLaw, named_columns
-from ident.model.coupling import Shaft
 from ident.model.inertia import BaseParameters
+from ident.model.loss import Shaft
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 

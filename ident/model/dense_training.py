@@ -21,9 +21,7 @@ from safetensors.torch import load_file, save_file
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from ident.model.checkpoint_folder import KIND, NAME
-from ident.model.net_options import NetOptions, TrainingHistory
-from ident.model.torch_threads import torch_threads
+from ident.model.net_options import KIND, NAME, NetOptions, TrainingHistory, torch_threads
 from ident.outputs import begin_folder
 
 Progress = Callable[[int, int, float], None]

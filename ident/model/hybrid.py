@@ -15,10 +15,9 @@ from ident.arrays import Array, Float
 from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
-from ident.model.coupling import Coupling, Shaft
 from ident.model.identification import HowToIdentify, Identified, InertiaFigure
 from ident.model.inertia import InertiaResults, Mode
-from ident.model.loss import NAMES, LossFigure, LossParameters, LossResults, loss_figures
+from ident.model.loss import NAMES, Coupling, LossFigure, LossParameters, LossResults, Shaft, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions

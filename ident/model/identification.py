@@ -18,8 +18,6 @@ from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
 from ident.model.block_sums import FitColumns, sum_blocks
 from ident.model.convex import solve_bounded
-from ident.model.coupling import NAMES as SHAFT_NAMES
-from ident.model.coupling import Coupling, Shaft
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -31,10 +29,17 @@ from ident.model.inertia import (
     free_of,
     parameter_scale,
 )
-from ident.model.joint_estimate import JointEstimate, estimate, quantile, require_motion, require_parted
-from ident.model.joint_torque_sensors import find_frictionless, lossless_parameters
-from ident.model.loss import NAMES, TRANSITION_GRID, LossParameters, LossResults
-from ident.model.shared_variance import USUAL_SPREAD
+from ident.model.joint_estimate import (
+    JointEstimate,
+    estimate,
+    find_frictionless,
+    lossless_parameters,
+    quantile,
+    require_motion,
+    require_parted,
+)
+from ident.model.loss import NAMES, SHAFT_NAMES, TRANSITION_GRID, Coupling, LossParameters, LossResults, Shaft
+from ident.model.run_effects import USUAL_SPREAD
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few
 from ident.robot.arm import ArmModel

@@ -3,17 +3,30 @@
 Wherever a joint moves, reversals included: effects are looked for there too. A hybrid model's estimates come from
 `ident.model.identification`, which leaves reversals out and knows friction that changes from run to run; the
 diagnosis' acceptance criteria were calibrated on this one.
+
+Direction of sliding: how dry friction turns round when a joint does.
+
+Bearings and gears turn their friction round over a small displacement: a stop operator, a spring of range r in series
+with a slider, z⁺ = clip(z + Δq, −r, r), is ±1 (as z / r) while the joint slides and goes from one to the other over 2 r
+after a reversal, however fast the joint moves there. Drives that compensate friction, and controllers that model it, do
+so by a smooth sign of the speed, tanh(dq / v₀). Which of both an arm shows, and its figure, is found joint by joint.
+
+Source: Al-Bender 2005 (generalised Maxwell slip).
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
-from ident.arrays import Array, Float
+from ident.arrays import Array, Bool, Float, Int, freeze
+from ident.compiled import compiled
 from ident.errors import RecordingError
-from ident.laws.motion import direction
+from ident.laws.friction import bent
+from ident.laws.motion import direction, follow
 from ident.model.convex import solve_partly_non_negative
 from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale
 from ident.model.loss import TRANSITION_GRID, LossParameters, loss_columns
@@ -164,3 +177,175 @@ def _moving(
 def rigid_torque(arm: ArmModel, motion: Motion) -> Float[Array, "T n"]:
     """Rigid torque of a run with its known payload [N m]."""
     return arm.with_payload(motion.payload).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+
+
+# Ranges tried [rad]: beyond them friction with such a memory is an effect of its own.
+RANGE_GRID = (2e-5, 5e-5, 1e-4, 2e-4, 4e-4)
+# A range of fewer standard deviations of the position than this follows noise.
+NOISE_FACTOR = 8.0
+# Friction's possible curves beside the straight line: powers of the speed, the least of them straight below a knee
+# [rad/s], and what falls off at this speed [rad/s].
+CONCAVE, KNEES, SLOW = (0.3, 0.6), (0.05, 0.2), 0.05
+# What differs by so many nats is as likely; length of the stretches by which misfits are held against each other [s].
+AS_LIKELY, STRETCH = 2.0, 2.0
+
+
+_follow = compiled("f1 f f1")(follow)
+
+
+def stop_operator(q: Float[Array, " T"], size: float) -> Float[Array, " T"]:
+    """State of a stop operator of a range along a path, from rest."""
+    out = np.empty(len(q))
+    _follow(np.ascontiguousarray(q), size, out)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """How each of n joints turns its friction round: over a range, or, where that is zero, over a speed.
+
+    Attributes:
+        range: Displacement r [rad].
+        speed: v₀ [rad/s].
+    """
+
+    range: Float[Array, " n"]
+    speed: Float[Array, " n"]
+
+    def __post_init__(self) -> None:
+        for name in ("range", "speed"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    def direction(self, motion: Motion) -> Float[Array, "T n"]:
+        """Direction of sliding in [-1, 1] of each joint, unstressed at first."""
+        slip = np.array(direction(motion.dq, self.speed))
+        for j in np.flatnonzero(self.range > 0.0):
+            slip[:, j] = stop_operator(np.ascontiguousarray(motion.q[:, j]), float(self.range[j])) / self.range[j]
+        return slip
+
+
+def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]]) -> Sliding:
+    """For each joint what leaves least of the torque beside rotor inertia and friction of any concave law of speed.
+
+    Args:
+        motions: Runs.
+        rigid: Modelled rigid torque of each run [N m], not filtered.
+    """
+    n = motions[0].n
+    known = [_known(motion, torque) for motion, torque in zip(motions, rigid, strict=True)]
+    grid = _grid(motions)
+    samples = [
+        one.moving[part].sum(axis=0)
+        for motion, one in zip(motions, known, strict=True)
+        for part in _pieces(len(one.moving), motion)
+    ]
+    best = _sharpest(np.array([_misfit(motions, known, trial) for trial in grid]), np.array(samples))
+    return Sliding(
+        np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
+    )
+
+
+def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, "stretches n"]) -> Int[Array, " n"]:
+    """Of the turnings that are as likely as the best one, the first: where friction's own law is smooth, any will do.
+
+    Neighbouring samples of torque err alike, and no trial is quite right: likelihoods count for as much less as the
+    best one's misfit varies more over stretches of time than that of independent samples would. And of so many trials
+    the best is ahead of the others by chance: by the log of their number.
+
+    Args:
+        misfit: Sums of squares that each trial leaves.
+        samples: How many samples each stretch has.
+    """
+    count = np.maximum(samples.sum(axis=0), 1.0)
+    total = np.maximum(misfit.sum(axis=1), 1e-300)
+    best = total.argmin(axis=0)
+    left = np.take_along_axis(misfit, best[None, None], axis=0)[0]
+    variance = np.maximum(left.sum(axis=0) / count, 1e-300)
+    alike = np.sum((left / variance - samples) ** 2, axis=0) / (2.0 * count)
+    worse = 0.5 * count * np.log(total / total.min(axis=0)) / np.maximum(alike, 1.0)
+    return np.argmax(worse <= AS_LIKELY + np.log(len(misfit)), axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What all trials share of a run: where it moves, filtered columns of motion, and, last, torque to be explained.
+
+    Rows where it does not move are zero; `sums` are those of their squares and products, stretch by stretch.
+    """
+
+    moving: Bool[Array, "t n"]
+    rows: Float[Array, "n t k"]
+    sums: Float[Array, "s n k k"]
+
+
+def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
+    moving, target = _between_rests(motion), motion.tau_filtered - motion.filtered(torque)
+    rows = np.concatenate([motion.filtered(_moves(motion)), target[:, :, None]], axis=2)
+    rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
+    sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
+    return _Known(moving, rows, np.array(sums))
+
+
+def _moves(motion: Motion) -> Float[Array, "T n k"]:
+    """Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning."""
+    heading, pace = np.sign(motion.dq), np.abs(motion.dq)
+    curves = [(power, 0.0) for power in CONCAVE] + [(CONCAVE[0], knee) for knee in KNEES]
+    concave = [heading * bent(pace, power, knee) for power, knee in curves]
+    return np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
+
+
+def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
+    """Where each joint moves, or turns round, out of the smoother's reach of a standstill and of the run's ends.
+
+    A smoothed speed dies away while the joint stands already, held by any torque: that looks like a slow turning.
+    """
+    still = ~motion.moving
+    kept = motion.moving.copy()
+    for j, reach in enumerate(motion.blurred):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], still[:, j], [True]]).astype(int)))
+        starts, ends = edges[::2], edges[1::2]
+        # Between two stretches of motion lies a rest or a mere turn; before the first and after the last, nobody knows.
+        rests = starts[1:] - ends[:-1] > reach
+        for start in starts[np.concatenate([[True], rests])[: len(starts)]]:
+            kept[start : start + reach, j] = False
+        after = np.concatenate([rests, [True]])[: len(ends)]
+        for start, end in zip(starts[after], ends[after], strict=True):
+            kept[max(end - reach, start) : end, j] = False
+    return kept
+
+
+def _grid(motions: Sequence[Motion]) -> list[Sliding]:
+    """All trials; ranges no smaller than the position's noise allows."""
+    n = motions[0].n
+    least = NOISE_FACTOR * np.max([motion.std[0] for motion in motions], axis=0)
+    ranges = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
+    return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
+
+
+def _pieces(samples: int, motion: Motion) -> list[slice]:
+    """Where each stretch of a run lies among its filtered samples."""
+    length = max(1, round(STRETCH / (motion.interval * motion.lowpass.factor)))
+    return [slice(start, start + length) for start in range(0, samples, length)]
+
+
+def _misfit(motions: Sequence[Motion], known: Sequence[_Known], trial: Sliding) -> Float[Array, "stretches n"]:
+    """Sum of squares that each joint leaves where it moves, no term of friction driving it [N² m²]."""
+    count = known[0].rows.shape[2] + 1
+    pieces = []
+    for motion, one in zip(motions, known, strict=True):
+        slip = np.where(one.moving, motion.filtered(trial.direction(motion)), 0.0).T
+        grams = np.empty((*one.sums.shape[:2], count, count))
+        grams[..., 1:, 1:] = one.sums
+        for k, part in enumerate(_pieces(len(one.moving), motion)):
+            own = slip[:, part]
+            grams[k, :, 0, 0] = np.einsum("jt,jt->j", own, own)
+            grams[k, :, 0, 1:] = grams[k, :, 1:, 0] = (own[:, None] @ one.rows[:, part])[:, 0]
+        pieces.append(grams)
+    grams = np.concatenate(pieces)
+    found = np.zeros(grams.shape[:2])
+    for j, sums in enumerate(grams.sum(axis=0)):
+        scale = np.sqrt(np.maximum(np.diag(sums), 1e-24))
+        root = np.linalg.cholesky(sums / np.outer(scale, scale) + 1e-10 * np.eye(count)).T
+        weights = np.append(-nnls(root[:, :-1], root[:, -1])[0], 1.0) * scale[-1] / scale
+        found[:, j] = np.einsum("bac,a,c->b", grams[:, j], weights, weights)
+    return found

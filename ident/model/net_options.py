@@ -1,10 +1,21 @@
-"""How residual nets are built and trained: the two presets, and the record of a training."""
+"""How residual nets are built and trained: the two presets, and the record of a training.
+
+The folder in which a training may stop and go on.
+
+How many threads torch may use: one in trainings and searches, whose batches are too small to share.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
+
+from ident.files import clear_temporaries
+from ident.outputs import MARKER, is_begun
 
 
 @dataclass(frozen=True)
@@ -63,3 +74,37 @@ class TrainingHistory:
 
     train: tuple[float, ...]
     validation: tuple[float, ...]
+
+
+NAME = "checkpoint.safetensors"
+# What a checkpoint's folder is marked as.
+KIND = "training"
+
+
+def remove_checkpoint(folder: Path) -> None:
+    """A finished training needs its checkpoint no more, nor what killed ones left beside it."""
+    if not is_begun(folder, KIND):
+        return
+    clear_temporaries(folder / NAME)
+    for name in (NAME, MARKER):
+        (folder / name).unlink(missing_ok=True)
+    with suppress(OSError):  # something else lies in it: that stays
+        folder.rmdir()
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Sets torch's thread count for a block, and puts it back; without torch, which is slow to load, there is none.
+
+    Whoever uses torch inside the block has loaded it before.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

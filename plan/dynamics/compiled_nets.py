@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.model.joint_nets import JointNets
-from ident.model.net_bounds import NetBounds
+from ident.model.joint_nets import JointNets, NetBounds
 from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING, ResidualNet
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 
 from ident.console import styled
-from ident.effects.informative_motions import describe_motion
+from ident.effects.effect_info import describe_motion
 from ident.errors import plural
 from plan.experiment.result import Excitation, minutes_to_odds, odds_of
 from plan.geometry.scene import limits_of_proof

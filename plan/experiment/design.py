@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.effects.informative_motions import setup_for
+from ident.effects.effect_info import setup_for
 from ident.errors import RobotError
 from ident.robot.arm import ArmModel
 from ident.trajectories.reference import ReferenceMotion

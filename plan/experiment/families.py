@@ -99,7 +99,7 @@ class Family:
     """A family of motions.
 
     Attributes:
-        name: As in `ident.effects.informative_motions`.
+        name: As in `ident.effects.effect_info`.
         figures: What a search may choose, beside the home pose.
         build: Positions of a run at the controller's ticks, from rest to rest.
     """

@@ -13,7 +13,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import family_for
+from ident.effects.effect_info import family_for
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_finite

@@ -14,8 +14,7 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant, linear_interval
 from ident.effects.catalogue import CATALOGUE, find_effect
-from ident.effects.effect_info import Typical
-from ident.effects.informative_motions import KNOWN_MASS
+from ident.effects.effect_info import KNOWN_MASS, Typical
 from ident.effects.sensing import TorqueGainError
 
 # Motion that would take longer than this to tell two effects apart does not tell them apart [min].

@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.files import atomic_write
-from ident.model.torch_threads import torch_threads
+from ident.model.net_options import torch_threads
 from ident.safe_read import read_arrays, require_regular
 from plan.errors import MethodError
 from plan.problem.problem import TOLERANCE, BatchEvaluation, PlanningProblem

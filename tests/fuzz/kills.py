@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 
 from ident import files
 from ident.files import atomic_folder, atomic_write
-from ident.model.checkpoint_folder import remove_checkpoint
+from ident.model.net_options import remove_checkpoint
 from ident.model.residual_net import PRESETS, NetOptions, fit_residual_net
 from ident.outputs import begin_folder
 from ident.recordings.load import load_session

@@ -19,9 +19,9 @@ from ident.diagnosis.settings import DiagnosisSettings
 from ident.diagnosis.settings_file import read_settings
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
-from ident.model.checkpoint_folder import NAME as CHECKPOINT
+from ident.model.evaluation import load_limits
 from ident.model.hybrid import HybridModel
-from ident.model.limits import load_limits
+from ident.model.net_options import NAME as CHECKPOINT
 from ident.model.residual_net import ResidualNet, fit_residual_net
 from ident.monitor.pages import arm_estimates, arm_sessions, arm_verdict
 from ident.monitor.store import Store

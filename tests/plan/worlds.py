@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from ident.model.net_bounds import NetBounds
+from ident.model.joint_nets import NetBounds
 from ident.robot.arm import ArmModel
 from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets

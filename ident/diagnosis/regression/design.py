@@ -17,7 +17,7 @@ import numpy as np
 
 from ident.arrays import Array, Int
 from ident.effects.base import Effect, SessionContext, Variant
-from ident.effects.size_prior import SizePrior
+from ident.effects.intervals import SizePrior
 
 LOSS_FIGURES = 3
 MISREAD = "its whole torque reads at another size than the model's; set its drive gain, or the URDF's masses, first"

@@ -17,7 +17,7 @@ from ident.diagnosis.selection.finer_sums import FinerSums
 from ident.diagnosis.selection.gates import Gates, Named
 from ident.diagnosis.selection.settings import USUAL_SELECTION, SelectionSettings
 from ident.diagnosis.selection.sign_flips import block_scores, family_p_values, family_p_values_by_run
-from ident.effects.size_prior import SizePrior
+from ident.effects.intervals import SizePrior
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ident.checks.arrangement import mend_mount
 from ident.checks.effort import collect_states
+from ident.checks.effort_kind import fit_scale
 from ident.checks.inspection import inspect_alone, inspect_sessions
-from ident.checks.mount import mend_mount
 from ident.checks.report import TelemetryReport
-from ident.checks.scale import fit_scale
 from ident.errors import RecordingError
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.recordings.load import load_session
@@ -152,7 +152,7 @@ def test_a_wrong_gain_is_said_first_and_never_fit_for_use(
 ) -> None:
     """Law: the scale that is told follows the planted factor to 1e-9; the interval is of its size."""
     from ident.checks.effort import collect_states
-    from ident.checks.scale import fit_scale
+    from ident.checks.effort_kind import fit_scale
 
     def scaled(values: np.ndarray) -> np.ndarray:
         return values * np.where(np.arange(6) == joint, factor, 1.0)

@@ -10,10 +10,9 @@ import pytest
 from faults import Column, spoil, spoil_column
 
 from ident.checks import TelemetryReport, inspect, inspect_sessions
-from ident.checks.clock import mend_clock_jumps, mend_order, split_at_gaps
+from ident.checks.angles import mend_absurd, mend_channel_spikes
+from ident.checks.clock import mend_clock_jumps, mend_order, mend_time_unit, split_at_gaps
 from ident.checks.filtered_run import filter_run
-from ident.checks.motion import mend_time_unit
-from ident.checks.spikes import mend_absurd, mend_channel_spikes
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
 

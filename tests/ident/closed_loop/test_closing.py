@@ -15,7 +15,7 @@ from ident.closed_loop.exciting import KIND_OF, open_kinds
 from ident.closed_loop.gap import MARGIN, measure_floors, pool_runs
 from ident.closed_loop.recorder import CommandRecorder
 from ident.closed_loop.simulated import draw_effects
-from ident.effects.informative_motions import SHOWINGS
+from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.law_model import LawModel

@@ -9,7 +9,7 @@ import pytest
 from ident.diagnosis.next_experiment import next_experiment
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.informative_motions import SHOWINGS, describe_motion, family_for, setup_for
+from ident.effects.effect_info import SHOWINGS, describe_motion, family_for, setup_for
 
 
 def finding(*effects: str, joint: str = "joint_2") -> dict[str, object]:

@@ -13,7 +13,7 @@ from smooth_motion import make_session
 
 from ident.effects.base import RunContext, SessionContext
 from ident.effects.catalogue import find_effect
-from ident.effects.gear_twist import deflect, felt_torque
+from ident.effects.gear import deflect, felt_torque
 from ident.robot.arm import ArmModel
 
 SUBSTEPS = 8

@@ -10,7 +10,7 @@ from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
 
 from ident.effects.base import RunContext, SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.effects.torque_delay import share_of_steps, shifted
+from ident.effects.sensing import share_of_steps, shifted
 from ident.robot.arm import ArmModel
 
 

@@ -8,7 +8,7 @@ import pytest
 from ident.arrays import Array
 from ident.effects.base import SessionContext
 from ident.effects.catalogue import find_effect
-from ident.effects.size_prior import SizePrior
+from ident.effects.intervals import SizePrior
 
 DEVIATION = np.array([0.5, 2.0])
 

@@ -21,9 +21,8 @@ from ident.export.ros2_control import write_limits
 from ident.export.write import FILES, write_export
 from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses
-from ident.model.evaluation import evaluate
+from ident.model.evaluation import evaluate, load_limits
 from ident.model.hybrid import HybridModel
-from ident.model.limits import load_limits
 from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions, random_states, sliding_arm

@@ -29,7 +29,7 @@ from ident.laws.bodies import link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
 from ident.model.convex import is_consistent
 from ident.model.inertia import base_parameters, lift_base, parameter_scale
-from ident.model.presliding import stop_operator
+from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER
 from ident.robot.arm import ArmModel
 from tests.ident.export.diagnoses import COULOMB, FIGURES, ROTOR, VISCOUS, baseline, write_diagnosis

@@ -14,7 +14,7 @@ from ident.laws.acting import KNOWN, acting_torque
 from ident.laws.chain import rigid_torque
 from ident.laws.motion import Losses, MovingArm
 from ident.laws.sensing import Effect, read_log, undo_log
-from ident.model.presliding import Sliding
+from ident.model.linearisation import Sliding
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
 from tests.ident.made_up import random_states, sliding_arm

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError, ModelError
-from ident.model.coupling import Coupling, Shaft
 from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
+from ident.model.loss import Coupling, Shaft
 from ident.motion.motion import Motion
 from plan.dynamics.torque_model import torque_of_model
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.model.folds import FOLDS, make_folds
+from ident.model.net_shrinkage import FOLDS, make_folds
 
 
 @pytest.mark.parametrize("lengths", [(900, 400, 700), (500, 300, 800, 600, 450), (100,) * 12])

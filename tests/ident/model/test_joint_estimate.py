@@ -15,8 +15,7 @@ from ident.model.convex import is_consistent, solve_bounded
 from ident.model.identification import HowToIdentify, Identified, identify
 from ident.model.inertia import base_parameters, parameter_scale
 from ident.model.loss import NAMES
-from ident.model.run_effects import RunEffect, wandering
-from ident.model.shared_variance import USUAL_SPREAD
+from ident.model.run_effects import USUAL_SPREAD, RunEffect, wandering
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import exact_motion, multisine, two_joint_arm

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.model.presliding import Sliding, _sharpest, fit_sliding, stop_operator
+from ident.model.linearisation import Sliding, _sharpest, fit_sliding, stop_operator
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import COULOMB, ROTOR, VISCOUS, load_arm

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.model.shared_variance import USUAL_SPREAD, share_variance
+from ident.model.run_effects import USUAL_SPREAD, share_variance
 
 
 def _squares(rng: np.random.Generator, spread: Array, dof: int) -> Array:

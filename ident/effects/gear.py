@@ -1,0 +1,293 @@
+"""Gears that give way: what a joint's link does behind its motor, and what all joints feel of it.
+
+The measured position is the motor's; the link lags by a deflection δ. With the motor's motion given, the link's own
+equation of motion is one of a single unknown, linear in small δ:
+
+    M δ'' + V δ' + P δ + τ_gear(δ, δ') = τ_rigid,
+
+M, V, P the derivatives of the rigid torque by acceleration, velocity and position of the joint. It is integrated over
+the recording, which holds near the resonance too, where a series in 1/K does not. What all joints feel of it is
+−(M δ'' + V δ' + P δ), with the whole column of each derivative.
+
+Source: Spong 1987, for the elastic joint; integration by Newmark's method (1959) with some numerical damping.
+
+A torsion spring between motor and link.
+
+Play of a gear: narrow gaps by their coefficient, wide ones by a grid of widths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.compiled import compiled
+from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.effect_info import Range
+from ident.effects.intervals import coefficient_interval
+from ident.effects.typical_sizes import high_passed, rated_torque, root_mean_square, sampled_states
+from ident.laws.elastic import LONGEST_STEP, integrate_twist
+
+# The link's equation is linear in small deflections. Where velocity torques, or an inertia that tuning made negative,
+# swing it up without bound, it says nothing of any arm [rad].
+LARGEST_TWIST = 1.0
+# Factors of the finer grids around the best stiffness or gap.
+FINE_FACTORS = (0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4, 1.7, 2.0)
+
+
+_integrate = compiled("f1 f1 f1 f1 f f f f i f1 f1")(integrate_twist)
+
+
+def mean_inertia(session: SessionContext, joint: int) -> float:
+    """Mean inertia of the link side about a joint [kg m²]."""
+    mass_matrix = session.runs[0].arm.derivatives(*sampled_states(session))[2]
+    return max(float(np.mean(mass_matrix[:, joint, joint])), 1e-6)
+
+
+def deflect(
+    run: RunContext, joint: int, stiffness: float, damping: float, gap: float
+) -> tuple[Float[Array, " T"], Float[Array, " T"]]:
+    """Deflection of the joint and its rate [rad, rad/s]; none where the law doesn't hold."""
+    position, velocity, inertia = (np.ascontiguousarray(part[:, joint, joint]) for part in run.derivatives)
+    load = np.ascontiguousarray(run.link[:, joint])
+    steps = max(1, int(np.ceil(run.interval / LONGEST_STEP)))
+    twist, rate = np.empty(len(load)), np.empty(len(load))
+    _integrate(load, inertia, velocity, position, stiffness, damping, gap / 2, run.interval, steps, twist, rate)
+    if not np.abs(twist).max() < LARGEST_TWIST:
+        return np.zeros(len(load)), np.zeros(len(load))
+    return twist, rate
+
+
+def felt_torque(
+    run: RunContext, joint: int, twist: Array, rate: Array, rows: slice = slice(None), unit: float = 1.0
+) -> Float[Array, "T k"]:
+    """What all joints, or some of them, feel of a deflection, divided by a unit of it [N m]."""
+    position, velocity, inertia = (np.ascontiguousarray(np.moveaxis(part, 0, -1)) for part in run.derivatives)
+    chosen = range(run.n)[rows]
+    felt = np.empty((len(chosen), len(twist)))
+    change = np.gradient(rate, run.interval)
+    _feel(position, velocity, inertia, joint, chosen.start, twist, rate, change, unit, felt)
+    return felt.T
+
+
+@compiled("f3 f3 f3 i i f1 f1 f1 f f2")
+def _feel(
+    position: Array,
+    velocity: Array,
+    inertia: Array,
+    joint: int,
+    first: int,
+    twist: Array,
+    rate: Array,
+    change: Array,
+    unit: float,
+    felt: Array,
+) -> None:
+    """Torque of one joint after the other, sample by sample; of a derivative the samples come last."""
+    for k in range(len(felt)):
+        i = first + k
+        for t in range(len(twist)):
+            torque = inertia[i, joint, t] * change[t] + velocity[i, joint, t] * rate[t]
+            felt[k, t] = -(torque + position[i, joint, t] * twist[t]) / unit
+
+
+# Resonances of the link on its gear; above the last the deflection follows the load at once: one point serves all [Hz].
+RESONANCES = (2.2, 4.5, 6.5, 9.0, 12.5, 18.0, 30.0)
+# Wind-up of a gear at its joint's rated torque: of springs in series, and of what is as good as rigid [rad].
+LARGEST_WIND_UP, LEAST_WIND_UP = 2.0, 1e-4
+# Damping ratios: of the search, and of the finer grid; beyond that, this many times more or less looks the same.
+DAMPING_RATIO, FINE_DAMPING_RATIOS = 0.06, (0.025, 0.06, 0.14)
+DAMPING_DOUBT = 4.0
+# Torque above this frequency shows elasticity; less of it than this share of the rated torque does not.
+LOW_FREQUENCY = 2.0  # [Hz]
+LEAST_HIGH_SHARE = 0.002
+
+
+class JointElasticity(Effect):
+    """A torsion spring between motor and link: K δ + D δ' = τ_gear. The coefficient is the compliance 1/K.
+
+    Each point of the grid is exact at its own stiffness and follows 1/K around it.
+    """
+
+    id = "joint_elasticity"
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        high = root_mean_square([high_passed(run.link[:, joint], run.interval, LOW_FREQUENCY) for run in session.runs])
+        if high < LEAST_HIGH_SHARE * rated_torque(session, joint):
+            return (
+                f"load of {session.joint_names[joint]} changes too slowly ({high:.2f} N m above {LOW_FREQUENCY:g} Hz)"
+            )
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        inertia = mean_inertia(session, joint)
+        found = np.unique(np.clip(inertia * (2 * np.pi * np.array(RESONANCES)) ** 2, *_bounds(session, joint)))
+        return tuple(_elastic(float(k), inertia, DAMPING_RATIO) for k in found)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        inertia = mean_inertia(session, joint)
+        return tuple(
+            _elastic(factor * variant.shape["stiffness_Nm_rad"], inertia, ratio)
+            for ratio in FINE_DAMPING_RATIOS
+            for factor in FINE_FACTORS
+        )
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        stiffness, damping = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
+        return [
+            stiffness * felt_torque(run, joint, *deflect(run, joint, stiffness, damping, 0.0))[:, :, None]
+            for run in session.runs
+        ]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        compliance, (softest, stiffest) = coefficient_interval(0, coefficients, covariance), _bounds(session, joint)
+        value, low, high = (
+            float(np.clip(1.0 / max(c, 1.0 / stiffest), softest, stiffest))
+            for c in (compliance.value, compliance.high, compliance.low)
+        )
+        damping = variant.shape["damping_Nms_rad"]
+        return {
+            "stiffness_Nm_rad": Interval(value, low, high),
+            "damping_Nms_rad": Interval(damping, damping / DAMPING_DOUBT, damping * DAMPING_DOUBT),
+        }
+
+    def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        """A joint that winds up by radians would fold; one whose interval holds zero compliance is as good as rigid."""
+        least, stiffest = _bounds(session, joint)
+        most = stiffest if figures["stiffness_Nm_rad"].high < stiffest else 0.0
+        return {"stiffness_Nm_rad": Range(least, most, "the joint would fold up, or is as good as rigid")}
+
+    def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
+        return np.array([1.0 / _bounds(session, joint)[0]])
+
+
+def _bounds(session: SessionContext, joint: int) -> tuple[float, float]:
+    """Stiffness of the softest gear that turns at all, and of one as good as rigid [N m/rad]."""
+    rated = rated_torque(session, joint)
+    return rated / LARGEST_WIND_UP, rated / LEAST_WIND_UP
+
+
+def _elastic(stiffness: float, inertia: float, ratio: float) -> Variant:
+    """A point of the grid: a spring with a share of its critical damping."""
+    damping = 2 * ratio * float(np.sqrt(stiffness * inertia))
+    return Variant(shape={"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping})
+
+
+# Full widths of play [rad]. The link is through a narrow gap before the filter sees it: what is left is proportional
+# to the width. It falls through a wide one for so long that each width looks different.
+NARROW_GAPS = (0.0005, 0.002)
+WIDE_GAPS = tuple(float(gap) for gap in np.geomspace(0.0025, 0.06, 15))
+# Of the wide ones those go on to the search that look most like what the tuned model leaves.
+WIDE_KEPT = 2
+# Play of a gear that is worn but still turns; new ones have some mrad [rad].
+LARGEST_PLAY = 0.06
+# Stiffness of the gear in contact, in rated torques a radian, and its damping ratio: tooth contact hardly rebounds.
+CONTACT_STIFFNESS = 150.0
+CONTACT_DAMPING_RATIO, FINE_CONTACT_RATIOS = 0.3, (0.3, 0.6, 1.0)
+WIDE_CONTACT_RATIO = 1.0
+# Load to either side of zero that counts, as a share of the rated torque.
+LEAST_LOAD_SHARE = 0.002
+FINE_WIDE_FACTORS = (0.82, 0.88, 0.92, 0.96, 1.0, 1.04, 1.08, 1.13, 1.2)
+
+
+@dataclass(frozen=True)
+class Backlash(Effect):
+    """Play of width b: no torque passes while the link crosses from one flank to the other.
+
+    The columns are the difference of two integrations, with and without the gap, per width. That of a narrow gap is
+    proportional to its width, which is then its coefficient; a wide one is a point of the grid (`screened`).
+
+    Attributes:
+        widths: Wide gaps of each joint that look most like what the tuned model leaves [rad].
+        screens: Number of wide gaps that were looked at for each that is kept.
+    """
+
+    widths: tuple[tuple[float, ...], ...] = ()
+    screens: int = 1
+
+    id = "backlash"
+
+    def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> Backlash:
+        some = session.surveyed(leftover)
+        found = tuple(
+            () if self.untestable(session, joint) else _widths(session.survey, some, joint)
+            for joint in range(session.n)
+        )
+        return replace(self, widths=found, screens=len(WIDE_GAPS) // WIDE_KEPT)
+
+    def untestable(self, session: SessionContext, joint: int) -> str | None:
+        least = LEAST_LOAD_SHARE * rated_torque(session, joint)
+        low = min(float(run.link[:, joint].min()) for run in session.runs)
+        high = max(float(run.link[:, joint].max()) for run in session.runs)
+        if low > -least or high < least:
+            return f"load of {session.joint_names[joint]} never changes sign ({low:.2f} to {high:.2f} N m)"
+        return None
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        narrow = _contact(session, joint, CONTACT_DAMPING_RATIO)
+        wide = _contact(session, joint, WIDE_CONTACT_RATIO)
+        widths = self.widths[joint] if self.widths else ()
+        return (
+            *(Variant(shape={"gap_rad": gap, **narrow}) for gap in NARROW_GAPS),
+            *(Variant({"gap_rad": gap}, shape=wide) for gap in widths),
+        )
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        contacts = [_contact(session, joint, ratio) for ratio in FINE_CONTACT_RATIOS]
+        if variant.inner:
+            wide = [factor * variant.inner["gap_rad"] for factor in FINE_WIDE_FACTORS]
+            return tuple(Variant({"gap_rad": gap}, shape=contact) for contact in contacts for gap in wide)
+        narrow = [factor * variant.shape["gap_rad"] for factor in FINE_FACTORS]
+        return tuple(Variant(shape={**contact, "gap_rad": gap}) for contact in contacts for gap in narrow)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        gap = variant.inner.get("gap_rad", variant.shape.get("gap_rad", 0.0))
+        contact = variant.shape["stiffness_Nm_rad"], variant.shape["damping_Nms_rad"]
+        return [next(_knock(run, joint, contact, (gap,), unit=gap))[:, :, None] for run in session.runs]
+
+
+def _contact(session: SessionContext, joint: int, ratio: float) -> dict[str, float]:
+    """Stiffness and damping of the teeth."""
+    stiffness = CONTACT_STIFFNESS * rated_torque(session, joint)
+    damping = 2 * ratio * float(np.sqrt(stiffness * mean_inertia(session, joint)))
+    return {"stiffness_Nm_rad": stiffness, "damping_Nms_rad": damping}
+
+
+def _knock(
+    run: RunContext,
+    joint: int,
+    contact: tuple[float, float],
+    gaps: Sequence[float],
+    rows: slice = slice(None),
+    unit: float = 1.0,
+) -> Iterator[Float[Array, "T k"]]:
+    """What all joints, or some of them, feel of play, for each width, in units of one [N m]."""
+    same_gear = "without play", joint, contact
+    if same_gear not in run.kept:
+        run.kept[same_gear] = deflect(run, joint, *contact, 0.0)
+    tight = run.kept[same_gear]
+    for gap in gaps:
+        loose = deflect(run, joint, *contact, gap)
+        yield felt_torque(run, joint, loose[0] - tight[0], loose[1] - tight[1], rows, unit)
+
+
+def _widths(session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int) -> tuple[float, ...]:
+    """The wide gaps whose torque looks most like what is left at a joint, by differences from sample to sample."""
+    stiffness = _contact(session, joint, WIDE_CONTACT_RATIO)
+    contact = stiffness["stiffness_Nm_rad"], stiffness["damping_Nms_rad"]
+    along, power = np.zeros(len(WIDE_GAPS)), np.zeros(len(WIDE_GAPS))
+    for run, left in zip(session.runs, leftover, strict=True):
+        counts = (left[1:, joint] != 0.0) & (left[:-1, joint] != 0.0)
+        steps = np.diff(left[:, joint])[counts]
+        felt = list(_knock(run, joint, contact, WIDE_GAPS, rows=slice(joint, joint + 1)))
+        change = np.diff(run.motion.filtered_together(felt), axis=0)[counts]
+        along += steps @ change
+        power += np.sum(change**2, axis=0)
+    score = np.where(along > 0.0, along**2 / np.maximum(power, 1e-300), 0.0)
+    best = np.argsort(-score, kind="stable")[:WIDE_KEPT]
+    return tuple(sorted(WIDE_GAPS[k] for k in best if score[k] > 0.0))
