@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ident.closed_loop.exciting import Exciter, KindsExciter
-from ident.closed_loop.loop import MOST_ROUNDS
+from ident.closed_loop.loop import MOST_ROUNDS, close_gap
 from ident.closed_loop.recorder import CommandRecorder, Recorder
-from ident.closed_loop.result import Closing, close_real, close_simulated
+from ident.closed_loop.result import Closing, close_simulated, keep
 from ident.errors import InputError
 from ident.outputs import begin_folder
 from ident.provenance import Provenance
@@ -63,7 +63,8 @@ def close(
     if recorder is not None:
         arm = load_robot(robot, ())
         who = CommandRecorder(recorder, folder / "recorded", arm) if isinstance(recorder, str) else recorder
-        found = [close_real(arm, who, exciter or KindsExciter(arm, seed), folder / "arm_00", rounds, say)]
+        loop = close_gap(arm, who, exciter or KindsExciter(arm, seed), rounds, say)
+        found = [keep(loop, arm, folder / "arm_00")]
     else:
         if not isinstance(robot, str | Path):
             raise InputError("robot", "an arm in memory can't be simulated", "give its URDF's path, or its name")

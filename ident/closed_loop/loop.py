@@ -160,34 +160,27 @@ def close_gap(
         minutes, gap = session.duration / 60.0, None
         if state is not None:
             gap = state.check(report.session)
-            say(_progress_line(number, minutes, gap))
+            joints = " ".join(f"{value:.2f}" for value in gap.joints)
+            left = f"{gap.together:.2f} × the noise ({joints}), at most {gap.upper:.2f}"
+            say(f"round {number}: {minutes:.1f} min recorded; the last model leaves {left}")
             # More motion makes a small gap sure, or shows that it was chance.
             if gap.small and state.looks < PATIENCE and not gap.closed and number < most:
                 rounds.append(Round(minutes, gap))
                 continue
             reached.append(gap.together)
-            stalled = _has_stalled(reached)
+            best = min(reached[:-STALLED_MODELS], default=np.inf)
+            stalled = min(reached[-STALLED_MODELS:]) > PROGRESS * best
             if gap.closed or number >= most or stalled:
                 rounds.append(Round(minutes, gap))
                 urdf = LawModel.of(IdentifiedArm.as_urdf(arm), session.payload)
-                return _end(state, rounds, gap, urdf, stalled)
+                before = measure_floors([urdf] * len(state.unseen), state.unseen, state.floors)
+                farthest = list(state.record["gap"])[int(np.argmax(gap.joints))]
+                why = "no nearer with more recordings" if stalled else "rounds spent"
+                reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
+                return Closed(reason, tuple(rounds), before, gap, state)
         state = Taught.by(known, arm)
         rounds.append(Round(minutes, gap, state.record["verdict"], state.named))
         say(f"round {number}: {state.record['verdict']}" + "".join(f"; {one}" for one in state.named))
-
-
-def _end(state: Taught, rounds: Sequence[Round], gap: GapFloors, urdf: LawModel, stalled: bool) -> Closed:
-    before = measure_floors([urdf] * len(state.unseen), state.unseen, state.floors)
-    farthest = list(state.record["gap"])[int(np.argmax(gap.joints))]
-    why = "no nearer with more recordings" if stalled else "rounds spent"
-    reason = "closed" if gap.closed else f"{why}; {farthest} is farthest from its noise"
-    return Closed(reason, tuple(rounds), before, gap, state)
-
-
-def _has_stalled(reached: Sequence[float]) -> bool:
-    """Whether the last models came no nearer than the best before them."""
-    before, lately = reached[:-STALLED_MODELS], reached[-STALLED_MODELS:]
-    return bool(before) and min(lately) > PROGRESS * min(before)
 
 
 def _diagnose(sessions: Sequence[Session], arm: ArmModel) -> tuple[dict[str, Any], tuple[Motion, ...]]:
@@ -203,13 +196,6 @@ def _diagnose(sessions: Sequence[Session], arm: ArmModel) -> tuple[dict[str, Any
 def join_sessions(sessions: Sequence[Session]) -> tuple[Session, ...]:
     """One session of all runs where one clock goes on through them; the sessions as they are where it does not."""
     runs = [run for session in sessions for run in session.runs]
-    ends = [(run.time[0], run.time[-1]) for run in runs]
-    if any(after[0] <= before[1] for before, after in pairwise(ends)):
+    if any(after.time[0] <= before.time[-1] for before, after in pairwise(runs)):
         return tuple(sessions)
     return (sessions[0].replace(runs=tuple(runs)),)
-
-
-def _progress_line(number: int, minutes: float, gap: GapFloors) -> str:
-    joints = " ".join(f"{value:.2f}" for value in gap.joints)
-    left = f"{gap.together:.2f} × the noise ({joints}), at most {gap.upper:.2f}"
-    return f"round {number}: {minutes:.1f} min recorded; the last model leaves {left}"

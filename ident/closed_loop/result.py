@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.closed_loop.exciting import Exciter, KindsExciter
+from ident.closed_loop.exciting import KindsExciter
 from ident.closed_loop.loop import MOST_ROUNDS, Closed, Say, close_gap
-from ident.closed_loop.recorder import Recorder
 from ident.errors import InputError
 from ident.export.identified import Diagnosed
 from ident.export.write import write_patch
@@ -48,25 +48,22 @@ class Closing(Result):
 
     def summary(self) -> str:
         """One line an arm, and the medians where there are several."""
-        lines = [describe_arm(one) for one in self.arms]
+        lines = []
+        for one in self.arms:
+            end = "closed" if one["closed"] else f"not closed ({one['reason']})"
+            who = "arm" if one["seed"] is None else f"arm {one['seed']}"
+            line = f"{who}: {end} after {one['minutes']:.1f} min of motion in {one['rounds']} rounds; torque gap "
+            line += f"{one['gap_floors_before']:.1f} -> {one['gap_floors_after']:.2f} x the noise"
+            if "tracking_before_rad" in one:
+                before, last = (1e3 * one[f"tracking_{when}_rad"] for when in ("before", "after"))
+                line += f"; the same controller misses by {before:.1f} -> {last:.2f} mrad"
+            lines.append(line)
         if len(self.arms) > 1:
             minutes, after = ([one[key] for one in self.arms] for key in ("minutes", "gap_floors_after"))
             closed = sum(one["closed"] for one in self.arms)
             line = f"{closed} of {len(lines)} closed; median {np.median(minutes):.1f} min (most {max(minutes):.1f}), "
             lines.append(f"{line}gap {np.median(after):.2f} x the noise (largest {max(after):.2f})")
         return "\n".join(lines)
-
-
-def describe_arm(one: Mapping[str, Any]) -> str:
-    """One arm in a line."""
-    end = "closed" if one["closed"] else f"not closed ({one['reason']})"
-    who = "arm" if one["seed"] is None else f"arm {one['seed']}"
-    line = f"{who}: {end} after {one['minutes']:.1f} min of motion in {one['rounds']} rounds; torque gap "
-    line += f"{one['gap_floors_before']:.1f} -> {one['gap_floors_after']:.2f} x the noise"
-    if "tracking_before_rad" in one:
-        before, after = (1e3 * one[f"tracking_{when}_rad"] for when in ("before", "after"))
-        line += f"; the same controller misses by {before:.1f} -> {after:.2f} mrad"
-    return line
 
 
 def close_simulated(
@@ -103,35 +100,20 @@ def close_simulated(
     heldout, tracking = compare_models(arm, hidden, loop.last, seed) if compared else ({}, {})
     tracked = {key: tracking[name] for key, name in TRACKED.items() if name in tracking}
     truth = {"seed": seed, "effects": list(hidden.effects), "heldout_floors": heldout}
-    return {**_record(loop, write_files(loop, arm, folder)), **truth, **tracked}
+    return {**keep(loop, arm, folder), **truth, **tracked}
 
 
-def close_real(
-    arm: ArmModel, recorder: Recorder, exciter: Exciter, folder: Path, most: int, say: Say
-) -> dict[str, Any]:
-    """The loop on an arm of which nobody knows the truth: its record."""
-    loop = close_gap(arm, recorder, exciter, most, say)
-    return _record(loop, write_files(loop, arm, folder))
-
-
-def write_files(loop: Closed, arm: ArmModel, folder: Path) -> str:
-    """The last diagnosis, and its patch where an effect is identified; the patch's place below the folder."""
-    record = loop.last.record
+def keep(loop: Closed, arm: ArmModel, folder: Path) -> dict[str, Any]:
+    """Writes the last diagnosis and, where an effect is identified, its patch; the arm's record (`ident.close/1`)."""
+    diagnosis, patch = loop.last.record, ""
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_write(folder / "diagnosis.json") as part:
-        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    if not record["findings"]:
-        return ""
-    diagnosed = Diagnosed.of_record(record, path=folder / "diagnosis.json")
-    try:
-        write_patch(diagnosed, arm, folder / "patch")
-    except InputError:  # identified, but nothing that a file could hold
-        return ""
-    return "patch"
-
-
-def _record(loop: Closed, patch: str) -> dict[str, Any]:
-    joints = list(loop.last.record["joints"])
+        part.write_text(json.dumps(diagnosis, indent=1) + "\n", encoding="utf-8")
+    if diagnosis["findings"]:
+        with suppress(InputError):  # identified, but nothing that a file could hold
+            write_patch(Diagnosed.of_record(diagnosis, path=folder / "diagnosis.json"), arm, folder / "patch")
+            patch = "patch"
+    joints = list(diagnosis["joints"])
 
     def by_joint(values: Any) -> dict[str, float]:
         return dict(zip(joints, map(float, values), strict=True))
@@ -148,7 +130,7 @@ def _record(loop: Closed, patch: str) -> dict[str, Any]:
     ]
     return {
         "seed": None,
-        "robot": loop.last.record["robot"],
+        "robot": diagnosis["robot"],
         "joints": joints,
         "effects": [],
         "closed": loop.closed,

@@ -1,10 +1,14 @@
-"""Alarms of an arm: which figure changed, since when, by how much.
+"""Alarms of an arm: which parameter changed, since when, by how much.
 
-The evidence of all figures of an arm is averaged: an average of such evidence is evidence again, whatever the figures
-have to do with each other. An alarm is raised when it reaches 1 over the level. So over an arm's whole life the
-chance of any alarm without a change is at most the level, however many figures there are. After an alarm the figures
-that it names start anew, the others go on with what evidence they had taken away, and the same holds for the next
-alarm.
+The evidence of all parameters of an arm is averaged: an average of such evidence is evidence again, whatever the
+parameters have to do with each other. An alarm is raised when it reaches 1 over the level. So over an arm's whole life
+the chance of any alarm without a change is at most the level, however many parameters there are. After an alarm the
+parameters that it names start anew, the others go on with what evidence they had taken away, and the same holds for the
+next alarm.
+
+Where all parameters of a joint that are in units of torque changed by one factor, it is the torque's scale that has
+changed: another current gain, another firmware, another drive. For each, r = log(mean after / mean before); these must
+agree (their spread about the weighted mean by χ²), several must have changed, and the common change must be sure.
 """
 
 from __future__ import annotations
@@ -13,12 +17,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import chdtrc, ndtri, stdtrit
 
-from ident.arrays import Array, Float
 from ident.monitor.e_process import ChangeBets
 from ident.monitor.estimates import UNITS, ParameterEstimate
-from ident.monitor.gain_change import common_scale
 from ident.records import Record
 
 # Chance of any false alarm in an arm's life.
@@ -29,6 +31,10 @@ HINT = 10.0
 # A session that tells a figure this many times worse than is usual says nothing about day-to-day spread: it is passed
 # over. Whether it is follows from its motions alone, not from what they gave.
 WORST_ERROR = 2.0
+# Parameters that follow the torque's scale.
+SCALED = ("gain", "rotor", "viscous", "coulomb")
+# They agree unless so improbable; one has changed beyond so many standard errors; so many of them must have.
+AGREE, CHANGED, LEAST_CHANGED = 0.01, 3.0, 2
 
 
 @dataclass(frozen=True)
@@ -73,16 +79,12 @@ class Alarm(Record):
 
 
 class _Stream:
-    """One figure: its values since it started anew, and what evidence they hold."""
+    """The values of one parameter since it started anew, and what evidence they hold."""
 
     def __init__(self) -> None:
-        self.start_anew()
-
-    def start_anew(self) -> None:
-        """Forgets everything: what comes now is the state after the change."""
         self.points: list[Point] = []
         self.bets = ChangeBets()
-        self.taken = 1.0  # what was taken away at alarms of other figures
+        self.taken = 1.0  # what was taken away at alarms of other parameters
 
     @property
     def evidence(self) -> float:
@@ -95,10 +97,6 @@ class _Stream:
         if point.std <= WORST_ERROR * usual:
             self.points.append(point)
             self.bets.add(point.value)
-
-    def hand_in(self) -> None:
-        """Goes on without the evidence so far."""
-        self.taken *= max(1.0, self.evidence)
 
 
 def find_changes(
@@ -134,28 +132,35 @@ def find_changes(
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
         enough = count / level
         named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
-        alarms += [_tell(arm, key, streams, session, evidence) for key in named]
+        alarms += [_describe(arm, key, streams, session, evidence) for key in named]
         for key, stream in streams.items():
-            stream.start_anew() if key in named else stream.hand_in()
+            stream.taken *= max(1.0, stream.evidence)
+            if key in named:
+                streams[key] = _Stream()
     first = max(streams, key=lambda key: streams[key].evidence, default=None)
-    told = first is not None and streams[first].evidence >= HINT
-    hint = _tell(arm, first, streams, order[-1], evidence) if first is not None and told else None
-    return tuple(alarms), hint
+    if first is None or streams[first].evidence < HINT:
+        return tuple(alarms), None
+    return tuple(alarms), _describe(arm, first, streams, order[-1], evidence)
 
 
-def _tell(
+def _describe(
     arm: str, key: tuple[str, str], streams: Mapping[tuple[str, str], _Stream], session: str, evidence: float
 ) -> Alarm:
+    """The alarm of a parameter, by the evidence of all."""
     stream = streams[key]
     values = np.array([point.value for point in stream.points])
     early, late = values[: stream.bets.before], values[stream.bets.before :]
-    low, high = _interval_of_change(early, late)
-    own = {figure: other.points for (joint, figure), other in streams.items() if joint == key[0]}
+    # 95 % interval of the difference of means, both with the same spread.
+    free, change = len(values) - 2, float(late.mean() - early.mean())
+    square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
+    half = float(stdtrit(free, 0.975)) * float(np.sqrt(square / free * (1 / len(early) + 1 / len(late))))
     past = {point.session for point in stream.points[: stream.bets.before]}
-    scale = common_scale(
-        {figure: [point.value for point in points if point.session in past] for figure, points in own.items()},
-        {figure: [point.value for point in points if point.session not in past] for figure, points in own.items()},
-    )
+    before: dict[str, list[float]] = {}
+    after: dict[str, list[float]] = {}
+    for (joint, name), other in streams.items():
+        for point in other.points if joint == key[0] else ():
+            (before if point.session in past else after).setdefault(name, []).append(point.value)
+    scale = common_scale(before, after)
     return Alarm(
         arm=arm,
         joint=key[0],
@@ -166,17 +171,38 @@ def _tell(
         probability=evidence / (1.0 + evidence),
         before=float(early.mean()),
         after=float(late.mean()),
-        low=low,
-        high=high,
+        low=change - half,
+        high=change + half,
         spread=float(early.std(ddof=1)),
         **({} if scale is None else dict(zip(("scale", "scale_low", "scale_high"), scale, strict=True))),
     )
 
 
-def _interval_of_change(early: Float[Array, " a"], late: Float[Array, " b"]) -> tuple[float, float]:
-    """95 % interval of the difference of means, both with the same spread."""
-    free = len(early) + len(late) - 2
-    square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
-    half = float(stdtrit(free, 0.975)) * float(np.sqrt(square / free * (1 / len(early) + 1 / len(late))))
-    change = float(late.mean() - early.mean())
-    return change - half, change + half
+def common_scale(
+    before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
+) -> tuple[float, float, float] | None:
+    """The factor on a joint's torque with its 95 % interval; None where its parameters did not change alike.
+
+    Args:
+        before, after: Parameter -> its estimates in the sessions before and after a change.
+    """
+    ratios, variances = [], []
+    for name in SCALED:
+        early, late = (np.array(values.get(name, ())) for values in (before, after))
+        if len(early) < 2 or len(late) < 2 or early.mean() <= 0.0 or late.mean() <= 0.0:
+            continue
+        # Days differ as much after the change as before: both tell the spread.
+        square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
+        variance = square * (1 / len(early) / early.mean() ** 2 + 1 / len(late) / late.mean() ** 2)
+        ratios.append(np.log(late.mean() / early.mean()))
+        variances.append(max(variance / (len(early) + len(late) - 2), 1e-12))
+    if len(ratios) < LEAST_CHANGED:
+        return None
+    r, v = np.array(ratios), np.array(variances)
+    mean, error = float((r / v).sum() / (1 / v).sum()), float((1 / v).sum() ** -0.5)
+    alike = chdtrc(len(r) - 1, float(((r - mean) ** 2 / v).sum())) > AGREE
+    several = int((np.sign(mean) * r / np.sqrt(v) > CHANGED).sum()) >= LEAST_CHANGED
+    if not (alike and several):
+        return None
+    reach = float(ndtri(0.975)) * error
+    return float(np.exp(mean)), float(np.exp(mean - reach)), float(np.exp(mean + reach))

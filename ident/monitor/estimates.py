@@ -39,6 +39,11 @@ LEAST_ROWS, LEAST_PIECES = 100, 6
 LEAST_SETTLED = 0.1
 
 
+def unit_of(name: str) -> str:
+    """What stands behind a parameter's number: a blank and its unit, if it has one."""
+    return "" if UNITS[name] == "1" else f" {UNITS[name]}"
+
+
 @dataclass(frozen=True)
 class ParameterEstimate:
     """An estimate with its 95 % interval and its standard deviation."""

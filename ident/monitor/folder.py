@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -77,21 +76,18 @@ def find_sessions(folder: Path) -> list[FoundSession]:
 
 
 def _in_folder(folder: Path) -> Iterator[FoundSession]:
-    for child in sorted(_folders(folder)):
+    for child in _folders(folder):
         if _is_session(child):
             yield _look_at(as_text(folder.resolve().name), child, folder)
-        else:
-            for session in sorted(_folders(child)):
-                if _is_session(session):
-                    yield _look_at(as_text(child.name), session, folder)
+            continue
+        for session in _folders(child):
+            if _is_session(session):
+                yield _look_at(as_text(child.name), session, folder)
 
 
 def _folders(folder: Path) -> list[Path]:
-    return [
-        one
-        for one in folder.iterdir()
-        if one.is_dir() and not one.name.startswith(".") and not is_begun(one, STORE_KIND)
-    ]
+    found = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith("."))
+    return [one for one in found if not is_begun(one, STORE_KIND)]
 
 
 def _is_session(folder: Path) -> bool:
@@ -110,11 +106,6 @@ def _look_at(arm: str, path: Path, folder: Path) -> FoundSession:
     return FoundSession(arm, as_text(path.name), path, settings, digest.hexdigest(), newest)
 
 
-def is_settled(session: FoundSession, settle: float) -> bool:
-    """Whether nothing was written to it for so long [s]: nobody is recording there any more."""
-    return time.time() - session.newest >= settle
-
-
 def date_of(session: FoundSession, first: float | None) -> str:
     """When a session was recorded, ISO: as session.toml's `date` says, its name, its stamps, or its newest file.
 
@@ -126,28 +117,16 @@ def date_of(session: FoundSession, first: float | None) -> str:
     told = load_session_file(own).metadata.get("date") if own.is_file() else None
     if told is not None:
         try:
-            return _in_utc(told if isinstance(told, date) else datetime.fromisoformat(told))
+            moment = told if isinstance(told, date) else datetime.fromisoformat(told)
+            if isinstance(moment, datetime) and moment.tzinfo is not None:
+                moment = moment.astimezone(UTC).replace(tzinfo=None)  # so that all dates can be put in order
+            return moment.isoformat()
         except (ValueError, TypeError, OverflowError):
             raise InputError(own, f"date = {told!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
-    named = _date_in(session.name)
-    if named is not None:
-        return named
-    moment = first if first is not None and EPOCH < first < LAST else min(max(session.newest, 0.0), LAST)
-    return datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat(timespec="seconds")
-
-
-def _in_utc(moment: datetime | date) -> str:
-    """ISO; a moment with a zone as UTC without one, so that all dates can be put in order."""
-    if isinstance(moment, datetime) and moment.tzinfo is not None:
-        moment = moment.astimezone(UTC).replace(tzinfo=None)
-    return moment.isoformat()
-
-
-def _date_in(name: str) -> str | None:
-    for match in DATES.finditer(name):
-        year = int(match[1]) if match[1] else 2000 + int(match[2])
+    for match in DATES.finditer(session.name):
         try:
-            return date(year, int(match[4]), int(match[5])).isoformat()
+            return date(int(match[1] or 2000 + int(match[2])), int(match[4]), int(match[5])).isoformat()
         except ValueError:
             continue
-    return None
+    seconds = first if first is not None and EPOCH < first < LAST else min(max(session.newest, 0.0), LAST)
+    return datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None).isoformat(timespec="seconds")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from scipy.special import stdtr
@@ -58,34 +59,16 @@ def find_odd_sessions(
     found: dict[str, OddSession] = {}
     for (joint, figure), points in history.items():
         starts = {alarm.since for alarm in alarms if (alarm.joint, alarm.figure) == (joint, figure)}
-        for stretch in _stretches(points, starts):
-            for point, usual, spread, p in _against_others(stretch):
-                known = found.get(point.session)
-                if p * tests < level and (known is None or p < known.p_value):
-                    found[point.session] = OddSession(arm, joint, figure, point.session, point.value, usual, spread, p)
+        stretch = list(accumulate(point.session in starts for point in points))
+        for i, point in enumerate(points):
+            others = np.array([one.value for k, one in enumerate(points) if stretch[k] == stretch[i] and k != i])
+            if len(others) < LEAST_OTHERS:
+                continue
+            usual, spread = float(others.mean()), float(others.std(ddof=1))
+            # An estimate that is itself uncertain may lie as far off as its own error allows.
+            scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
+            p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
+            known = found.get(point.session)
+            if p * tests < level and (known is None or p < known.p_value):
+                found[point.session] = OddSession(arm, joint, figure, point.session, point.value, usual, spread, p)
     return tuple(found.values())
-
-
-def _stretches(points: Sequence[Point], starts: set[str]) -> list[list[Point]]:
-    """The points from one change to the next."""
-    parts: list[list[Point]] = [[]]
-    for point in points:
-        if point.session in starts:
-            parts.append([])
-        parts[-1].append(point)
-    return parts
-
-
-def _against_others(points: Sequence[Point]) -> list[tuple[Point, float, float, float]]:
-    if len(points) <= LEAST_OTHERS:
-        return []
-    values = np.array([point.value for point in points])
-    found = []
-    for i, point in enumerate(points):
-        others = np.delete(values, i)
-        usual, spread = float(others.mean()), float(others.std(ddof=1))
-        # A session that tells the figure badly may lie as far off as its own error allows.
-        scale = float(np.hypot(max(spread, 1e-300) * np.sqrt(1.0 + 1.0 / len(others)), point.std))
-        p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
-        found.append((point, usual, spread, p))
-    return found

@@ -9,7 +9,7 @@ from typing import Any
 
 from ident.errors import plural
 from ident.monitor.alarms import Alarm
-from ident.monitor.estimates import UNITS
+from ident.monitor.estimates import unit_of
 from ident.monitor.history_strip import draw_strip
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, tell_odd
@@ -62,39 +62,25 @@ def write_pages(store: Path, found: Watch) -> None:
 
 
 def alarm_card(alarm: Alarm) -> dict[str, str]:
-    """An alarm as text for a page."""
-    unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
-    change = alarm.after - alarm.before
-    scaled = alarm.scale is not None
-    share = f" ({change / alarm.before:+.0%})" if alarm.before else ""
+    """An alarm as text for a page, and what to do about it."""
+    unit = unit_of(alarm.figure)
+    what, action = f"{NAMES[alarm.figure]} of {alarm.joint}", ACTIONS[alarm.figure]
+    if alarm.scale is not None:
+        size, low, high = (100.0 * ((one or 1.0) - 1.0) for one in (alarm.scale, alarm.scale_low, alarm.scale_high))
+        what, action = f"torque scale of {alarm.joint}", f"recalibrate the torque or current of {alarm.joint}"
+        action += f": all of its figures changed alike, by {size:+.1f} % [{low:.1f}, {high:.1f}]"
+    share = f" ({(alarm.after - alarm.before) / alarm.before:+.0%})" if alarm.before else ""
     return {
         "arm": alarm.arm,
         "joint": alarm.joint,
-        "what": f"torque scale of {alarm.joint}" if scaled else f"{NAMES[alarm.figure]} of {alarm.joint}",
+        "what": what,
         "change": f"{significant(alarm.before, 3)} → {significant(alarm.after, 3)}{unit}{share}",
         "interval": f"change {significant(alarm.low, 2)} to {significant(alarm.high, 2)}{unit}",
         "spread": f"day to day it varies by {significant(alarm.spread, 2)}{unit}",
         "since": alarm.since,
         "told": alarm.session,
-        "action": _scale_action(alarm) if scaled else ACTIONS[alarm.figure],
+        "action": action,
     }
-
-
-def _scale_action(alarm: Alarm) -> str:
-    """What to do about a torque whose scale has changed."""
-    low, high = (100.0 * ((value or 1.0) - 1.0) for value in (alarm.scale_low, alarm.scale_high))
-    size = f"{100.0 * ((alarm.scale or 1.0) - 1.0):+.1f} % [{low:.1f}, {high:.1f}]"
-    return f"recalibrate the torque or current of {alarm.joint}: all of its figures changed alike, by {size}"
-
-
-def _hint_words(hint: Alarm, figures: int) -> str:
-    """What may be changing, and what to do about it."""
-    card = alarm_card(hint)
-    return (
-        f"{card['what']} may have changed since {card['since']}: {card['change']}. "
-        f"That is {hint.evidence:.0f} to 1 for one of {plural(figures, 'figure')} that are watched, too little for an "
-        "alarm: record another session or two."
-    )
 
 
 def verdict_section(headline: str, alarms: Iterable[Alarm], odd: list[str], **values: Any) -> Section:
@@ -110,7 +96,14 @@ def arm_verdict(arm: ArmHistory, level: float) -> Section:
     if arm.alarms:
         last = alarm_card(arm.alarms[-1])
         headline = f"The {last['what']} has changed since {last['since']}: {last['change']}."
-    hint = None if arm.hint is None else _hint_words(arm.hint, len(arm.figures))
+    hint = None
+    if arm.hint is not None:
+        card = alarm_card(arm.hint)
+        hint = (
+            f"{card['what']} may have changed since {card['since']}: {card['change']}. That is {arm.hint.evidence:.0f} "
+            f"to 1 for one of {plural(len(arm.figures), 'figure')} that are watched, too little for an alarm: record "
+            "another session or two."
+        )
     odd = [tell_odd(one).removeprefix(f"{arm.arm}: ") for one in arm.odd]
     return verdict_section(headline, reversed(arm.alarms), odd, hint=hint, level=level, fleet=False)
 
@@ -136,8 +129,7 @@ def arm_estimates(arm: ArmHistory) -> Section:
         marks[alarm.joint, alarm.figure].append(alarm.since)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for (joint, name), points in arm.figures.items():
-        unit = "" if UNITS[name] == "1" else f" {UNITS[name]}"
-        last = points[-1]
+        unit, last = unit_of(name), points[-1]
         words = f"{significant(last.value, 3)}{unit} [{significant(last.low, 3)}, {significant(last.high, 3)}]"
         svg = draw_strip(points, marks.get((joint, name), []), f"{NAMES[name]} of {joint} over the sessions")
         rows[joint].append({"name": NAMES[name], "last": words, "svg": svg})

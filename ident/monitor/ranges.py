@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from ident.arrays import Array, Float
-from ident.monitor.estimates import TERMS, UNITS, Estimates, ParameterEstimate, estimate_session, term_columns
+from ident.monitor.estimates import TERMS, UNITS, Estimates, ParameterEstimate, estimate_session, term_columns, unit_of
 from ident.motion.motion import Motion
 from ident.results import Result
 from ident.robot.arm import ArmModel
@@ -86,8 +86,7 @@ class Ranges(Result):
         lines = [f"{self.robot}: {len(self.days)} day(s)"]
         for (joint, name), one in self.ranges.items():
             by = "day to day" if one.source == "days" else "its interval"
-            unit = "" if UNITS[name] == "1" else f" {UNITS[name]}"
-            lines.append(f"{joint} {name}: {one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit}, by {by}")
+            lines.append(f"{joint} {name}: {one.value:.4g} [{one.low:.4g}, {one.high:.4g}]{unit_of(name)}, by {by}")
         if self.inside:
             share = float(np.mean(list(self.inside.values())))
             lines.append(
@@ -167,40 +166,31 @@ def _check(
     half widths times what each parameter multiplies.
     """
     joints = motions[0].joints
-    inside, total = np.zeros(len(joints)), np.zeros(len(joints))
-    own, habit = np.zeros(len(joints)), np.zeros(len(joints))
+    boxes = [_box(joint, ranges) for joint in joints]
+    inside, total, own, habit = np.zeros((4, len(joints)))
     reach = float(ndtri(0.5 + 0.5 * LEVEL))
     for motion in motions:
         arm = reference.with_payload(motion.payload)
         rigid = motion.filtered(arm.inverse_dynamics(motion.q, motion.dq, motion.ddq))
-        for j, joint in enumerate(joints):
-            known = {name: one for (home, name), one in ranges.items() if home == joint}
+        for j, (centre, half, usual) in enumerate(boxes):
             rows = motion.settled[:, j]
-            columns = dict(zip(TERMS, term_columns(motion, rigid, j).T, strict=True))
-            middle, half, usual = _box(columns, known)
-            far = np.abs(motion.tau_filtered[:, j] - middle) <= half + reach * noise.get(joint, 0.0)
-            inside[j] += np.sum(far & rows)
-            total[j] += np.sum(rows)
-            own[j] += np.sum(half[rows])
-            habit[j] += np.sum(usual[rows])
+            columns = term_columns(motion, rigid, j)[rows]
+            off = np.abs(motion.tau_filtered[rows, j] - columns @ centre)
+            width = np.abs(columns) @ half
+            inside[j] += np.sum(off <= width + reach * noise.get(joints[j], 0.0))
+            total[j] += len(columns)
+            own[j] += np.sum(width)
+            habit[j] += np.sum(np.abs(columns) @ usual)
     shares = np.where(total > 0, inside / np.maximum(total, 1.0), np.nan)
     return shares, float(np.nanmedian(np.where(own > 0.0, habit / np.maximum(own, 1e-300), np.nan)))
 
 
-def _box(
-    columns: Mapping[str, Float[Array, " t"]], known: Mapping[str, ParameterRange]
-) -> tuple[Float[Array, " t"], Float[Array, " t"], Float[Array, " t"]]:
-    """Middle and half width of the box, and half width of the habit's [N m]."""
-    middle = np.zeros_like(columns["gain"])
-    half, usual = np.zeros_like(middle), np.zeros_like(middle)
-    for name, column in columns.items():
-        one = known.get(name)
-        if one is None:  # a gain that is not asked for is one
-            middle += column if name == "gain" else 0.0
-            usual += HABIT * np.abs(column) if name == "gain" else 0.0
-            continue
-        centre = 0.5 * (one.low + one.high)
-        middle += centre * column
-        half += 0.5 * (one.high - one.low) * np.abs(column)
-        usual += HABIT * abs(one.value) * np.abs(column) if name in SCALED else 0.0
-    return middle, half, usual
+def _box(joint: str, ranges: Mapping[tuple[str, str], ParameterRange]) -> Float[Array, "3 5"]:
+    """Middle and half width of each term's range, and half width of the habit's; a gain without a range is one."""
+    found = {name: ranges[joint, name] for name in TERMS if (joint, name) in ranges}
+    box = np.zeros((3, len(TERMS)))
+    box[:, TERMS.index("gain")] = 1.0, 0.0, HABIT
+    for name, one in found.items():
+        usual = HABIT * abs(one.value) if name in SCALED else 0.0
+        box[:, TERMS.index(name)] = 0.5 * (one.low + one.high), 0.5 * (one.high - one.low), usual
+    return box

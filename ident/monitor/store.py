@@ -77,14 +77,22 @@ class Store:
         write_rows(self.place(kind, arm, session), kind, rows)
 
     def read(self, kind: str) -> list[dict[str, Any]]:
-        """All rows of a kind, in the order of their files' names; a file that is none of ours counts as not there."""
+        """All rows of a kind, in the order of their files' names; a file that is none of ours counts as not there.
+
+        So does a table of other columns, and one that unpacks to more than any of ours.
+        """
         found: list[dict[str, Any]] = []
         for path in sorted((self.folder / kind).glob("*/*.parquet")):
             try:
-                rows = read_rows(path, kind)
+                size, file = require_regular(path, "a watch writes it again"), pq.ParquetFile(path)
+                require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
+                rows = file.read().to_pylist() if file.schema_arrow.equals(pa.schema(SCHEMAS[kind])) else []
             except (pa.ArrowException, OSError, ValueError, InputError):
                 continue
-            found += [row for row in rows if _is_whole(row)]
+            for row in rows:
+                needed = [row[name] for name in NEEDED if name in row]
+                if all(math.isfinite(one) if isinstance(one, float) else one is not None for one in needed):
+                    found.append(row)
         return found
 
     def stamps(self) -> dict[str, str]:
@@ -94,35 +102,10 @@ class Store:
 
 def write_rows(path: Path, kind: str, rows: Iterable[Mapping[str, Any]]) -> None:
     """Writes a table of a kind, whole or not at all."""
-    table = pa.Table.from_pylist(
-        [{name: row.get(name) for name in SCHEMAS[kind]} for row in rows], schema=_schema(kind)
-    )
+    columns = SCHEMAS[kind]
+    table = pa.Table.from_pylist([{name: row.get(name) for name in columns} for row in rows], schema=pa.schema(columns))
     with atomic_write(path) as part:
         pq.write_table(table, part, compression="zstd")
-
-
-def read_rows(path: Path, kind: str) -> list[dict[str, Any]]:
-    """The rows of a table of a kind.
-
-    Raises:
-        InputError: No plain file.
-        ValueError: A table of another kind, or one that unpacks to more than any of ours; pyarrow raises its own.
-    """
-    size = require_regular(path, "a watch writes it again")
-    file = pq.ParquetFile(path)
-    require_unpacked(size, 64 * file.metadata.num_rows * len(SCHEMAS[kind]))
-    if not file.schema_arrow.equals(_schema(kind)):
-        raise ValueError(f"a table of other columns than {kind}")
-    return list(file.read().to_pylist())
-
-
-def _is_whole(row: Mapping[str, Any]) -> bool:
-    values = [row[name] for name in NEEDED if name in row]
-    return all(math.isfinite(value) if isinstance(value, float) else value is not None for value in values)
-
-
-def _schema(kind: str) -> pa.Schema:
-    return pa.schema(list(SCHEMAS[kind].items()))
 
 
 def _file_name(name: str) -> str:

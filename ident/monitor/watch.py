@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ from typing import Any
 
 from ident.errors import plural
 from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
-from ident.monitor.estimates import UNITS
-from ident.monitor.folder import STORE_KIND, find_sessions, is_settled
+from ident.monitor.estimates import UNITS, unit_of
+from ident.monitor.folder import STORE_KIND, find_sessions
 from ident.monitor.outliers import OddSession, find_odd_sessions
 from ident.monitor.session_work import WatchOptions, examine_session
 from ident.monitor.store import Store, write_rows
@@ -44,6 +45,18 @@ class ArmHistory:
     alarms: tuple[Alarm, ...] = ()
     odd: tuple[OddSession, ...] = ()
     hint: Alarm | None = None
+
+    def record(self) -> dict[str, Any]:
+        """For JSON; alarms and outliers stand beside the arms."""
+        return {
+            "arm": self.arm,
+            "robot": next((row["robot"] for row in reversed(self.sessions) if row.get("robot")), None),
+            "joints": list(dict.fromkeys(joint for joint, _ in self.figures)),
+            "sessions": [dict(row) for row in self.sessions],
+            "figures": {f"{joint}/{name}": [vars(one) for one in own] for (joint, name), own in self.figures.items()},
+            "effects": [dict(row) for row in self.effects],
+            "hint": None if self.hint is None else self.hint.to_dict(),
+        }
 
     @property
     def done(self) -> list[dict[str, Any]]:
@@ -85,7 +98,7 @@ class Watch(Result):
             "level": self.level,
             "fresh": list(self.fresh),
             "waiting": list(self.waiting),
-            "arms": [_arm_record(arm) for arm in self.arms],
+            "arms": [arm.record() for arm in self.arms],
             "alarms": [alarm.to_dict() for alarm in self.alarms],
             "odd": [one.to_dict() for arm in self.arms for one in arm.odd],
             "provenance": self.provenance.to_dict(),
@@ -110,37 +123,21 @@ class Watch(Result):
 
 def tell_alarm(alarm: Alarm) -> str:
     """An alarm in one line."""
-    unit = "" if UNITS[alarm.figure] == "1" else f" {UNITS[alarm.figure]}"
-    change = alarm.after - alarm.before
     if alarm.scale is not None and alarm.scale_low is not None and alarm.scale_high is not None:
         low, high = 100.0 * (alarm.scale_low - 1.0), 100.0 * (alarm.scale_high - 1.0)
         size = f"{100.0 * (alarm.scale - 1.0):+.3g} % [{low:.3g}, {high:.3g}]"
         return f"{alarm.arm}: the torque of {alarm.joint} changed its scale by {size} since {alarm.since}"
-    return (
-        f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change:+.3g}{unit} [{alarm.low:.3g}, {alarm.high:.3g}] "
-        f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
-    )
+    change = f"{alarm.after - alarm.before:+.3g}{unit_of(alarm.figure)} [{alarm.low:.3g}, {alarm.high:.3g}]"
+    past = f"from {alarm.before:.3g} since {alarm.since}; day to day it varies by {alarm.spread:.2g}"
+    return f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change} {past}"
 
 
 def tell_odd(one: OddSession) -> str:
     """A session that stands out, in one line."""
-    unit = "" if UNITS[one.figure] == "1" else f" {UNITS[one.figure]}"
     return (
-        f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit}, "
+        f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit_of(one.figure)}, "
         f"otherwise {one.usual:.3g} ± {one.spread:.2g}"
     )
-
-
-def _arm_record(arm: ArmHistory) -> dict[str, Any]:
-    return {
-        "arm": arm.arm,
-        "robot": next((row["robot"] for row in reversed(arm.sessions) if row.get("robot")), None),
-        "joints": list(dict.fromkeys(joint for joint, _ in arm.figures)),
-        "sessions": [dict(row) for row in arm.sessions],
-        "figures": {f"{joint}/{figure}": [vars(one) for one in own] for (joint, figure), own in arm.figures.items()},
-        "effects": [dict(row) for row in arm.effects],
-        "hint": None if arm.hint is None else arm.hint.to_dict(),
-    }
 
 
 def look(
@@ -166,7 +163,8 @@ def look(
     kept = Store(store)
     done = kept.stamps()
     new = [one for one in found if done.get(one.key) != one.stamp]
-    ready = [one for one in new if is_settled(one, options.settle)]
+    # To a session that has settled nothing was written for some time: nobody is recording there any more.
+    ready = [one for one in new if time.time() - one.newest >= options.settle]
     tasks = [(one, store, options) for one in ready]
     finished: list[str] = []
 
@@ -181,17 +179,19 @@ def look(
         run_tasks(examine_session, tasks, options.workers, options.scheduler, count)
     arms = read_histories(kept, options.level)
     write_rows(store / "alarms.parquet", "alarms", [one.to_dict() for arm in arms for one in arm.alarms])
-    ready_names = {one.key for one in ready}
-    waiting = tuple(one.key for one in new if one.key not in ready_names)
+    waiting = tuple(one.key for one in new if one not in ready)
     return Watch(arms, tuple(sorted(finished)), waiting, options.level)
 
 
 def read_histories(store: Store, level: float = LEVEL) -> tuple[ArmHistory, ...]:
     """Every arm's history and alarms, from the store alone."""
-    sessions, figures, effects = (_by_arm(store.read(kind)) for kind in ("sessions", "figures", "effects"))
-    return tuple(
-        make_history(arm, sessions[arm], figures.get(arm, []), effects.get(arm, []), level) for arm in sorted(sessions)
-    )
+    tables: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    for kind in ("sessions", "figures", "effects"):
+        tables[kind] = defaultdict(list)
+        for row in store.read(kind):
+            tables[kind][row["arm"]].append(row)
+    sessions, figures, effects = tables.values()
+    return tuple(make_history(arm, sessions[arm], figures[arm], effects[arm], level) for arm in sorted(sessions))
 
 
 def make_history(
@@ -216,10 +216,3 @@ def make_history(
     odd = find_odd_sessions(arm, points, alarms)
     named = tuple(row for row in effects if row["session"] in place)
     return ArmHistory(arm, ordered, dict(points), named, alarms, odd, hint)
-
-
-def _by_arm(rows: Iterable[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for row in rows:
-        found[row["arm"]].append(row)
-    return found

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.monitor.alarms import HINT, Alarm, Point, find_changes
-from ident.monitor.gain_change import common_scale
+from ident.monitor.alarms import HINT, Alarm, Point, common_scale, find_changes
 from ident.monitor.outliers import find_odd_sessions
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
