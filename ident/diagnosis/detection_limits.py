@@ -27,8 +27,7 @@ from ident.diagnosis.regression.least_squares import Projection
 from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.selection.candidates import Candidates
 from ident.diagnosis.selection.gates import SearchResults
-from ident.effects.base import Effect, SessionContext
-from ident.effects.bounds import impossible
+from ident.effects.base import Effect, SessionContext, impossible
 
 # Standard deviations by which what is asked for must be exceeded for nine in ten to pass (law: the normal's 90 %).
 NINE_IN_TEN = 1.2816

@@ -18,8 +18,7 @@ from ident.diagnosis.selection.intervals import Estimate
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import TunedLink
-from ident.effects.base import Interval, SessionContext
-from ident.effects.bounds import impossible
+from ident.effects.base import Interval, SessionContext, impossible
 
 
 @dataclass(frozen=True, eq=False)

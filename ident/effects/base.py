@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -16,8 +17,9 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext, Variant
 from ident.effects.effect_info import AsChange, Doubt, Expression, Interval, Range, Typical, read_row
-from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
-from ident.effects.typical_sizes import friction_level, rated_torque
+from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, grid_interval, linear_interval
+from ident.effects.typical_sizes import friction_level, friction_states, lacking, least_rest_speed, rated_torque
+from ident.laws.carried import JointStates, LawKind, evaluate
 
 __all__ = ["Effect", "Interval", "RunContext", "SessionContext", "Variant", "delta_interval", "linear_interval"]
 
@@ -38,7 +40,8 @@ class Effect(ABC):
         remembers: Whether runs act on later ones: its figures then need every run, not an even choice of them.
         by_run: Whether it acts on whole runs: blocks of one run are no independent witnesses to it.
         summary: One line for reports: what happens and where to look.
-        shown_by: Family of the motion without which it can't be seen, one of `informative_motions.SHOWINGS`.
+        needs: What recordings must hold to show it, by name with the least amount: see `typical_sizes.lacking`.
+        shown_by: Family of the motion without which it can't be seen, one of `effect_info.SHOWINGS`.
         parted_by: For other effects, by id, the family of the motion that tells the two apart, where it is not simply
             the one that shows one of them.
         set_ups: For other effects, by id, the change of set-up that tells the two apart, where no motion does.
@@ -78,6 +81,7 @@ class Effect(ABC):
     by_run: ClassVar[bool] = False
     screens: int = 1
     summary: ClassVar[str] = ""
+    needs: ClassVar[Mapping[str, float]] = {}
     shown_by: ClassVar[str] = "wide"
     parted_by: ClassVar[Mapping[str, str]] = {}
     set_ups: ClassVar[Mapping[str, str]] = {}
@@ -128,7 +132,7 @@ class Effect(ABC):
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         """Why these recordings can't show the effect at a joint at all, or None. Must be cheap."""
-        return None
+        return lacking(self.needs, session, joint)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         """The inner grid at a joint (`joint` is 0 for an effect of the whole arm)."""
@@ -248,6 +252,12 @@ class Effect(ABC):
         return {name: -value if name in self.opposite else value for name, value in kept.items()}
 
 
+# Bounds are of the arm's own rating and friction, which nobody knows better than by this factor.
+KNOWN_WITHIN = 1.5
+# The number of a grid that must be a speed of motion.
+SLOWEST = "stribeck_velocity_rad_s"
+
+
 def _sized(size: float | str, session: SessionContext, joint: int) -> float:
     """A number, or a share of what a joint has: "0.5 rated" [N m], "3 coulomb" [N m], "1 viscous" [N m s/rad]."""
     if not isinstance(size, str):
@@ -256,3 +266,88 @@ def _sized(size: float | str, session: SessionContext, joint: int) -> float:
     if of == "rated":
         return float(share) * rated_torque(session, joint)
     return float(share) * friction_level(session, joint)[("coulomb", "viscous").index(of)]
+
+
+class StatesEffect(Effect):
+    """An effect with a law of `ident.laws`; one whose row has a `grid` of what bends the law needs no class.
+
+    Args:
+        effect: Its id; those of a class have their own.
+    """
+
+    states: ClassVar[LawKind]
+    needs: ClassVar[Mapping[str, float]] = {"moves": 1.0}
+    grid: ClassVar[Mapping[str, Sequence[float]]] = {}
+    finer: ClassVar[Mapping[str, Mapping[str, Sequence[float]]]] = {}
+
+    def __init__(self, effect: str = "") -> None:
+        vars(self).update({"id": effect, **read_row(effect)} if effect else {})
+
+    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
+        """Every combination of the grid's numbers; speeds that are no motion in these recordings are left out."""
+        return self._points(session, joint, self.grid)
+
+    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
+        """The same of `finer`: numbers, or factors of the point's own."""
+        if not self.finer:
+            return (variant,)
+        grid = {
+            name: [factor * variant.inner[name] for factor in one.get("times", ())] or one["at"]
+            for name, one in self.finer.items()
+        }
+        return self._points(session, joint, grid)
+
+    def _points(self, session: SessionContext, joint: int, grid: Mapping[str, Sequence[float]]) -> Sequence[Variant]:
+        rest = least_rest_speed(session, joint) if SLOWEST in grid else 0.0
+        points = [dict(zip(grid, point, strict=True)) for point in product(*grid.values())]
+        return tuple(Variant(point) for point in points if point.get(SLOWEST, np.inf) > rest)
+
+    def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
+        shape = {**variant.shape, **variant.inner}
+        return [evaluate(self.states.columns, friction_states(run, joint), shape) for run in session.runs]
+
+    def at_state(self, shape: Mapping[str, float], q: float = 0.0, dq: float = 0.0, load: float = 0.0) -> Array:
+        """Its columns at one state, sliding in the direction of the speed: what sentences evaluate, shape (k,)."""
+        at = JointStates(*(np.array([value]) for value in (q, dq, load, float(np.sign(dq)))))
+        return evaluate(self.states.columns, at, shape)[0]
+
+    def parameters(
+        self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
+    ) -> dict[str, Interval]:
+        """The coefficients by the names of `figures`, and the point of the grid with what the grid resolves."""
+        bent = {name: grid_interval(value, self.grid.get(name, (value,))) for name, value in variant.inner.items()}
+        return {**super().parameters(session, joint, variant, coefficients, covariance), **bent}
+
+    def law_figures(
+        self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
+    ) -> dict[str, float]:
+        """The point of the grid, and the coefficients that were found there, or those that the parameters tell."""
+        told = coefficients or [reported[name] for name in self.figures or self.defining]
+        return {**self.states.usual, **shape, **{f"coefficient_{k}": float(value) for k, value in enumerate(told)}}
+
+
+def undefined(effect: Effect, figures: Mapping[str, Interval]) -> str | None:
+    """Why nobody can say that there is an effect of such figures: all that define it may be zero; or None."""
+    names = [name for name in effect.defining if name in figures]
+    if names and all(figures[name].low <= 0.0 <= figures[name].high for name in names):
+        return f"the 95 % interval of {' and '.join(names)} holds zero"
+    return None
+
+
+def impossible(effect: Effect, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> str | None:
+    """Why no arm has an effect of such figures, or None: a 95 % interval that lies beyond a bound as a whole.
+
+    Args:
+        effect: The effect.
+        session: The runs.
+        joint: Its joint.
+        figures: The reported figures.
+    """
+    for name, allowed in effect.physical(session, joint, figures).items():
+        found, value = figures[name], figures[name].value
+        # Both ends of a range about zero are sizes; a lower end of its own is a law (friction does not drive).
+        slack = KNOWN_WITHIN if allowed.low in (0.0, -allowed.high) else 1.0
+        possible = found.high >= slack * allowed.low and found.low <= slack * allowed.high
+        if not (np.isfinite(value) and possible):
+            return f"{name} {value:.3g} lies outside {allowed.low:.3g} to {allowed.high:.3g}: {allowed.reason}"
+    return None

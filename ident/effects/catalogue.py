@@ -13,9 +13,8 @@ from pathlib import Path
 from types import ModuleType
 
 from ident.effects import contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission
-from ident.effects.base import Effect
+from ident.effects.base import Effect, StatesEffect
 from ident.effects.effect_info import SHOWINGS
-from ident.effects.states import StatesEffect
 from ident.errors import InputError
 from ident.laws.table import TABLE
 

@@ -15,10 +15,9 @@ from scipy.ndimage import uniform_filter1d
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
-from ident.effects.bounds import arm_reach
 from ident.effects.effect_info import Range
 from ident.effects.intervals import amplitude_interval, exactly
-from ident.effects.typical_sizes import rated_torque
+from ident.effects.typical_sizes import arm_reach, rated_torque
 from ident.laws.bodies import point_mass
 from ident.robot.arm import ArmModel
 

@@ -11,37 +11,24 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.effects.base import Interval, SessionContext, Variant
-from ident.effects.bounds import LARGEST_TORQUE_SHARE
+from ident.effects.base import Interval, SessionContext, StatesEffect, Variant
 from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval, linear_interval, wave_figures
-from ident.effects.states import StatesEffect
 from ident.effects.typical_sizes import (
+    LARGEST_TORQUE_SHARE,
     coulomb_level,
     friction_level,
-    hardly_moves,
     least_rest_speed,
     rated_torque,
     top_speed,
-    travel,
     usual_speed,
 )
 
-STRIBECK_VELOCITIES = (0.015, 0.025, 0.06, 0.15)  # [rad/s]
-STRIBECK_EXPONENTS = (1.0, 2.0)
-FINE_STRIBECK_FACTORS, FINE_STRIBECK_EXPONENTS = (
-    (0.5, 0.63, 0.8, 1.0, 1.25, 1.6, 2.0),
-    (0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
-)
-POSITION_ORDERS = (1.0, 2.0)
-# Share of the transmitted torque that a gear may lose: strain-wave gears are worse than half cold and unloaded only.
-LARGEST_LOSS = 0.5
 LARGEST_LOAD_SHARE = 0.2  # of load-dependent friction in the load
 # A load that varies by less than this share of the rated torque gives nothing but more Coulomb friction.
 LEAST_LOAD_RANGE = 0.004
 # Speeds below this leave nothing of a curve over speed [rad/s].
 LEAST_TOP_SPEED = 0.05
-LEAST_POSITION_RANGE = 0.5  # [rad]
 
 
 class StribeckFriction(StatesEffect):
@@ -53,42 +40,16 @@ class StribeckFriction(StatesEffect):
     id = "stribeck_friction"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
-        if reason is None and not self.variants(session, joint):
-            reason = f"velocity of {session.joint_names[joint]} is too noisy to tell slow motion from rest"
-        if reason is None and top_speed(session, joint) < LEAST_TOP_SPEED:
-            reason = f"{session.joint_names[joint]} never leaves slow motion"
-        return reason
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        rest = least_rest_speed(session, joint)
-        return tuple(
-            Variant({"stribeck_velocity_rad_s": speed, "exponent": exponent})
-            for speed in STRIBECK_VELOCITIES
-            for exponent in STRIBECK_EXPONENTS
-            if speed > rest
-        )
-
-    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        middle, rest = variant.inner["stribeck_velocity_rad_s"], least_rest_speed(session, joint)
-        return tuple(
-            Variant({"stribeck_velocity_rad_s": factor * middle, "exponent": exponent})
-            for factor in FINE_STRIBECK_FACTORS
-            for exponent in FINE_STRIBECK_EXPONENTS
-            if factor * middle > rest
-        )
+        noisy = f"velocity of {session.joint_names[joint]} is too noisy to tell slow motion from rest"
+        return super().untestable(session, joint) or (None if self.variants(session, joint) else noisy)
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         speed = variant.inner["stribeck_velocity_rad_s"]
-        return {
-            "amplitude_Nm": coefficient_interval(0, coefficients, covariance),
-            "stribeck_velocity_rad_s": grid_interval(variant.inner["stribeck_velocity_rad_s"], STRIBECK_VELOCITIES),
-            "exponent": grid_interval(variant.inner["exponent"], STRIBECK_EXPONENTS),
-            "left_Nm": linear_interval(self.at_state(variant.inner, dq=speed), coefficients, covariance),
-            "at_speed_rad_s": exactly(speed),
-        }
+        left = linear_interval(self.at_state(variant.inner, dq=speed), coefficients, covariance)
+        found = super().parameters(session, joint, variant, coefficients, covariance)
+        return {**found, "left_Nm": left, "at_speed_rad_s": exactly(speed)}
 
 
 class LoadDependentFriction(StatesEffect):
@@ -105,14 +66,11 @@ class LoadDependentFriction(StatesEffect):
     id = "load_dependent_friction"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
-        if reason is not None:
-            return reason
         load = np.abs(np.concatenate([run.link[:, joint] for run in session.runs]))
         span = float(np.diff(np.quantile(load, [0.05, 0.95]))[0])
-        if span < LEAST_LOAD_RANGE * rated_torque(session, joint):
-            return f"load of {session.joint_names[joint]} varies by {span:.2f} N m only"
-        return None
+        steady = f"load of {session.joint_names[joint]} varies by {span:.2f} N m only"
+        enough = span >= LEAST_LOAD_RANGE * rated_torque(session, joint)
+        return super().untestable(session, joint) or (None if enough else steady)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         load = np.concatenate([run.link[:, joint] for run in session.runs])
@@ -135,7 +93,7 @@ class LoadDependentFriction(StatesEffect):
         }
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:
-        return LARGEST_LOAD_SHARE * np.array([1.0, 1.0, 1.0, 1.0])[: int(variant.shape["terms"])]
+        return np.full(int(variant.shape["terms"]), LARGEST_LOAD_SHARE)
 
     def law_figures(
         self, reported: Mapping[str, float], coefficients: Sequence[float], shape: Mapping[str, float]
@@ -148,19 +106,6 @@ class PositionDependentFriction(StatesEffect):
     """Friction that varies over a turn: τ = s A cos(k q − φ)."""
 
     id = "position_dependent_friction"
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        low, high = travel(session, joint)
-        if high - low < LEAST_POSITION_RANGE:
-            return f"{session.joint_names[joint]} covers {high - low:.2f} rad; {LEAST_POSITION_RANGE:g} are needed"
-        return hardly_moves(session, joint)
-
-    def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
-        return tuple(Variant({"order": order}) for order in POSITION_ORDERS)
-
-    def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
-        """Over a short way one order looks much like another."""
-        return self.variants(session, joint)
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
@@ -197,27 +142,21 @@ class AsymmetricFriction(StatesEffect):
     id = "asymmetric_friction"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
-        if reason is not None:
-            return reason
         dq = np.concatenate([run.motion.dq[:, joint] for run in session.runs])
         rest = max(float(run.motion.rest_speed[joint]) for run in session.runs)
         forward, backward = float(np.mean(dq > rest)), float(np.mean(dq < -rest))
-        if min(forward, backward) < 0.05 * max(forward, backward):
-            return f"{session.joint_names[joint]} moves in one direction only"
-        return None
+        one_way = min(forward, backward) < 0.05 * max(forward, backward)
+        reason = f"{session.joint_names[joint]} moves in one direction only"
+        return super().untestable(session, joint) or (reason if one_way else None)
 
     def parameters(
         self, session: SessionContext, joint: int, variant: Variant, coefficients: Array, covariance: Array
     ) -> dict[str, Interval]:
         speed = usual_speed(session, joint)
         both = self.at_state({}, dq=speed) + self.at_state({}, dq=-speed)
-        return {
-            "coulomb_difference_Nm": coefficient_interval(0, coefficients, covariance),
-            "viscous_difference_Nms_rad": coefficient_interval(1, coefficients, covariance),
-            "difference_Nm": linear_interval(both, coefficients, covariance),
-            "at_speed_rad_s": exactly(speed),
-        }
+        difference = linear_interval(both, coefficients, covariance)
+        found = super().parameters(session, joint, variant, coefficients, covariance)
+        return {**found, "difference_Nm": difference, "at_speed_rad_s": exactly(speed)}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
         """Passive in both directions, from slow motion up to the joint's top speed."""
@@ -226,11 +165,8 @@ class AsymmetricFriction(StatesEffect):
         slow, fast = 0.1 * top_speed(session, joint), top_speed(session, joint)
         difference, slope = (figures[name].value for name in self.defining)
         least = min(coulomb + viscous * v - 0.5 * abs(difference + slope * v) for v in (slow, fast))
-        if least >= 0.0:
-            return {}
-        return {"coulomb_difference_Nm": Range(-2.0 * coulomb, 2.0 * coulomb, reason)} | {
-            "viscous_difference_Nms_rad": Range(-2.0 * viscous, 2.0 * viscous, reason)
-        }
+        limits = zip(self.defining, (2.0 * coulomb, 2.0 * viscous), strict=True)
+        return {} if least >= 0.0 else {name: Range(-most, most, reason) for name, most in limits}
 
 
 VISCOUS_EXPONENTS = (0.3, 0.5, 0.7, 2.0)
@@ -261,12 +197,6 @@ class NonlinearViscousFriction(StatesEffect):
     """
 
     id = "nonlinear_viscous_friction"
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
-        if reason is None and top_speed(session, joint) < LEAST_TOP_SPEED:
-            return f"{session.joint_names[joint]} moves no faster than {top_speed(session, joint):.3f} rad/s"
-        return reason
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         powers = tuple(Variant({"exponent": exponent}) for exponent in VISCOUS_EXPONENTS)

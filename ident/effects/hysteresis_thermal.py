@@ -11,7 +11,7 @@ from ident.arrays import Array, Float
 from ident.compiled import compiled
 from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
-from ident.effects.typical_sizes import coulomb_level, friction_level, hardly_moves
+from ident.effects.typical_sizes import coulomb_level, friction_level
 from ident.model.linearisation import stop_operator
 
 TIME_CONSTANTS = (30.0, 120.0, 480.0, 1800.0)  # [s]
@@ -46,7 +46,7 @@ class ThermalFriction(Effect):
     # The simulated arm tells changes at rated load, not those of the session.
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
+        reason = super().untestable(session, joint)
         if reason is not None:
             return reason
         measured = _measured(session, joint)
@@ -135,7 +135,7 @@ class PreslidingHysteresis(Effect):
     id = "presliding_hysteresis"
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
-        reason = hardly_moves(session, joint)
+        reason = super().untestable(session, joint)
         if reason is not None:
             return reason
         if not _usable(session, joint):

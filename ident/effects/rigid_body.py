@@ -21,10 +21,9 @@ from ident.effects.added_body import (
     weighs,
 )
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.bounds import arm_mass, arm_reach
 from ident.effects.effect_info import Range
 from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
-from ident.effects.typical_sizes import near_one_pose
+from ident.effects.typical_sizes import arm_mass, arm_reach
 from ident.laws.bodies import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
@@ -60,9 +59,6 @@ class UnknownPayload(Effect):
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> UnknownPayload:
         return UnknownPayload(places_of_tuning(session, [session.n - 1]))
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        return near_one_pose(session)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return (*self._points(session), Variant(shape={LIKE_LINK: 1.0}))
@@ -176,9 +172,6 @@ class LinkInertialError(Effect):
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> LinkInertialError:
         return LinkInertialError(places_of_tuning(session, range(session.n)))
 
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        return near_one_pose(session)
-
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return (Variant(), *placed(self.places, session.runs[0].arm, joint))
 
@@ -263,9 +256,6 @@ class GravityMisalignment(Effect):
     """
 
     id = "gravity_misalignment"
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        return near_one_pose(session)
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         found = []

@@ -14,7 +14,7 @@ from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
-from ident.effects.typical_sizes import is_near, near_one_pose, rated_torque, root_mean_square, sampled_states
+from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square, sampled_states
 from ident.laws.sensing import shifted
 from ident.motion.encoder import mean_spectrum
 
@@ -182,7 +182,7 @@ class EncoderOffset(Effect):
         seen = LARGEST_ENCODER_OFFSET * np.sqrt(np.mean(slope**2, axis=0))
         if all(seen[j] < LEAST_ENCODER_SHARE * rated_torque(session, j) for j in range(session.n)):
             return f"no torque depends on the angle of {session.joint_names[joint]}"
-        return near_one_pose(session)
+        return super().untestable(session, joint)
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         return tuple(Variant(shape={"about_rad": about}) for about in (0.0, LARGE_OFFSET, -LARGE_OFFSET))

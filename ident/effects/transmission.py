@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.bounds import LARGEST_TORQUE_SHARE, joint_range
 from ident.effects.effect_info import Expression, Range, not_at_all
 from ident.effects.intervals import (
     amplitude_interval,
@@ -21,9 +20,11 @@ from ident.effects.intervals import (
     phase_interval,
 )
 from ident.effects.typical_sizes import (
+    LARGEST_TORQUE_SHARE,
     coulomb_level,
     friction_level,
     hardly_moves,
+    joint_range,
     rated_torque,
     top_speed,
     travel,
@@ -153,12 +154,6 @@ class SpringTorque(Effect):
     """
 
     id = "spring_torque"
-
-    def untestable(self, session: SessionContext, joint: int) -> str | None:
-        low, high = travel(session, joint)
-        if high - low < LEAST_SPRING_RANGE:
-            return f"{session.joint_names[joint]} covers {high - low:.2f} rad; {LEAST_SPRING_RANGE:g} are needed"
-        return None
 
     def variants(self, session: SessionContext, joint: int) -> Sequence[Variant]:
         centre = sum(travel(session, joint)) / 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ident.arrays import Array, Float
 from ident.effects.context import RunContext, SessionContext
 from ident.effects.intervals import coefficient_interval as coefficient_interval
 from ident.laws.carried import JointStates, states_of
+from ident.robot.arm import ArmModel
 
 # Where the baseline has no friction yet, Coulomb friction is guessed as this share of the rated torque ...
 TYPICAL_COULOMB_SHARE = 0.05
@@ -23,6 +24,8 @@ LEAST_SPEED_RATIO = 3.0
 LEAST_POSES = 0.1
 # Samples of a session by which structure and typical sizes are judged.
 SAMPLED_STATES = 200
+# An effect that takes more than this share of what a joint can give leaves a joint that hardly moves by itself.
+LARGEST_TORQUE_SHARE = 0.5
 # A secant is right within this factor of where it was taken: inner grids are about as wide.
 NEAR = 2.5
 
@@ -79,6 +82,31 @@ def hardly_moves(session: SessionContext, joint: int) -> str | None:
     return f"{name} hardly moves faster than its velocity noise" if ratio < LEAST_SPEED_RATIO else None
 
 
+def lacking(needs: Mapping[str, float], session: SessionContext, joint: int) -> str | None:
+    """The first of an effect's needs that the recordings do not meet, in words; None where they meet all.
+
+    Args:
+        needs: By name the least travel [rad] or top speed [rad/s], or, of any value, that the joint `moves` or that the
+            arm takes several `poses`.
+        session: The runs.
+        joint: The joint.
+    """
+    name = session.joint_names[joint]
+    for need, least in needs.items():
+        reason = None
+        if need == "moves":
+            reason = hardly_moves(session, joint)
+        elif need == "poses":
+            reason = near_one_pose(session)
+        elif need == "travel" and (covered := float(-np.subtract(*travel(session, joint)))) < least:
+            reason = f"{name} covers {covered:.2f} rad; {least:g} are needed"
+        elif need == "top_speed" and (fastest := top_speed(session, joint)) < least:
+            reason = f"{name} moves no faster than {fastest:.3f} rad/s"
+        if reason is not None:
+            return reason
+    return None
+
+
 def travel(session: SessionContext, joint: int) -> tuple[float, float]:
     """Lowest and highest position of a joint [rad]."""
     q = [run.motion.q[:, joint] for run in session.runs]
@@ -131,3 +159,26 @@ def is_near(point: float, found: float, least: float) -> bool:
     """Whether a figure that was found is about the one at which its law was made linear; all near zero are."""
     ratio = found / point
     return (abs(point) <= least and ratio < NEAR) or 1.0 / NEAR < ratio < NEAR
+
+
+def arm_mass(arm: ArmModel) -> float:
+    """Mass of all moving links [kg]: what an arm weighs, it is rated by."""
+    return float(arm.inertial_parameters[::10].sum())
+
+
+def arm_reach(arm: ArmModel) -> float:
+    """Length of the chain from the first joint to the last link's centre of mass, stretched out [m]."""
+    steps = [np.asarray(placement.translation) for placement in list(arm.model.jointPlacements)[2:]]
+    last = arm.inertial_parameters[-10:]
+    tip = float(np.linalg.norm(last[1:4])) / float(last[0]) if last[0] > 0.0 else 0.0
+    sliding = sum(float(arm.upper[j] - arm.lower[j]) for j in np.flatnonzero(arm.sliding_joints))
+    return float(sum(np.linalg.norm(step) for step in steps)) + tip + (sliding if np.isfinite(sliding) else 0.0)
+
+
+def joint_range(session: SessionContext, joint: int, seen: tuple[float, float]) -> tuple[float, float]:
+    """Where a joint can go [rad]: its limits in the URDF, or where it has none a turn about what was seen."""
+    arm = session.runs[0].arm
+    low, high = float(arm.lower[joint]), float(arm.upper[joint])
+    if np.isfinite(low) and np.isfinite(high) and high > low and high - low < 8.0 * np.pi:
+        return low, high
+    return seen[0] - np.pi, seen[1] + np.pi

@@ -17,8 +17,7 @@ from ident.diagnosis.selection.gates import Named
 from ident.diagnosis.selection.profile import profile
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
-from ident.effects.base import Interval, SessionContext
-from ident.effects.bounds import undefined
+from ident.effects.base import Interval, SessionContext, undefined
 
 # Variance told by the blocks, as a share of the model's, from which on they say something of a coefficient at all.
 SILENT = 1e-9

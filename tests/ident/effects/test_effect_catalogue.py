@@ -11,10 +11,9 @@ import pytest
 from smooth_motion import Recover, edit_runs
 
 from ident.arrays import Array
-from ident.effects.base import Effect, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, RunContext, SessionContext, StatesEffect, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect, load_catalogue
 from ident.effects.effect_info import TABLE, read_row
-from ident.effects.states import StatesEffect
 from ident.effects.typical_sizes import friction_level, rated_torque
 from ident.errors import InputError
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.effects.base import Effect, Interval, SessionContext
-from ident.effects.bounds import arm_reach, impossible, undefined
+from ident.effects.base import Effect, Interval, SessionContext, impossible, undefined
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.effects.contact import ExternalContact, Push
+from ident.effects.typical_sizes import arm_reach
 from ident.robot.arm import ArmModel
 
 

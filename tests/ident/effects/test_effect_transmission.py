@@ -9,10 +9,9 @@ import pytest
 from smooth_motion import Recover, edit_runs
 
 from ident.effects.base import RunContext, SessionContext
-from ident.effects.bounds import joint_range
 from ident.effects.catalogue import find_effect
 from ident.effects.transmission import BENT
-from ident.effects.typical_sizes import travel
+from ident.effects.typical_sizes import joint_range, travel
 
 
 def test_coupling_is_found_with_the_other_joint(session: SessionContext, recover: Recover) -> None:
