@@ -6,20 +6,35 @@ practice, or a limit on work), or `calibrated` on development sets of simulated 
 
 from __future__ import annotations
 
+import sys
+import tomllib
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 from ident.records import Record
 
 
-def number(default: float | str | tuple[float, ...], unit: str, meaning: str, source: str) -> Any:
-    """A field of `Settings` that says what it is."""
+def number(
+    default: float | str | tuple[float, ...] | None = None, unit: str = "", meaning: str = "", source: str = ""
+) -> Any:
+    """A field of `Settings` that says what it is; without arguments a row of its class's table says it."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
 
 
 @dataclass(frozen=True)
 class Settings(Record):
-    """Base of a stage's numbers, and of groups of such stages."""
+    """Base of a stage's numbers, and of groups of such stages.
+
+    A class that names a `table` has its numbers there, in the TOML file beside its module.
+    """
+
+    def __init_subclass__(cls, table: str = "") -> None:
+        if table:
+            file = Path(sys.modules[cls.__module__].__file__ or "").with_suffix(".toml")
+            for name, row in tomllib.loads(file.read_text(encoding="utf-8"))[table].items():
+                value = row.pop("value")
+                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **row))
 
     def describe(self) -> list[dict[str, Any]]:
         """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""

@@ -10,14 +10,13 @@ URDF's masses, the rotor's inertia and the level of friction are. A flipped sign
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float
-from ident.checks.filtered_run import FilteredRun, filter_run
+from ident.checks.filtered_run import filter_run
 from ident.checks.report import joints_at
 from ident.checks.settings import USUAL_EFFORT, EffortSettings
 from ident.recordings.recording import Session, TelemetryIssue
@@ -84,13 +83,9 @@ def collect_states(session: Session, arm: ArmModel, settings: EffortSettings = U
     motions = [motion for run in session.runs if (motion := filter_run(run)) is not None]
     if not motions:
         return None
-    q, dq, ddq, tau = (_stack(motions, name) for name in ("q", "dq", "ddq", "tau"))
+    q, dq, ddq, tau = (np.concatenate([getattr(one, name) for one in motions]) for name in ("q", "dq", "ddq", "tau"))
     gravity = arm.gravity(q)
     return States(q, dq, ddq, tau, gravity, arm.inverse_dynamics(q, dq, ddq) - gravity, settings)
-
-
-def _stack(motions: Sequence[FilteredRun], name: str) -> Float[Array, "T n"]:
-    return np.concatenate([getattr(motion, name) for motion in motions])
 
 
 def joint_terms(states: States, joint: int, rows: Array | slice = slice(None)) -> Float[Array, "T 4"]:

@@ -130,14 +130,6 @@ def tell_gravity(fit: GravityFit) -> str:
     return f"follows gravity at {fit.gravity:.2f} ± {fit.gravity_error:.2f} and inertia at {fit.inertia:.2f}"
 
 
-def _contradicted(session: Session, known: dict[int, GravityFit]) -> TelemetryIssue:
-    joint = max(known, key=lambda j: known[j].gravity)
-    told = f"{session.joints[joint]} {tell_gravity(known[joint])}"
-    evidence = f"{session.name}: session.toml says gravity_compensated, but {told}"
-    remedy = 'remove effort_kind = "gravity_compensated" from session.toml'
-    return TelemetryIssue("effort_gravity_compensated", joints_at(session, known), "fatal", evidence, remedy)
-
-
 def judge_effort(session: Session, states: States | None, issues: list[TelemetryIssue]) -> tuple[JointEffort, ...]:
     """What each joint's effort is, with the evidence.
 

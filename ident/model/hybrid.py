@@ -154,6 +154,10 @@ class HybridModel:
             robot = ArmModel.from_urdf(read_text(path / "robot.urdf", "fit the model again", ModelError), source)
             nominal = ArmModel.from_urdf(read_text(path / "arm.urdf", "fit the model again", ModelError), source)
             robot, nominal = robot.with_gravity(gravity), nominal.with_gravity(gravity)
+            numbers = np.array([record["inertia"]["links"][name] for name in nominal.links], dtype=float)
+            if numbers.shape != (nominal.n, 10):
+                raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
+            same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
             net = None
             if record.get("net", {}).get("preset", "none") != "none":
                 from ident.model.residual_net import ResidualNet
@@ -162,7 +166,7 @@ class HybridModel:
             model = cls(
                 robot=robot,
                 nominal=nominal,
-                arm=_identified(nominal, record["inertia"]["links"]),
+                arm=nominal if same else nominal.with_inertial_parameters(numbers.ravel()),
                 loss=LossParameters(*(record["loss"][name] for name in (*NAMES, "transition_speed_rad_s"))),
                 net=net,
                 links=record["robot"]["links"],
@@ -241,15 +245,6 @@ def loss_torque(
     """All that motors and gears take [N m]."""
     own = loss.torque(dq, ddq)
     return own if coupling is None else own + coupling.torque(dq, ddq)
-
-
-def _identified(nominal: ArmModel, links: dict[str, list[float]]) -> ArmModel:
-    """The rigid arm with the link inertias of model.toml."""
-    numbers = np.array([links[name] for name in nominal.links], dtype=float)
-    if numbers.shape != (nominal.n, 10):
-        raise ValueError(f"link inertias have shape {numbers.shape}, not {(nominal.n, 10)}")
-    same = np.array_equal(numbers.ravel(), nominal.inertial_parameters)
-    return nominal if same else nominal.with_inertial_parameters(numbers.ravel())
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ as little as that needs. `consistent` takes the nearest ones that a real arm cou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -166,7 +167,13 @@ def identify(
     if mode == "nominal":
         found = _with_urdf(found, base_prior(base, max(share, 1e-6) * scale))
     zero = lossless_parameters(found, frictionless)
-    bounds = _nonnegative(found, nominal.n, named), zero
+    # All losses but offsets can't be negative, nor named laws' coefficients as their kind says.
+    positions = [found.index(j)[:3] for j in range(nominal.n)]
+    first = base.rank + nominal.n * found.per_joint
+    for law in named:
+        positions.append(first + np.array(law.kind.nonnegative, dtype=int))
+        first += law.size
+    bounds = np.concatenate(positions), zero
     change, solved = _within_bounds(found, nominal, base, mode, bounds)
     own = nominal.n * found.per_joint
     losses, figures = solved[:own].reshape(nominal.n, found.per_joint), solved[own:]
@@ -174,7 +181,8 @@ def identify(
     if how.shaft is not None:
         inertia_of, viscous, coulomb = _triples(found, figures)[-len(SHAFT_NAMES) :]
         coupling = Coupling(how.shaft, inertia_of, viscous, coulomb)
-    laws = _named(named, found, figures)
+    triples = iter(_triples(found, figures))
+    laws = tuple(replace(law, figures=tuple(islice(triples, law.size))) for law in named)
     arm = nominal if mode == "nominal" else nominal.with_inertial_parameters(nominal.inertial_parameters + change)
     informed = 1.0 - np.diag(found.covariance)[: base.rank] * 1.0 / np.diag(np.linalg.inv(prior))
     information = found.information
@@ -194,15 +202,6 @@ def identify(
     return Identified(inertia, loss, inertias, tied, found.spread, share, through, found, coupling, laws, lossless)
 
 
-def _named(named: Sequence[NamedLaw], found: JointEstimate, figures: Float[Array, " s"]) -> tuple[NamedLaw, ...]:
-    """Laws with their figures and intervals."""
-    triples, first, fitted = _triples(found, figures), 0, []
-    for law in named:
-        fitted.append(NamedLaw(law.effect, law.joint, law.shape, tuple(triples[first : first + law.size])))
-        first += law.size
-    return tuple(fitted)
-
-
 def _triples(found: JointEstimate, figures: Float[Array, " s"]) -> list[tuple[float, float, float]]:
     """Values of the figures that stand last, with their 95 % intervals."""
     half = (quantile(found.dof) * found.std)[len(found.std) - len(figures) :]
@@ -216,7 +215,8 @@ def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, "
     Solves Δβᵀ (C + s² B S² Bᵀ)⁻¹ Δβ = r for s, C the covariance of the data's Δβ. Source: Paule and Mandel 1982.
     """
     information = free_of(found.information, base.rank)
-    score = _freed_score(found, base.rank)
+    cross, own = found.information[: base.rank, base.rank :], found.information[base.rank :, base.rank :]
+    score = found.score[: base.rank] - cross @ np.linalg.pinv(own, hermitian=True) @ found.score[base.rank :]
     root = np.linalg.cholesky((base.mapping * scale**2) @ base.mapping.T)
     whitened = root.T @ information @ root
     values, vectors = np.linalg.eigh(whitened)
@@ -237,11 +237,6 @@ def urdf_share(found: JointEstimate, base: BaseParameters, scale: Float[Array, "
     return high
 
 
-def _freed_score(found: JointEstimate, rank: int) -> Float[Array, " r"]:
-    cross, own = found.information[:rank, rank:], found.information[rank:, rank:]
-    return found.score[:rank] - cross @ np.linalg.pinv(own, hermitian=True) @ found.score[rank:]
-
-
 def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimate:
     """The losses' estimate with the inertias held at the URDF's, which may be off as far as the prior says."""
     rank = found.rank
@@ -252,18 +247,7 @@ def _with_urdf(found: JointEstimate, prior: Float[Array, "r r"]) -> JointEstimat
     covariance[:rank, :rank] = off
     covariance[rank:, rank:] = own + through @ off @ through.T
     covariance += np.diag(found.wandering)
-    fields = {**vars(found), "values": values, "covariance": covariance}
-    return JointEstimate(**fields)
-
-
-def _nonnegative(found: JointEstimate, joints: int, named: Sequence[NamedLaw]) -> Int[Array, " b"]:
-    """Positions of what can't be negative: all losses but offsets, and named laws' coefficients as their kind says."""
-    bounded = [found.rank + found.per_joint * j + k for j in range(joints) for k in range(3)]
-    first = found.rank + found.per_joint * joints
-    for law in named:
-        bounded += [first + k for k in law.kind.nonnegative]
-        first += law.size
-    return np.array(bounded)
+    return replace(found, values=values, covariance=covariance)
 
 
 def _within_bounds(

@@ -238,13 +238,19 @@ class JointProblem:
             by_runs[np.ix_(index, index)] += effect.covariance_of_scores(sums[j])
         blocks = int(np.sum(self.rows.any(axis=1)))
         bread = _inverse(self._with_prior(weighted.information))
-        walk, dof_of_walk = self._wandering(weighted.effects)
+        # What friction that wanders over the session, and the runs' changes, add to each figure, and their freedom.
+        walk, dof_of_walk = np.zeros(self.size), np.ones(self.size)
+        freedom = np.full(self.size, np.median([effect.dof for effect in weighted.effects]))
+        for j, (effect, relative, dof) in enumerate(zip(weighted.effects, *wandering(weighted.effects), strict=True)):
+            index = self.index(j)[list(self.friction)]
+            walk[index] = effect.columns[list(self.friction)].diagonal() ** 2 * relative
+            dof_of_walk[index], freedom[index] = dof, effect.dof
         # Degrees of freedom of each variance by those of its parts: noise, runs' changes, prior and walk.
         first = bread[:, : self.rank]
         parts = [np.diag(bread @ by_runs @ bread), np.diag(first @ self.prior @ first.T), walk]
         parts = [np.maximum(np.diag(bread) - parts[0] - parts[1], 0.0), *parts]
         total = sum(parts, np.full(self.size, 1e-300))
-        free = (max(1.0, blocks - self.size / self.n), self._freedom(weighted.effects), np.inf, dof_of_walk)
+        free = (max(1.0, blocks - self.size / self.n), freedom, np.inf, dof_of_walk)
         shares = ((part / total) ** 2 / d for part, d in zip(parts, free, strict=True))
         return JointEstimate(
             values=values,
@@ -262,22 +268,6 @@ class JointProblem:
             runs=len(self.labels),
             shared=self.shared,
         )
-
-    def _wandering(self, effects: list[RunEffect]) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-        """Variance of each figure by friction that wanders over the session, and its degrees of freedom."""
-        variance, free = np.zeros(self.size), np.ones(self.size)
-        for j, (effect, relative, dof) in enumerate(zip(effects, *wandering(effects), strict=True)):
-            index = self.index(j)[list(self.friction)]
-            variance[index] = effect.columns[list(self.friction)].diagonal() ** 2 * relative
-            free[index] = dof
-        return variance, free
-
-    def _freedom(self, effects: list[RunEffect]) -> Float[Array, " m"]:
-        """Degrees of freedom of what the runs' changes add to each figure's variance."""
-        free = np.full(self.size, np.median([effect.dof for effect in effects]))
-        for j, effect in enumerate(effects):
-            free[self.index(j)[list(self.friction)]] = effect.dof
-        return free
 
 
 def estimate(sums: BlockSums, prior: Float[Array, "r r"], offset: bool = False, robust: bool = False) -> JointEstimate:

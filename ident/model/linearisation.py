@@ -233,16 +233,18 @@ def fit_sliding(motions: Sequence[Motion], rigid: Sequence[Float[Array, "T n"]])
     """
     n = motions[0].n
     known = [_known(motion, torque) for motion, torque in zip(motions, rigid, strict=True)]
-    grid = _grid(motions)
+    # Ranges no smaller than the position's noise allows.
+    least = NOISE_FACTOR * np.max([motion.std[0] for motion in motions], axis=0)
+    grid = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
+    grid += [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
     samples = [
         one.moving[part].sum(axis=0)
         for motion, one in zip(motions, known, strict=True)
         for part in _pieces(len(one.moving), motion)
     ]
     best = _sharpest(np.array([_misfit(motions, known, trial) for trial in grid]), np.array(samples))
-    return Sliding(
-        np.array([grid[best[j]].range[j] for j in range(n)]), np.array([grid[best[j]].speed[j] for j in range(n)])
-    )
+    ranges, speeds = ([getattr(grid[best[j]], name)[j] for j in range(n)] for name in ("range", "speed"))
+    return Sliding(np.array(ranges), np.array(speeds))
 
 
 def _sharpest(misfit: Float[Array, "trials stretches n"], samples: Float[Array, "stretches n"]) -> Int[Array, " n"]:
@@ -280,18 +282,15 @@ class _Known:
 
 def _known(motion: Motion, torque: Float[Array, "T n"]) -> _Known:
     moving, target = _between_rests(motion), motion.tau_filtered - motion.filtered(torque)
-    rows = np.concatenate([motion.filtered(_moves(motion)), target[:, :, None]], axis=2)
-    rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
-    sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
-    return _Known(moving, rows, np.array(sums))
-
-
-def _moves(motion: Motion) -> Float[Array, "T n k"]:
-    """Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning."""
+    # Acceleration, speed and curves over the speed, all turning sharply: laws of friction are no slow turning.
     heading, pace = np.sign(motion.dq), np.abs(motion.dq)
     curves = [(power, 0.0) for power in CONCAVE] + [(CONCAVE[0], knee) for knee in KNEES]
     concave = [heading * bent(pace, power, knee) for power, knee in curves]
-    return np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
+    moves = np.stack([motion.ddq, motion.dq, *concave, heading * np.exp(-pace / SLOW)], axis=-1)
+    rows = np.concatenate([motion.filtered(moves), target[:, :, None]], axis=2)
+    rows = np.ascontiguousarray(np.swapaxes(np.where(moving[:, :, None], rows, 0.0), 0, 1))
+    sums = [np.swapaxes(rows[:, part], 1, 2) @ rows[:, part] for part in _pieces(len(moving), motion)]
+    return _Known(moving, rows, np.array(sums))
 
 
 def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
@@ -312,14 +311,6 @@ def _between_rests(motion: Motion) -> Bool[Array, "t n"]:
         for start, end in zip(starts[after], ends[after], strict=True):
             kept[max(end - reach, start) : end, j] = False
     return kept
-
-
-def _grid(motions: Sequence[Motion]) -> list[Sliding]:
-    """All trials; ranges no smaller than the position's noise allows."""
-    n = motions[0].n
-    least = NOISE_FACTOR * np.max([motion.std[0] for motion in motions], axis=0)
-    ranges = [Sliding(np.maximum(size, least), np.ones(n)) for size in RANGE_GRID]
-    return ranges + [Sliding(np.zeros(n), np.full(n, speed)) for speed in TRANSITION_GRID]
 
 
 def _pieces(samples: int, motion: Motion) -> list[slice]:

@@ -65,15 +65,12 @@ def _take(record: Mapping[str, Any], arm: ArmModel, path: Path) -> NamedLaws:
         elif joint in foreign:
             left_out.append(f"{effect} of {joint}: the model has no such joint")
         else:
-            laws.append(NamedLaw(effect, arm.joint_names.index(joint), _shape(record, finding)))
+            reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
+            law = record.get("baseline", {}).get(joint, {}).get("laws", {}).get(effect, {"shape": {}})
+            told = {name: float(value) for name, value in law["shape"].items()}
+            shape = {**KINDS[effect].usual, **reported, **told}
+            laws.append(NamedLaw(effect, arm.joint_names.index(joint), shape))
     return NamedLaws(tuple(laws), tuple(left_out))
-
-
-def _shape(record: Mapping[str, Any], finding: Mapping[str, Any]) -> dict[str, float]:
-    reported = {name: float(figure["value"]) for name, figure in finding["parameters"].items()}
-    law = record.get("baseline", {}).get(finding["joints"][0], {}).get("laws", {}).get(finding["effect"])
-    told = {} if law is None else {name: float(value) for name, value in law["shape"].items()}
-    return {**KINDS[finding["effect"]].usual, **reported, **told}
 
 
 def identify_named(

@@ -95,17 +95,10 @@ def shrink_net(
         weight = np.where(helps & (gain.mean(axis=0) > best), share, weight)
         best = np.where(weight == share, gain.mean(axis=0), best)
     weight = _spare_the_total(weight, without, own)
-    return _verdicts(weight, predicted, left, moving, travel, witness if run is None else run)
-
-
-def _verdicts(
-    weight: Float[Array, " n"], predicted: Array, left: Array, moving: Array, travel: Array, run: Array
-) -> tuple[JointGate, ...]:
-    """The figures beside each joint's weight."""
-    told = left - np.where(weight > 0.0, weight, 1.0) * predicted
+    after = left - np.where(weight > 0.0, weight, 1.0) * predicted
     count = np.maximum(moving.sum(axis=0), 1.0)
-    rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, told)]
-    works = [_by_group(np.where(moving, part * travel, 0.0), run) for part in (left, told)]
+    rmse = [np.sqrt(np.where(moving, part**2, 0.0).sum(axis=0) / count) for part in (left, after)]
+    works = [_by_group(np.where(moving, part * travel, 0.0), witness if run is None else run) for part in (left, after)]
     energy = [np.sqrt(np.mean(part**2, axis=0)) for part in works]
     return tuple(JointGate(*map(float, row)) for row in zip(*rmse, *energy, weight, strict=True))
 

@@ -145,7 +145,14 @@ class ResidualNet:
             arrays = load_file(weights)
             if not all(np.isfinite(values).all() for values in arrays.values()):
                 raise ValueError("a weight is not finite")
-            network = _build(arrays, mean.shape[-1], len(scale), options)
+            network: JointNets | DenseNet
+            if options.preset == "paper":
+                from ident.model.dense_training import DenseNet  # torch is slow to load
+
+                network = DenseNet.from_arrays(arrays, mean.shape[-1], len(scale), options)
+            else:
+                shape = options.members, len(scale), mean.shape[-1], options.hidden
+                network = JointNets.from_arrays(arrays, *shape)
             inputs = (3 * len(scale),) if options.preset == "paper" else (len(scale), JOINT_FEATURES)
             if not mean.shape == std.shape == inputs or scale.ndim != 1:
                 raise ValueError("its scales are of another number of joints or inputs")
@@ -182,14 +189,6 @@ def _count_weights(inputs: int, joints: int, options: NetOptions) -> int:
         raise ValueError(f"its layers are {options.hidden} wide")
     nets = 1 if options.preset == "paper" else options.members * joints
     return nets * sum(a * b for a, b in pairwise(widths))
-
-
-def _build(arrays: dict[str, Array], inputs: int, joints: int, options: NetOptions) -> JointNets | DenseNet:
-    if options.preset != "paper":
-        return JointNets.from_arrays(arrays, options.members, joints, inputs, options.hidden)
-    from ident.model.dense_training import DenseNet  # torch is slow to load
-
-    return DenseNet.from_arrays(arrays, inputs, joints, options)
 
 
 def _save_arrays(arrays: dict[str, Array], path: Path) -> None:

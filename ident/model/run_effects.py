@@ -251,7 +251,10 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
             runs = int(told.sum())
             if runs >= LEAST_WALK:
                 # A change that is told by half shows half of its variance.
-                power, gain = _modes(change[told] / np.sqrt(known[told]))
+                k = np.arange(1, runs)
+                waves = np.sqrt(2.0 / runs) * np.cos(np.pi * np.outer(k, np.arange(runs) + 0.5) / runs)
+                power = np.maximum((waves @ (change[told] / np.sqrt(known[told]))) ** 2, TINY)
+                gain = 0.25 / np.sin(0.5 * np.pi * k / runs) ** 2  # power of a walk of step variance one
                 spread = 1.0 + WALKS[:, None] / runs * gain
                 squares[:, j, e] = np.sum(power / spread, axis=1)
                 surprise += 0.5 * np.log(spread).sum(axis=1)
@@ -263,11 +266,3 @@ def wandering(effects: Sequence[RunEffect]) -> tuple[Float[Array, "n 2"], Float[
     runs = len(effects[0].change)
     factor = WALKS * (runs + 1) * (2 * runs + 1) / (6 * runs**2)
     return shared.moderate(flat, dof.ravel(), factor).reshape(shape), dof + shared.freedom
-
-
-def _modes(change: Float[Array, " g"]) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """Power of each term of the cosine transform but the mean, and what a walk of step variance one has there."""
-    runs = len(change)
-    k = np.arange(1, runs)
-    waves = np.sqrt(2.0 / runs) * np.cos(np.pi * np.outer(k, np.arange(runs) + 0.5) / runs)
-    return np.maximum((waves @ change) ** 2, TINY), 0.25 / np.sin(0.5 * np.pi * k / runs) ** 2

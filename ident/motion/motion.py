@@ -17,7 +17,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze, in_a_line
 from ident.errors import RecordingError
 from ident.motion.encoder import draw_errors, find_resolution, find_signal_band, keep_band
-from ident.motion.filter import design_lowpass, filter_both_ways, filter_together
+from ident.motion.filter import design_lowpass, filter_together
 from ident.motion.settings import USUAL_MOTION, MotionSettings
 from ident.motion.smoothing import NoiseLevels, Smoothed, fit_noise_levels, smooth
 from ident.recordings.recording import Payload, Recording, Session
@@ -61,14 +61,12 @@ class Lowpass:
 
     def __call__(self, values: Float[Array, "T ..."]) -> Float[Array, "t ..."]:
         """Filters along the first axis and decimates."""
-        return filter_both_ways(_sections(self.rate, self.cutoff), values, self._padding(values))[:: self.factor]
+        return self.together([values]).reshape(-1, *np.shape(values)[1:])
 
     def together(self, parts: Sequence[Float[Array, "T ..."]]) -> Float[Array, "t k"]:
         """The same of several signals, all of their columns side by side."""
-        return filter_together(_sections(self.rate, self.cutoff), parts, self._padding(parts[0]))[:: self.factor]
-
-    def _padding(self, values: Float[Array, "T ..."]) -> int:
-        return min(len(values) - 1, int(3 * self.rate / self.cutoff))
+        padding = min(len(parts[0]) - 1, int(3 * self.rate / self.cutoff))
+        return filter_together(_sections(self.rate, self.cutoff), parts, padding)[:: self.factor]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,85 +8,28 @@ from ident.settings import Settings, number
 
 
 @dataclass(frozen=True)
-class MotionSettings(Settings):
+class MotionSettings(Settings, table="motion"):
     """What of a recording is motion, what is noise, and where friction is known; the usual ones are those of a fit."""
 
-    slowest_corner_hz: float = number(
-        0.2, "Hz", "slowest corner of the smoother that is tried", "chosen: no arm moves so slowly throughout"
-    )
-    fastest_corner_share: float = number(
-        0.45, "1", "fastest one, as a share of the sampling rate", "law: half of it is the end"
-    )
-    band_stretch_s: float = number(2.0, "s", "stretches whose spectra are averaged", "chosen: resolves half a hertz")
-    slowest_band_hz: float = number(
-        4.0,
-        "Hz",
-        "nothing is cut off below",
-        "chosen: a slow cut would blur the ends of a run, and noise falls with the fifth power of the band",
-    )
-    caution: float = number(
-        3.0,
-        "1",
-        "times that encoder noise counts against motion",
-        "calibrated: another simulator's sessions; three beats one and seven",
-    )
-    noise_known_to: float = number(
-        0.35,
-        "1",
-        "share of the sampling rate up to which the smoother's noise follows its formula",
-        "law: the formula is of continuous time",
-    )
-    whole_share: float = number(
-        0.8,
-        "1",
-        "of a joint's band, up to which its states are whole",
-        "law: the cut keeps 99 % there, 1 / (1 + 0.8²⁰)",
-    )
-    cutoff_hz: float = number(
-        10.0,
-        "Hz",
-        "corner of the common filter where none is asked for",
-        "chosen: for a fit 10, above is ripple and structure; for a diagnosis 25, as far as effects live",
-    )
-    cutoff_share: float = number(
-        0.2, "1", "its largest share of the sampling rate", "law: a filter needs some samples a period"
-    )
-    oversampling: float = number(
-        4.0,
-        "1",
-        "samples kept a period of the corner",
-        "chosen: whitened statistics want 2.5, or the whitening blows up what the stop band leaves",
-    )
-    guard: float = number(
-        2.0,
-        "1",
-        "corner of the filter before fast logs are decimated, in corners of the common one",
-        "chosen: between them lies what columns may fold down",
-    )
-    least_factor: int = number(
-        3, "1", "samples that must make way for one, or a log is left alone", "chosen: else nothing is won"
-    )
-    least_duration_s: float = number(
-        1.0, "s", "least length of a run", "chosen: the filter's ends blur all of a shorter one"
-    )
-    least_samples: int = number(30, "1", "and its least samples", "chosen: the filter's ends blur all of fewer")
-    reversal_periods: float = number(
-        1.0,
-        "1",
-        "time around a stop or turn that filter and smoother smear, in periods of their corner",
-        "law: the reach of a fourth-order filter",
-    )
-    forgetting_travel: float = number(
-        0.04,
-        "rad or m",
-        "travel after which friction does not depend on what was before the run",
-        "chosen: beyond the presliding of gears",
-    )
-    rest_deviations: float = number(
-        3.0, "1", "standard deviations of its speed below which a joint may be at rest", "law: one in 400"
-    )
-    rest_speed: float = number(2e-3, "rad/s or m/s", "and the least such speed", "chosen: beneath what anyone commands")
-    smoother: str = number("fast", "word", "what smooths: fast, or filterpy, its reference", "law: the same numbers")
+    slowest_corner_hz: float = number()
+    fastest_corner_share: float = number()
+    band_stretch_s: float = number()
+    slowest_band_hz: float = number()
+    caution: float = number()
+    noise_known_to: float = number()
+    whole_share: float = number()
+    cutoff_hz: float = number()
+    cutoff_share: float = number()
+    oversampling: float = number()
+    guard: float = number()
+    least_factor: int = number()
+    least_duration_s: float = number()
+    least_samples: int = number()
+    reversal_periods: float = number()
+    forgetting_travel: float = number()
+    rest_deviations: float = number()
+    rest_speed: float = number()
+    smoother: str = number()
 
 
 USUAL_MOTION = MotionSettings()

@@ -355,14 +355,6 @@ def smooth(
     return Smoothed(freeze(states[0]), freeze(states[1]), freeze(states[2]), freeze(std))
 
 
-def _transition(dt: float, s: float) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-    step = np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
-    noise = s * np.array(
-        [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
-    )
-    return step, noise
-
-
 def _smooth_filterpy(
     z: Array,
     dt: Array,
@@ -382,8 +374,11 @@ def _smooth_filterpy(
     kalman.H, kalman.R = np.array([[1.0, 0.0, 0.0]]), np.array([[r]])
     first = np.diag([r, speed**2, rate**2])
     kalman.x, kalman.P = np.array([[z[0]], [0.0], [0.0]]), first.copy()
-    pairs = [_transition(float(h), s) for h in dt]
-    steps, noises = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    steps = [np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]]) for h in dt]
+    noises = [
+        s * np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
+        for h in dt
+    ]
     means, covariances, _, _ = kalman.batch_filter(z[1:], Fs=steps, Qs=noises)
     means = np.concatenate([[[[z[0]], [0.0], [0.0]]], means])
     covariances = np.concatenate([[first], covariances])

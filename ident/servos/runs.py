@@ -88,12 +88,12 @@ def prepare_goals(session: Session, cutoff: float | None = None) -> tuple[GoalRu
     # Noise of positions is found as for other arms; the measured position stands where they have the torque.
     as_log = [run.replace(effort=run.position) for run in long]
     levels = session_noise(session.replace(runs=as_log))
-    return tuple(_prepare(run, prepare_run(run, levels, session.payload, cutoff)) for run in as_log)
-
-
-def _prepare(run: Recording, motion: Motion) -> GoalRun:
-    assert run.position_command is not None
-    return GoalRun(motion, run.time, run.position_command, run.sample_interval)
+    found = []
+    for run in as_log:
+        assert run.position_command is not None
+        motion = prepare_run(run, levels, session.payload, cutoff)
+        found.append(GoalRun(motion, run.time, run.position_command, run.sample_interval))
+    return tuple(found)
 
 
 def runs_of(sources: Sequence[Session], cutoff: float | None = None) -> tuple[GoalRun, ...]:

@@ -123,7 +123,9 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
         figures.append(ServoFigure("delay_s", value, max(low - DELAY_STEP, 0.0), high + DELAY_STEP))
     else:
         untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
-    figures += _total_lag(table, near, best) + _gain(figures)
+    figures += _total_lag(table, near, best)
+    for one in [one for one in figures if one.name == "droop_rad_Nm" and one.low > 0.0]:  # it tells the stiffness
+        figures.append(ServoFigure("gain_Nm_rad", 1.0 / one.value, 1.0 / one.high, 1.0 / one.low))
     after = np.sqrt(losses[best if sure else 0].sum() / len(rows.error))
     before = np.sqrt(np.mean(table[0].error ** 2))
     return ServoJoint(joint, tuple(figures), untold, float(before), float(after))
@@ -253,14 +255,6 @@ def _total_lag(table: Sequence[_Rows], near: Bool[Array, " D"], best: int) -> li
     return [ServoFigure("total_lag_s", found[best][0], low, high)] if low > 0.0 else []
 
 
-def _gain(figures: Sequence[ServoFigure]) -> list[ServoFigure]:
-    """The controller's stiffness, where droop tells it."""
-    for one in figures:
-        if one.name == "droop_rad_Nm" and one.low > 0.0:
-            return [ServoFigure("gain_Nm_rad", 1.0 / one.value, 1.0 / one.high, 1.0 / one.low)]
-    return []
-
-
 SCHEMA = "ident.servo/1"
 # Causes of a dead band that goal and position can't part, whatever the motion.
 SAME_AS_DEAD_BAND = ("dead_band", "dry_friction", "backlash")
@@ -302,7 +296,9 @@ class ServoArm(Result):
         """A few lines a joint."""
         lines = []
         for one in self.joints:
-            lines.append(f"{one.joint}: {_errors(one)}")
+            known = f"{1e3 * one.rms_after:.2f} mrad of it are not explained"
+            error = f"follows within {1e3 * one.rms_before:.1f} mrad; {known}"
+            lines.append(f"{one.joint}: {'nothing can be told' if np.isnan(one.rms_before) else error}")
             for figure in (figure for figure in one.figures if figure.name in WORDS):
                 ends = (1e3 * value for value in (figure.value, figure.low, figure.high))
                 lines.append("  " + WORDS[figure.name].format(*ends))
@@ -310,12 +306,6 @@ class ServoArm(Result):
                 lines.append(f"    dead band, dry friction or backlash: {PARTED_BY}")
             lines += [f"  not told: {name}: {reason}" for name, reason in one.untold.items()]
         return "\n".join(lines)
-
-
-def _errors(one: ServoJoint) -> str:
-    if np.isnan(one.rms_before):
-        return "nothing can be told"
-    return f"follows within {1e3 * one.rms_before:.1f} mrad; {1e3 * one.rms_after:.2f} mrad of it are not explained"
 
 
 def _record(one: ServoJoint) -> dict[str, Any]:
