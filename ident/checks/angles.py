@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, joints_at
-from ident.compiled import compiled
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -319,34 +319,9 @@ def distance(values: Float[Array, "T n"], width: int) -> Float[Array, "T n"]:
 
     The first and last ones have the window at the run's end: a mirrored neighbour would count twice.
     """
-    columns = np.array(values, dtype=float, order="C")
-    medians = np.empty((len(columns) - 2 * width, columns.shape[1]))
-    _running_medians(columns, np.empty(2 * width + 1), medians)
+    medians = median_filter(values, (2 * width + 1, 1))[width : len(values) - width]
     rows = np.clip(np.arange(len(values)) - width, 0, len(medians) - 1)
     return np.asarray(values - medians[rows])
-
-
-@compiled("f2 f1 f2")
-def _running_medians(values: Array, window: Array, medians: Array) -> None:
-    """Median of every stretch of each column; a window kept in order gains one sample and loses one at a step."""
-    size = len(window)
-    for c in range(values.shape[1]):
-        for t in range(len(values)):
-            new = values[t, c]
-            k = min(t, size)
-            if t >= size:
-                old, k = values[t - size, c], 0
-                while k < size - 1 and window[k] != old:
-                    k += 1
-                while k < size - 1:
-                    window[k] = window[k + 1]
-                    k += 1
-            while k > 0 and window[k - 1] > new:
-                window[k] = window[k - 1]
-                k -= 1
-            window[k] = new
-            if t >= size - 1:
-                medians[t - size + 1, c] = window[size // 2]
 
 
 def _drop(

@@ -238,7 +238,7 @@ def _check_scale(
 
 def _check_origin(session: Session, arm: ArmModel, states: States) -> list[TelemetryIssue]:
     """Finds torques that a rigid model explains without any friction."""
-    moving = np.flatnonzero(states.moving & states.alive)
+    held, moving = states.settings, np.flatnonzero(states.moving & states.alive)
     if len(states.q) < 20 * arm.n or not len(moving):
         return []
     rows = slice(None, None, max(1, len(states.q) // ORIGIN_STATES))
@@ -247,47 +247,26 @@ def _check_origin(session: Session, arm: ArmModel, states: States) -> list[Telem
     for joint in moving:
         felt = regressor[:, joint, np.any(regressor[:, joint] != 0.0, axis=0)]  # no joint feels the links before it
         rigid = np.column_stack([felt, states.ddq[rows, joint]])
-        found = fit_rigid(rigid, states.dq[rows, joint], states.tau[rows, joint])
-        if found.is_computed(states.settings):
-            models.append((found, int(joint)))
+        left, friction, computed = _without_friction(rigid, states.dq[rows, joint], states.tau[rows, joint], held)
+        if computed:
+            models.append((left, friction, int(joint)))
     # One joint without friction may be a fine gear; most joints without are a computer.
     if len(models) < max(1.0, 0.5 * len(moving)):
         return []
-    found, worst = min(models, key=lambda model: model[0].left)
+    left, friction, worst = min(models)
     evidence = (
-        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {found.left:.2%}, with "
-        f"{found.friction:.3f} N m of friction: a computed torque, not a measured one"
+        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {left:.2%}, with "
+        f"{friction:.3f} N m of friction: a computed torque, not a measured one"
     )
-    joints = joints_at(session, [joint for _, joint in models])
+    joints = joints_at(session, [joint for *_, joint in models])
     remedy = "log the measured torque or the motor current"
     return [TelemetryIssue("effort_is_model", joints, "fatal", evidence, remedy)]
 
 
-@dataclass(frozen=True)
-class RigidFit:
-    """A joint's torque by rigid-body columns, without and with friction.
-
-    Attributes:
-        spread: Standard deviation of the torque [N m].
-        left: Share of it that the rigid columns leave.
-        gain: Share of the residual's variance that friction takes away.
-        friction: RMS of the friction found [N m].
-    """
-
-    spread: float
-    left: float
-    gain: float
-    friction: float
-
-    def is_computed(self, settings: EffortSettings = USUAL_EFFORT) -> bool:
-        """Whether the torque shows no friction although the rigid columns explain it."""
-        explained = self.left**2 < 1.0 - settings.rigid_explains
-        without = self.friction < settings.friction_share * self.spread and self.gain < settings.friction_gain
-        return self.left < 1e-6 or (explained and without)
-
-
-def fit_rigid(rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"]) -> RigidFit:
-    """Least squares of a torque by rigid-body columns and an offset, without and with friction."""
+def _without_friction(
+    rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Array, " T"], settings: EffortSettings
+) -> tuple[float, float, bool]:
+    """Share of a torque's spread that rigid columns leave, friction beside them [N m], and whether it shows none."""
     friction = np.column_stack([np.tanh(dq / TRANSITION_RAD_S), dq])
     table = np.column_stack([rigid, np.ones(len(tau)), friction])
     size = np.linalg.norm(table, axis=0)
@@ -301,4 +280,7 @@ def fit_rigid(rigid: Float[Array, "T k"], dq: Float[Array, " T"], tau: Float[Arr
         left.append(float(np.linalg.norm(target - columns[:, :count] @ weights)) / np.sqrt(len(tau)))
     spread = float(tau.std())
     gain = 1.0 - (left[1] / left[0]) ** 2 if left[0] > 0.0 else 0.0
-    return RigidFit(spread, left[0] / spread, gain, float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2))))
+    share, level = left[0] / spread, float(np.sqrt(np.mean((table[:, -2:] @ weights[-2:]) ** 2)))
+    explained = share**2 < 1.0 - settings.rigid_explains
+    none = level < settings.friction_share * spread and gain < settings.friction_gain
+    return share, level, share < 1e-6 or (explained and none)

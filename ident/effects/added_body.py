@@ -21,7 +21,7 @@ from ident.arrays import Array, Float, freeze
 from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.intervals import amplitude_interval
 from ident.effects.typical_sizes import arm_mass, arm_reach, rated_torque, sampled_states
-from ident.laws.bodies import moment_change, point_mass
+from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
 PLACE = ("x_m", "y_m", "z_m")

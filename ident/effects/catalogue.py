@@ -16,7 +16,7 @@ from ident.effects import contact, friction, gear, hysteresis_thermal, rigid_bod
 from ident.effects.base import Effect, StatesEffect
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
-from ident.laws.table import TABLE
+from ident.laws.carried import TABLE
 
 FILES = (contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission)
 CLASSES: dict[str, type[Effect]] = {

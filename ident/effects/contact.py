@@ -18,7 +18,7 @@ from ident.effects.base import Effect, Interval, RunContext, SessionContext, Var
 from ident.effects.effect_info import Range
 from ident.effects.intervals import amplitude_interval, exactly
 from ident.effects.typical_sizes import arm_reach, rated_torque
-from ident.laws.bodies import point_mass
+from ident.laws.acting import point_mass
 from ident.robot.arm import ArmModel
 
 SHORTEST_WINDOW = 0.5  # [s]

@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, ClassVar, Literal, Protocol
 
-from ident.laws.carried import KINDS
-from ident.laws.table import TABLE
+from ident.laws.carried import KINDS, TABLE
 
 Answer = Literal["yes", "approximate", "no"]
 # No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
@@ -47,21 +46,6 @@ class Expression:
 
     def to_dict(self) -> dict[str, str]:
         return {"expressed": self.answer, "how": self.words}
-
-
-def exactly_as(words: str) -> Expression:
-    """A format states the same law."""
-    return Expression("yes", words)
-
-
-def nearly_as(words: str) -> Expression:
-    """A format states something near."""
-    return Expression("approximate", words)
-
-
-def not_at_all(words: str) -> Expression:
-    """A format has no words for it."""
-    return Expression("no", words)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Range
 from ident.effects.intervals import SizePrior, coefficient_interval, delta_interval, linear_interval
 from ident.effects.typical_sizes import arm_mass, arm_reach
-from ident.laws.bodies import moment_change, point_mass
+from ident.laws.acting import moment_change, point_mass
 from ident.robot.arm import ArmModel
 
 # Distance of the load from the last joint's frame, along its axis, about which its inertia is linearised [m].

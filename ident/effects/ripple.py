@@ -63,9 +63,8 @@ class TorqueRipple(Effect):
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
         # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
         some = session.surveyed(leftover)
-        found = [find_lines(session.survey, some, joint) for joint in range(session.n)]
-        looked = round(float(np.mean([one.looked for one in found])))
-        return replace(self, lines=tuple(one.turns for one in found), screens=max(1, looked))
+        lines, looked = zip(*(find_lines(session.survey, some, joint) for joint in range(session.n)), strict=True)
+        return replace(self, lines=lines, screens=max(1, round(float(np.mean(looked)))))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
         slowest = _gear(session, joint) or FEWEST
@@ -148,23 +147,10 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
     return cycles >= LEAST_CYCLES and turns * noise < LARGEST_PHASE_NOISE
 
 
-@dataclass(frozen=True, eq=False)
-class RippleLines:
-    """What stands out of a joint's residual, the strongest first.
-
-    Attributes:
-        turns: Cycles a turn of the joint.
-        looked: Number of independent lines that were looked at.
-    """
-
-    turns: tuple[float, ...]
-    looked: int
-
-
 def find_lines(
     session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2
-) -> RippleLines:
-    """Lines in a joint's angle that the tuned model leaves.
+) -> tuple[tuple[float, ...], int]:
+    """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at.
 
     Args:
         session: The runs.
@@ -182,14 +168,14 @@ def find_lines(
     angle, speed, residual = map(np.concatenate, (angles, speeds, left))
     covered = float(np.ptp(angle)) if len(angle) else 0.0
     if covered < LEAST_TRAVEL:
-        return RippleLines((), 1)
+        return (), 1
     motion = session.runs[0].motion
     corner, step = motion.lowpass.cutoff, motion.interval * motion.lowpass.factor
     turns, power, cycles = _spectrum(angle - angle.min(), speed, residual, corner)
     spread = max(float(run.motion.std[0, joint]) for run in session.runs)
     shows = (cycles * step >= LEAST_CYCLES) & (turns * spread < LARGEST_PHASE_NOISE) & (turns >= FEWEST)
     if not shows.any():
-        return RippleLines((), 1)
+        return (), 1
     usual = median_filter(power, 2 * AROUND * PADDING + 1, mode="nearest") / (2.0 * np.log(2.0))
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // PADDING)
@@ -198,7 +184,7 @@ def find_lines(
         best = int(np.argmax(above))
         found.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0
-    return RippleLines(tuple(found), looked)
+    return tuple(found), looked
 
 
 def _spectrum(

@@ -15,7 +15,7 @@ from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import coefficient_interval, exactly, grid_interval
 from ident.effects.typical_sizes import is_near, rated_torque, root_mean_square, sampled_states
-from ident.laws.sensing import shifted
+from ident.laws.acting import shifted
 from ident.motion.encoder import mean_spectrum
 
 # A reading that loses all but this share of what lies above its knee is flat there.

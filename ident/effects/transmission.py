@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.effects.base import Effect, Interval, SessionContext, Variant
-from ident.effects.effect_info import Expression, Range, not_at_all
+from ident.effects.effect_info import Expression, Range
 from ident.effects.intervals import (
     amplitude_interval,
     coefficient_interval,
@@ -247,7 +247,9 @@ class SpringTorque(Effect):
 
     def expressed(self, form: str, figures: Mapping[str, float]) -> Expression | None:
         if form == "mjcf" and any(figures[name] for name in WAVE):
-            return not_at_all("a joint's spring is a cubic, this one has two rests a turn; add the module's torque")
+            return Expression(
+                "no", "a joint's spring is a cubic, this one has two rests a turn; add the module's torque"
+            )
         return super().expressed(form, figures)
 
 

@@ -13,7 +13,7 @@ from ident.export.templates import fill
 
 
 def write_cpp(identified: IdentifiedArm) -> str:
-    """The header's text: Newton and Euler's recursion in the joints' own frames, as in `ident.laws.chain`.
+    """The header's text: Newton and Euler's recursion in the joints' own frames, as in `ident.laws.motion`.
 
     Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
     """

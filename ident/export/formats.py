@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array
-from ident.effects.effect_info import Expression, exactly_as, nearly_as, not_at_all
+from ident.effects.effect_info import Expression
 from ident.export.identified import Change, IdentifiedArm, in_module
 from ident.export.python import describe_arm
 from ident.laws.acting import acting_torque
@@ -27,11 +27,13 @@ FORMATS = ("urdf", "mjcf", "parameters", "module")
 LOADED = ("urdf", "mjcf")
 _FRICTION = "knows damping and dry friction only; the pair that fits best stands in for the law"
 _FRICTIONS = {
-    "urdf": not_at_all(f"<dynamics> {_FRICTION}"),
-    "mjcf": not_at_all(f"<joint> {_FRICTION}; add the module's torque to qfrc_applied"),
+    "urdf": Expression("no", f"<dynamics> {_FRICTION}"),
+    "mjcf": Expression("no", f"<joint> {_FRICTION}; add the module's torque to qfrc_applied"),
 }
-_UNKNOWN = not_at_all("an effect outside the catalogue, whose law is known to its file only: give it with --catalogue")
-_LAWLESS = not_at_all("its class gives no `law` for the module")
+_UNKNOWN = Expression(
+    "no", "an effect outside the catalogue, whose law is known to its file only: give it with --catalogue"
+)
+_LAWLESS = Expression("no", "its class gives no `law` for the module")
 
 # States at which laws are compared with losses where no recording is given: how long, how dense [s], which speed as a
 # share of the limit, and the limit where a URDF has none [rad/s].
@@ -45,15 +47,15 @@ MOST_SAMPLES = 5000
 def express(change: Change, form: str) -> Expression:
     """How a format (`urdf`, `mjcf`, `parameters`, `module`) expresses an effect."""
     if form == "parameters":
-        return exactly_as("all parameters with their intervals")
+        return Expression("yes", "all parameters with their intervals")
     effect = change.kind
     if effect is None:
         return _UNKNOWN
     if form != "module":
         return effect.expressed(form, change.values) or _FRICTIONS[form]
     if not change.has_law:
-        return not_at_all(effect.left_open) if effect.left_open else _LAWLESS
-    return nearly_as(effect.left_open) if effect.left_open else exactly_as("the law")
+        return Expression("no", effect.left_open) if effect.left_open else _LAWLESS
+    return Expression("approximate", effect.left_open) if effect.left_open else Expression("yes", "the law")
 
 
 def state_arm(identified: IdentifiedArm, form: str, runs: Sequence[Run]) -> IdentifiedArm:

@@ -19,10 +19,9 @@ from ident.effects.base import Effect, Interval
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.errors import InputError
 from ident.export.bodies import Links, lay_out, nearest_bodies
-from ident.laws.acting import KNOWN
-from ident.laws.bodies import BODIES, link_change, turned_gravity
+from ident.laws.acting import BODIES, KNOWN, link_change, turned_gravity
+from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
-from ident.laws.sensing import Effect as ModuleEffect
 from ident.model.convex import is_consistent
 from ident.model.hybrid import HybridModel
 from ident.motion.settings import FOR_DIAGNOSIS

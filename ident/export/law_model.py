@@ -10,10 +10,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.export.identified import IdentifiedArm
 from ident.export.python import describe_arm
-from ident.laws.acting import acting_torque
-from ident.laws.chain import Arm
-from ident.laws.motion import Losses, MovingArm
-from ident.laws.sensing import Effect, read_log
+from ident.laws.acting import Effect, acting_torque, read_log
+from ident.laws.motion import Arm, Losses, MovingArm
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload
 

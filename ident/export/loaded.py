@@ -15,8 +15,8 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.export.law_model import SimulatorModel
 from ident.export.mjcf_joint import SPRING_SUFFIX
+from ident.laws.acting import shifted
 from ident.laws.motion import Losses
-from ident.laws.sensing import shifted
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 

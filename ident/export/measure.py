@@ -17,7 +17,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.export.loaded import LoadedModel
-from ident.laws.sensing import shifted
+from ident.laws.acting import shifted
 from ident.motion.motion import Motion
 
 WINDOW = 0.25  # [s]

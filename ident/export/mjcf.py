@@ -23,7 +23,7 @@ from ident.export.bodies import about_centre
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf_joint import TIMESTEP, JointElements, joint_elements, numbers
 from ident.export.urdf import NOTE, PAYLOAD, PAYLOAD_RADIUS
-from ident.laws.bodies import payload_parameters
+from ident.laws.acting import payload_parameters
 from ident.robot.arm import ArmModel
 
 # Below this a principal moment is that of a body without extent [kg m²].

@@ -12,8 +12,8 @@ from scipy.optimize import lsq_linear
 
 from ident.arrays import Array, Float
 from ident.export.identified import IdentifiedArm
+from ident.laws.carried import COLUMNS
 from ident.laws.friction import JointStates
-from ident.laws.table import COLUMNS
 from ident.robot.arm import ArmModel
 
 # Dry friction and stops are constraints that soften over this time; twice the step is the least that is stable [s].

@@ -24,7 +24,7 @@ from ident.export.mjcf import inertial_attributes
 from ident.export.mjcf_joint import joint_elements, numbers
 from ident.export.mjcf_match import Match, match_file
 from ident.files import atomic_write
-from ident.laws.bodies import payload_parameters
+from ident.laws.acting import payload_parameters
 from ident.laws.motion import Losses
 from ident.model.convex import is_consistent
 from ident.robot.arm import ArmModel

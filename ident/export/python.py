@@ -22,13 +22,12 @@ from ident.errors import InputError
 from ident.export.identified import IdentifiedArm
 from ident.export.templates import fill
 from ident.laws.acting import KNOWN
-from ident.laws.chain import Arm, Array
-from ident.laws.motion import Losses
-from ident.laws.table import COLUMNS
+from ident.laws.carried import COLUMNS
+from ident.laws.motion import Arm, Array, Losses
 from ident.robot.arm import ArmModel
 
 # Files of `ident.laws` in their order.
-PARTS = ("chain", "motion", "sensing", "friction", "bodies", "elastic", "acting")
+PARTS = ("motion", "friction", "elastic", "acting")
 
 
 def describe_arm(arm: ArmModel) -> Arm:

@@ -1,4 +1,11 @@
-"""All laws by the ids of their effects, and the torque of some of them together."""
+"""What the log tells of a torque: gain, offset, lateness, flat tops.
+
+Bodies, gravity and angles that are not where the model has them: torque on all joints, together.
+
+A payload hangs under the gravity and at the angles that are there, so that these effects are one change of the arm.
+
+All laws by the ids of their effects, and the torque of some of them together.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +13,138 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ident.laws.bodies import BODIES, changed_arm
-from ident.laws.chain import Array
+from ident.laws.carried import COLUMNS, Columns
 from ident.laws.elastic import backlash, elasticity
 from ident.laws.friction import JointStates, coupling, hysteresis, ripple, spring, thermal
-from ident.laws.motion import MovingArm
-from ident.laws.sensing import SENSING, Effect
-from ident.laws.table import COLUMNS, Columns
+from ident.laws.motion import Array, MovingArm, rigid_torque, rotation_about
+
+# An effect: its id, its joint's index (-1 for the whole arm), its figures.
+Effect = tuple[str, int, dict[str, float]]
+# What the log tells of a torque, against what turns the joint.
+SENSING = ("torque_gain_error", "torque_offset", "torque_delay", "torque_saturation")
+
+
+def read_log(effects: Sequence[Effect], torque: Array, interval: float) -> Array:
+    """What the log reads of a torque: gain, offset, then lateness, then flat tops [N m].
+
+    The offset is that of the middle of the diagnosed session; its drift is left out.
+    """
+    log = np.array(torque, dtype=float)
+    for name, joint, figures in effects:
+        if name == "torque_gain_error":
+            log[:, joint] *= 1.0 + figures["gain"]
+    for name, joint, figures in effects:
+        if name == "torque_offset":
+            log[:, joint] += figures["offset_Nm"]
+    log = shifted(log, total_delay(effects), interval)
+    for name, joint, figures in effects:
+        if name == "torque_saturation":
+            above = np.maximum(np.abs(log[:, joint]) - figures["knee_Nm"], 0.0)
+            log[:, joint] -= figures["lost"] * np.sign(log[:, joint]) * above
+    return log
+
+
+def undo_log(effects: Sequence[Effect], log: Array, interval: float) -> Array:
+    """The inverse: torque behind a log, but for what flat tops cut off [N m]."""
+    torque = shifted(np.array(log, dtype=float), -total_delay(effects), interval)
+    for name, joint, figures in effects:
+        if name == "torque_offset":
+            torque[:, joint] -= figures["offset_Nm"]
+    for name, joint, figures in effects:
+        if name == "torque_gain_error":
+            torque[:, joint] /= 1.0 + figures["gain"]
+    return torque
+
+
+def total_delay(effects: Sequence[Effect]) -> float:
+    """Lateness of the torque log [s]."""
+    return sum(figures["delay_s"] for name, _, figures in effects if name == "torque_delay")
+
+
+def shifted(values: Array, delay: float, interval: float) -> Array:
+    """Signals late by a time, by the cubic through the four samples around each instant; ends are held."""
+    if delay == 0.0:
+        return values
+    if interval <= 0.0:
+        raise ValueError("a delay needs a whole run, evenly sampled, and its interval")
+    whole = int(np.floor(delay / interval))
+    u = delay / interval - whole
+    weights = (
+        -u * (1 - u) * (2 - u) / 6,  # of one sample later
+        (1 + u) * (1 - u) * (2 - u) / 2,
+        (1 + u) * u * (2 - u) / 2,
+        -(1 + u) * u * (1 - u) / 6,
+    )
+    at = np.arange(len(values)) - whole
+    total = np.zeros_like(values)
+    for offset, weight in zip((1, 0, -1, -2), weights, strict=True):
+        total += weight * values[np.clip(at + offset, 0, len(values) - 1)]
+    return total
+
+
+BODIES = ("payload", "link_inertial_error", "gravity_misalignment", "encoder_offset")
+
+
+def changed_arm(effects: Sequence[Effect], m: MovingArm) -> Array:
+    """Rigid torque of the arm as it is, less that of the model [N m]."""
+    q, links, gravity = m.q.copy(), m.arm.links.copy(), m.arm.gravity
+    for name, joint, p in effects:
+        if name == "payload":
+            links[-1] += payload_parameters(p)
+        elif name == "link_inertial_error":
+            links[joint] += link_change(m.arm.links[joint], p)
+        elif name == "gravity_misalignment":
+            gravity = turned_gravity(gravity, p)
+        elif name == "encoder_offset":
+            q[:, joint] += p["offset_rad"]
+    return rigid_torque(m.arm, q, m.dq, m.ddq, gravity, links) - m.rigid
+
+
+def point_mass(centre: Array) -> Array:
+    """Ten inertial numbers of a unit point mass."""
+    return np.concatenate([[1.0], centre, _six(centre @ centre * np.eye(3) - np.outer(centre, centre))])
+
+
+def moment_change(centre: Array) -> Array:
+    """Change of the ten numbers per change of the first moment, for a body that is shifted, shape (10, 3)."""
+    columns = []
+    for axis in np.eye(3):
+        inertia = 2.0 * (centre @ axis) * np.eye(3) - np.outer(centre, axis) - np.outer(axis, centre)
+        columns.append(np.concatenate([[0.0], axis, _six(inertia)]))
+    return np.stack(columns, axis=1)
+
+
+def _six(inertia: Array) -> Array:
+    """Entries xx, xy, yy, xz, yz, zz of an inertia matrix."""
+    return inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+
+
+def payload_parameters(p: dict[str, float]) -> Array:
+    """Ten numbers of a point mass at the payload's centre."""
+    return p["mass_kg"] * point_mass(np.array([p[f"com_{axis}_m"] for axis in "xyz"]))
+
+
+def link_change(link: Array, p: dict[str, float]) -> Array:
+    """Change of a link's ten numbers: more of its own density, or a body at a place, then a shift of its first moment.
+
+    What the parameters leave open, the second moments, follows as in the diagnosis: they grow with the mass, and with
+    the shift of the first moment as those of a body near the link's centre or that place.
+    """
+    mass = link[0]
+    centre, density = (link[1:4] / mass, link / mass) if mass > 0.0 else (np.zeros(3), np.eye(10)[0])
+    if "x_m" in p:
+        centre = np.array([p[f"{axis}_m"] for axis in "xyz"])
+        density = point_mass(centre)
+    shift = np.array([p[f"moment_change_{axis}_kgm"] for axis in "xyz"]) - p["mass_change_kg"] * centre
+    return p["mass_change_kg"] * density + moment_change(centre) @ shift
+
+
+def turned_gravity(gravity: Array, p: dict[str, float]) -> Array:
+    """Gravity seen from a base that is turned by small angles about its own x and y axes [m/s²]."""
+    tilt = np.array([p["tilt_x_rad"], p["tilt_y_rad"], 0.0])
+    angle = float(np.linalg.norm(tilt))
+    return gravity if angle == 0.0 else rotation_about(tilt / angle, np.array([-angle]))[0] @ gravity
+
 
 Law = Callable[[MovingArm, int, dict[str, float]], Array]
 

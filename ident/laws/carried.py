@@ -1,12 +1,17 @@
-"""Laws of one joint's states that a diagnosis can name and a model can carry, fitted and kept.
+"""The table of what is known of each effect beside its law, and the laws of one joint's states that it tells of.
+
+Laws of one joint's states that a diagnosis can name and a model can carry, fitted and kept.
 
 The effects of the same names are made of the same columns, so that what was named and what is fitted is one law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +19,17 @@ import numpy as np
 from ident.arrays import Array, Float
 from ident.laws.friction import JointStates
 from ident.laws.motion import direction
-from ident.laws.table import COLUMNS, STATES, TABLE, Columns
+
+# Torque of a joint for coefficients of one, by its states and what bends the law [N m].
+Columns = Callable[[JointStates, Mapping[str, float]], list[Any]]
+
+TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("effects.toml").read_text(encoding="utf-8"))
+# Rows that have `states` name the file of this package in which the function of the effect's name is its law.
+STATES: Mapping[str, Any] = {effect: row["states"] for effect, row in TABLE["effects"].items() if "states" in row}
+COLUMNS: Mapping[str, Columns] = {
+    effect: getattr(import_module(f"ident.laws.{row['file']}"), effect) for effect, row in STATES.items()
+}
+
 
 Shape = Mapping[str, float]
 # Largest exponent of a law that is believed: no friction bends more, and a file may hold anything.

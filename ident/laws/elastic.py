@@ -13,8 +13,7 @@ from math import ceil
 
 import numpy as np
 
-from ident.laws.chain import Array, rigid_torque
-from ident.laws.motion import MovingArm
+from ident.laws.motion import Array, MovingArm, rigid_torque
 
 # The elastic joint is integrated with steps no longer than this [s].
 LONGEST_STEP = 0.002

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.laws.chain import Array
-from ident.laws.motion import MovingArm, stop
+from ident.laws.motion import Array, MovingArm, stop
 
 
 @dataclass(frozen=True, eq=False)

@@ -299,7 +299,11 @@ class ModelLimits:
     def check(self, score: SessionScore) -> tuple[Check, ...]:
         """Every limit on one session."""
         row = -1 if self.rung is None else score.rungs.index(self.rung)
-        return tuple(Check(score.name, limit, _value(score, limit, row)) for limit in self.limits)
+        columns = [*score.joints, "total"]
+        tables = dict(zip((*LARGEST, *LEAST), (score.rmse_mean, np.abs(score.energy_mean), score.r2), strict=True))
+        values = [float(tables[limit.figure][row, columns.index(limit.joint)]) for limit in self.limits]
+        pairs = zip(self.limits, values, strict=True)
+        return tuple(Check(score.name, limit, None if math.isnan(value) else value) for limit, value in pairs)
 
 
 def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> ModelLimits:
@@ -334,14 +338,3 @@ def load_limits(path: Path, joints: tuple[str, ...], rungs: tuple[str, ...]) -> 
     if not limits:
         raise InputError(path, "holds no limit", "give one, such as [torque_rmse_Nm] total = 2.0")
     return ModelLimits(tuple(limits), rung)
-
-
-def _value(score: SessionScore, limit: Limit, row: int) -> float | None:
-    column = len(score.joints) if limit.joint == "total" else score.joints.index(limit.joint)
-    table = {
-        "torque_rmse_Nm": score.rmse_mean,
-        "energy_error_J": np.abs(score.energy_mean),
-        "r2_moving": score.r2,
-    }[limit.figure]
-    value = float(table[row, column])
-    return None if math.isnan(value) else value

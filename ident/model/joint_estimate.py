@@ -87,13 +87,8 @@ class JointEstimate:
         return self.rank + self.per_joint * joint + np.arange(self.per_joint)
 
 
-@dataclass(frozen=True, eq=False)
-class _Weighted:
-    """The normal equations under the present weights, and what they were made of."""
-
-    information: Array
-    score: Array
-    effects: list[RunEffect]
+# The normal equations under the present weights, and what they were made of.
+Weighted = tuple[Array, Array, list[RunEffect]]
 
 
 class JointProblem:
@@ -133,14 +128,14 @@ class JointProblem:
         values, std = np.zeros(self.size), np.full(self.size, np.inf)
         sums = self._by_run(weight)
         for _ in range(MOST_PASSES):
-            weighted = self._weigh(sums, values, noise * inflation, spread)
-            spread = np.array([effect.spread for effect in weighted.effects])
-            bread = _inverse(self._with_prior(weighted.information))
-            before, values = values, bread @ weighted.score
+            information, score, effects = self._weigh(sums, values, noise * inflation, spread)
+            spread = np.array([effect.spread for effect in effects])
+            bread = _inverse(self._with_prior(information))
+            before, values = values, bread @ score
             if self.robust:
-                weight = self._robust_weights(values, weighted.effects)
+                weight = self._robust_weights(values, effects)
                 sums = self._by_run(weight)
-            noise, inflation = self._noise(values, bread, weighted.effects, weight)
+            noise, inflation = self._noise(values, bread, effects, weight)
             std = np.sqrt(np.diag(bread))
             if np.all(np.abs(values - before) <= SETTLED_SHARE * std):
                 break
@@ -169,7 +164,7 @@ class JointProblem:
         """Sums of each run's blocks, which stand in the order of their runs."""
         return np.add.reduceat(blocks, np.searchsorted(self.run, np.arange(len(self.labels))))
 
-    def _weigh(self, sums: list[RunSums], values: Array, noise: Array, spread: Array) -> _Weighted:
+    def _weigh(self, sums: list[RunSums], values: Array, noise: Array, spread: Array) -> Weighted:
         information, score = np.zeros((self.size, self.size)), np.zeros(self.size)
         present = np.stack([values[self.index(j)] for j in range(self.n)])
         effects = fit_run_effects(sums, present, self.friction, noise, spread)
@@ -178,7 +173,7 @@ class JointProblem:
             part, right = effect.weigh(own)
             information[np.ix_(index, index)] += part
             score[index] += right
-        return _Weighted(information, score, effects)
+        return information, score, effects
 
     def _with_prior(self, information: Array) -> Array:
         full = information.copy()
@@ -230,18 +225,19 @@ class JointProblem:
         return weight
 
     def _result(
-        self, sums: list[RunSums], weighted: _Weighted, values: Array, noise: Array, inflation: Array
+        self, sums: list[RunSums], weighted: Weighted, values: Array, noise: Array, inflation: Array
     ) -> JointEstimate:
+        information, score, effects = weighted
         by_runs = np.zeros((self.size, self.size))
-        for j, effect in enumerate(weighted.effects):
+        for j, effect in enumerate(effects):
             index = self.index(j)
             by_runs[np.ix_(index, index)] += effect.covariance_of_scores(sums[j])
         blocks = int(np.sum(self.rows.any(axis=1)))
-        bread = _inverse(self._with_prior(weighted.information))
+        bread = _inverse(self._with_prior(information))
         # What friction that wanders over the session, and the runs' changes, add to each figure, and their freedom.
         walk, dof_of_walk = np.zeros(self.size), np.ones(self.size)
-        freedom = np.full(self.size, np.median([effect.dof for effect in weighted.effects]))
-        for j, (effect, relative, dof) in enumerate(zip(weighted.effects, *wandering(weighted.effects), strict=True)):
+        freedom = np.full(self.size, np.median([effect.dof for effect in effects]))
+        for j, (effect, relative, dof) in enumerate(zip(effects, *wandering(effects), strict=True)):
             index = self.index(j)[list(self.friction)]
             walk[index] = effect.columns[list(self.friction)].diagonal() ** 2 * relative
             dof_of_walk[index], freedom[index] = dof, effect.dof
@@ -256,12 +252,12 @@ class JointProblem:
             values=values,
             covariance=bread + np.diag(walk),
             dof=1.0 / np.clip(sum(shares, np.zeros(self.size)), 1e-12, 1.0),
-            information=weighted.information,
-            score=weighted.score,
+            information=information,
+            score=score,
             wandering=walk,
             noise=np.sqrt(noise),
             inflation=inflation,
-            spread=np.array([effect.spread for effect in weighted.effects]),
+            spread=np.array([effect.spread for effect in effects]),
             rank=self.rank,
             per_joint=self.per_joint,
             blocks=blocks,

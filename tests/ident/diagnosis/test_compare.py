@@ -24,7 +24,7 @@ from ident.effects.added_body import PLACE
 from ident.effects.rigid_body import LinkInertialError
 from ident.effects.sensing import LARGEST_OFFSET_SHARE
 from ident.effects.typical_sizes import friction_level, rated_torque
-from ident.laws.bodies import point_mass
+from ident.laws.acting import point_mass
 from ident.laws.carried import evaluate
 from ident.laws.friction import JointStates, load_dependent_friction
 from ident.motion.motion import Motion

@@ -12,7 +12,7 @@ from ident.arrays import Array
 from ident.effects.added_body import PLACE
 from ident.effects.base import SessionContext, Variant
 from ident.effects.catalogue import find_effect
-from ident.laws.bodies import point_mass
+from ident.laws.acting import point_mass
 from ident.model.inertia import parameter_scale
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel

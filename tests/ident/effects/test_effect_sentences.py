@@ -13,10 +13,8 @@ from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import STATE
 from ident.export.identified import Change
-from ident.laws.acting import LAWS
-from ident.laws.bodies import link_change, payload_parameters, turned_gravity
+from ident.laws.acting import LAWS, link_change, payload_parameters, read_log, total_delay, turned_gravity
 from ident.laws.motion import Losses, MovingArm
-from ident.laws.sensing import read_log, total_delay
 from ident.robot.arm import ArmModel
 from ident.show.report.words import parameter_cells
 from tests.ident.effects.smooth_motion import make_session

@@ -24,8 +24,7 @@ from ident.export.mjcf_joint import fit_polynomial, spring_at_rest
 from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
-from ident.laws.acting import acting_torque
-from ident.laws.bodies import link_change, point_mass
+from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
 from ident.model.convex import is_consistent
 from ident.model.inertia import base_parameters, lift_base, parameter_scale

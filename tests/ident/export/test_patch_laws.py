@@ -10,10 +10,8 @@ from ident.effects.base import Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.export.identified import Change
 from ident.export.python import describe_arm
-from ident.laws.acting import KNOWN, acting_torque
-from ident.laws.chain import rigid_torque
-from ident.laws.motion import Losses, MovingArm
-from ident.laws.sensing import Effect, read_log, undo_log
+from ident.laws.acting import KNOWN, Effect, acting_torque, read_log, undo_log
+from ident.laws.motion import Losses, MovingArm, rigid_torque
 from ident.model.linearisation import Sliding
 from ident.robot.arm import ArmModel
 from tests.ident.effects.smooth_motion import COULOMB, VISCOUS
