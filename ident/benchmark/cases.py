@@ -25,6 +25,8 @@ FULL_MIX: dict[str, float] = {
     "outside": 36,
 }
 """Kinds of case and their shares: `excluded` effects are taken out of the catalogue, `outside` were never in it."""
+# Number of effects of a kind of case; one of the others.
+COUNTS = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}
 # Visible amplitudes of a single effect in multiples of the noise floor, and motions: three rich for one poor.
 SINGLE_CELLS = tuple((size, rich) for rich in (True, True, True, False) for size in (0.3, 1.0, 3.0))
 VISIBLE = (1.0, 3.0)
@@ -38,42 +40,13 @@ OTHER_EFFECTS_FROM = 4
 
 @dataclass(frozen=True)
 class Slot:
-    """A place in the check: its kind and, for a single effect, its cell of the table of all of them.
+    """A place in the check: its kind and, for a single effect, its cell of the table of all of them."""
 
-    Attributes:
-        name: Name of the case.
-        kind: One of `FULL_MIX`.
-        effect: Effect of the cell; drawn if empty.
-        amplitude: Visible amplitude [noise floors].
-        rich: Whether the motion is rich.
-    """
-
-    name: str
-    kind: str
-    effect: str = ""
-    amplitude: float = 3.0
-    rich: bool = True
-
-
-@dataclass(frozen=True)
-class Case:
-    """One case as drawn; all of it is withheld from the diagnosis but the excluded ids.
-
-    Attributes:
-        slot: Its place.
-        options: The session to be simulated.
-        excluded: Ids that the diagnosis must do without.
-    """
-
-    slot: Slot
-    options: SimulationOptions
-    excluded: tuple[str, ...] = ()
-
-    @property
-    def amplitude(self) -> float:
-        """Largest visible amplitude that was asked for [noise floors]; 0 without an effect."""
-        sizes = [one.amplitude or 0.0 for one in self.options.effects if isinstance(one, EffectRequest)]
-        return max(sizes, default=0.0)
+    name: str  # of the case
+    kind: str  # one of `FULL_MIX`
+    effect: str = ""  # of the cell; drawn if empty
+    amplitude: float = 3.0  # visible amplitude [noise floors]
+    rich: bool = True  # whether the motion is rich
 
 
 def parse_mix(text: str) -> dict[str, float]:
@@ -108,39 +81,25 @@ def apportion(cases: int, mix: Mapping[str, float]) -> dict[str, int]:
     return dict(zip(kinds, map(int, counts), strict=True))
 
 
-def plan_slots(
-    cases: int, mix: Mapping[str, float], seed: int, effects: Sequence[str] = tuple(CATALOGUE)
-) -> tuple[Slot, ...]:
-    """All places of a check. Single effects take the cells effect × size × motion in turn, each round shuffled.
-
-    Args:
-        cases: Their number.
-        mix: Shares of the kinds.
-        seed: Of the check.
-        effects: Effects that single cases ask for.
+def plan_slots(cases: int, mix: Mapping[str, float], seed: int) -> tuple[Slot, ...]:
+    """All places of a check. Single effects take the cells effect × size × motion in turn: every effect once a round,
+    with another cell in every round.
     """
+    effects = tuple(CATALOGUE)
     rng = np.random.default_rng([seed, 0])
     kinds = [kind for kind, count in apportion(cases, mix).items() for _ in range(count)]
-    singles = iter(_single_cells(kinds.count("single"), rng, effects))
+    order = {effect: rng.permutation(len(SINGLE_CELLS)) for effect in effects}
+    singles = (
+        (str(effect), *SINGLE_CELLS[order[effect][turn % len(SINGLE_CELLS)]])
+        for turn in range(-(-kinds.count("single") // len(effects)))
+        for effect in rng.permutation(effects)
+    )
     width = max(3, len(str(cases - 1)))
     slots = []
     for i, kind in enumerate(kinds):
-        effect, (amplitude, rich) = next(singles) if kind == "single" else ("", (3.0, True))
-        if kind == "healthy":
-            rich = bool(i % 4)
+        effect, amplitude, rich = next(singles) if kind == "single" else ("", 3.0, kind != "healthy" or bool(i % 4))
         slots.append(Slot(f"case_{i:0{width}d}", kind, effect, amplitude, rich))
     return tuple(slots)
-
-
-def _single_cells(count: int, rng: np.random.Generator, effects: Sequence[str]) -> list[tuple[str, tuple[float, bool]]]:
-    """Every effect once a round, with another cell in every round."""
-    order = {effect: rng.permutation(len(SINGLE_CELLS)) for effect in effects}
-    rounds = [
-        (str(effect), SINGLE_CELLS[order[effect][turn % len(SINGLE_CELLS)]])
-        for turn in range(-(-count // len(effects)))
-        for effect in rng.permutation(effects)
-    ]
-    return rounds[:count]
 
 
 def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange]) -> World | None:
@@ -154,7 +113,7 @@ def draw_world_of(number: int, seed: int, worlds: Sequence[WorldRange]) -> World
 
 def draw_case(
     slot: Slot, number: int, seed: int, base: SimulationOptions, joints: Sequence[str], attempt: int = 0
-) -> Case:
+) -> tuple[SimulationOptions, tuple[str, ...]]:
     """Draws what a place leaves open.
 
     Args:
@@ -164,6 +123,9 @@ def draw_case(
         base: What all cases have in common (robot, number and length of runs), or the case's world.
         joints: The robot's joints.
         attempt: Goes up where the size asked for is impossible at the joint drawn.
+
+    Returns:
+        The session to be simulated, and the ids that the diagnosis must do without.
     """
     fixed = np.random.default_rng([seed, 1, number, max(attempt - OTHER_EFFECTS_FROM + 1, 0)])
     rng = np.random.default_rng([seed, 2, number, attempt])
@@ -184,20 +146,17 @@ def draw_case(
     )
     if base.world is not None:
         options = options.in_world(base.world)
-    excluded: tuple[str, ...] = ()
-    if slot.kind == "excluded":
-        excluded = (effects[0].effect, *TWINS.get(effects[0].effect, ()))
-    return Case(slot, options, excluded)
+    first = effects[0].effect if slot.kind == "excluded" else ""
+    return options, (first, *TWINS.get(first, ())) if first else ()
 
 
 def _draw_effects(slot: Slot, attempt: int, rng: np.random.Generator) -> list[tuple[str, float]]:
     """Ids and visible amplitudes."""
     if slot.kind == "single" and attempt < OTHER_EFFECTS_FROM and slot.effect:
         return [(slot.effect, slot.amplitude)]
-    count = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}.get(slot.kind, 1)
     family = OUTSIDE if slot.kind == "outside" else CATALOGUE
     while True:
-        ids = [str(one) for one in rng.choice(list(family), count, replace=False)]
+        ids = [str(one) for one in rng.choice(list(family), COUNTS.get(slot.kind, 1), replace=False)]
         if not any(twin in ids for one in ids for twin in TWINS.get(one, ())):
             break
     sizes = [slot.amplitude] if slot.kind == "single" else [float(rng.choice(VISIBLE)) for _ in ids]

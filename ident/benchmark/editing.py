@@ -21,7 +21,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.benchmark.examining import finite
-from ident.benchmark.making import MakeTask, case_key, case_of
+from ident.benchmark.making import MakeTask
 from ident.benchmark.scoring import is_true, shown_joints
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError
@@ -44,21 +44,13 @@ MOST_RUNS, LONGEST_RUN_S = 5, 12.0
 
 @dataclass(frozen=True)
 class EditTask:
-    """What the editing process is told.
+    """What the editing process is told."""
 
-    Attributes:
-        made: How the case was made.
-        attempt: At which draw it was possible.
-        result: File of what the diagnosing process wrote.
-        edited: File for the outcome.
-        stamp: Of the editing code, and of the result that it takes.
-    """
-
-    made: MakeTask
-    attempt: int
-    result: Path
-    edited: Path
-    stamp: str
+    made: MakeTask  # how the case was made
+    attempt: int  # at which draw it was possible
+    result: Path  # file of what the diagnosing process wrote
+    edited: Path  # file for the outcome
+    stamp: str  # of the editing code, and of the result that it takes
 
 
 def edit(task: EditTask) -> str:
@@ -66,26 +58,20 @@ def edit(task: EditTask) -> str:
 
     What can't be edited (nothing true was named, or a twin of the arm can't be diagnosed) is written down with why.
     """
-    name = task.made.slot.name
-    answer = open_envelope(task.made.sealed, case_key(task.made.seed, name))
+    answer = open_envelope(task.made.sealed, task.made.key)
     result = read_json(task.result, "remove it, or choose another --out")
-    options = case_of(task.made, task.attempt).options
+    options, _ = task.made.drawn(task.attempt)
     try:
         record = edit_case(options, answer, result["diagnosis"]) if "diagnosis" in result else {"why": "it failed"}
     except InputError as error:
         record = {"why": str(error)}
     with atomic_write(task.edited) as part:
         part.write_text(json.dumps(finite({"stamp": task.stamp, **record}), default=float) + "\n", encoding="utf-8")
-    return name
+    return task.made.slot.name
 
 
 def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """The edit test of one case.
-
-    Args:
-        options: What was simulated.
-        answer: What was wrong.
-        diagnosis: What was said.
+    """The edit test of one case: what was simulated, what was wrong, and what was diagnosed.
 
     Returns:
         `joints`, at which the cause shows; by model the `rms_Nm` of each joint, and by model the `ratio` to the
@@ -98,11 +84,16 @@ def edit_case(options: SimulationOptions, answer: Answer, diagnosis: Mapping[str
     if not true:
         return {"why": "nothing true was named"}
     twin, other = twins_of(options)
-    oracle, arm = _tuned_on(twin, options.robot)
-    held_out = _motions_of(other, options.robot)
+    arm, reports = inspect_sources(Given([twin], options.robot)).whole
+    oracle, analysis, _ = diagnose_reports(reports, arm, ())
+    if analysis is None:
+        raise InputError(twin.name, f"its verdict is {oracle.verdict}", "simulate another case")
+    arm = arm.keeping(twin.joints)
+    opened = open_sessions([other], options.robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
+    held_out = within_band(opened.motions)
     models = {
         "edited": edited_arm(diagnosis, arm, true),
-        "oracle": tuned_arm(oracle, arm),
+        "oracle": tuned_arm(oracle.to_dict(), arm),
         "tuned": tuned_arm(diagnosis, arm),
         "unedited": edited_arm(diagnosis, arm),
     }
@@ -147,17 +138,3 @@ def twins_of(options: SimulationOptions) -> tuple[Session, Session]:
     runs, duration = min(options.runs, MOST_RUNS), min(options.duration, LONGEST_RUN_S)
     other = replace(plain, seed=seed, runs=runs, duration=duration)
     return simulate(plain, "twin").session, simulate(other, "other").session
-
-
-def _tuned_on(session: Session, robot: str) -> tuple[Mapping[str, Any], ArmModel]:
-    """The diagnosis of a session with nothing to name, and the arm with the joints that it has."""
-    arm, reports = inspect_sources(Given([session], robot)).whole
-    diagnosis, analysis, _ = diagnose_reports(reports, arm, ())
-    if analysis is None:
-        raise InputError(session.name, f"its verdict is {diagnosis.verdict}", "simulate another case")
-    return diagnosis.to_dict(), arm.keeping(session.joints)
-
-
-def _motions_of(session: Session, robot: str) -> Sequence[Motion]:
-    opened = open_sessions([session], robot, cutoff=FOR_DIAGNOSIS.cutoff_hz, learning=False)
-    return within_band(opened.motions)

@@ -8,8 +8,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ident.benchmark.cases import Case, Slot, draw_case, draw_world_of
-from ident.benchmark.oracle import bound_of
+from ident.benchmark.cases import Slot, draw_case, draw_world_of
+from ident.benchmark.oracle import oracle_accuracy
 from ident.errors import InputError
 from ident.files import atomic_folder, atomic_write
 from ident.recordings.save import write_session
@@ -24,33 +24,29 @@ MADE_NAME = "made.json"
 
 @dataclass(frozen=True)
 class MakeTask:
-    """What the simulating process is told.
+    """What the simulating process is told."""
 
-    Attributes:
-        slot, number: The case's place.
-        seed: Of the check.
-        base: What all cases have in common.
-        session: Folder for the recordings.
-        sealed: Folder for the envelope.
-        stamp: Of the simulating code.
-        worlds: Where the case's world is drawn from; empty for the plant's own.
-        oracle: Whether the bound of single effects is worked out.
-    """
+    slot: Slot  # the case's place
+    number: int  # and its number
+    seed: int  # of the check
+    base: SimulationOptions  # what all cases have in common
+    session: Path  # folder for the recordings
+    sealed: Path  # folder for the envelope
+    stamp: str  # of the simulating code
+    worlds: tuple[WorldRange, ...] = ()  # where the case's world is drawn from; empty for the plant's own
+    oracle: bool = True  # whether the bound of single effects is worked out
 
-    slot: Slot
-    number: int
-    seed: int
-    base: SimulationOptions
-    session: Path
-    sealed: Path
-    stamp: str
-    worlds: tuple[WorldRange, ...] = ()
-    oracle: bool = True
+    @property
+    def key(self) -> bytes:
+        """Key of the case's envelope: follows from the check's seed, which the diagnosing processes never get."""
+        return hashlib.sha256(f"{self.seed} {self.slot.name} ident.blind/1".encode()).digest()
 
-
-def case_key(seed: int, name: str) -> bytes:
-    """Key of a case's envelope: follows from the check's seed, which the diagnosing processes never get."""
-    return hashlib.sha256(f"{seed} {name} ident.blind/1".encode()).digest()
+    def drawn(self, attempt: int) -> tuple[SimulationOptions, tuple[str, ...]]:
+        """The case as drawn at an attempt: what is simulated, and the ids that are taken out of the catalogue."""
+        world = draw_world_of(self.number, self.seed, self.worlds)
+        base = self.base if world is None else self.base.in_world(world)
+        joints = ArmModel.load(base.robot).joint_names
+        return draw_case(self.slot, self.number, self.seed, base, joints, attempt)
 
 
 def make(task: MakeTask) -> str:
@@ -58,9 +54,9 @@ def make(task: MakeTask) -> str:
     start, used, name = time.perf_counter(), time.process_time(), task.slot.name
     for attempt in range(MOST_ATTEMPTS):
         try:
-            case = case_of(task, attempt)
-            made = simulate(case.options, name)
-            bound = bound_of(made) if task.oracle and task.slot.kind == "single" else None
+            options, excluded = task.drawn(attempt)
+            made = simulate(options, name)
+            accuracy = oracle_accuracy(made) if task.oracle and task.slot.kind == "single" else None
             break
         except InputError:
             if attempt == MOST_ATTEMPTS - 1:
@@ -68,12 +64,12 @@ def make(task: MakeTask) -> str:
     write_session(made.session, task.session)
     with atomic_folder(task.sealed, "envelope") as folder:
         record = {
-            "sha256": seal(made.answer, folder, case_key(task.seed, name)),
+            "sha256": seal(made.answer, folder, task.key),
             "attempt": attempt,
-            "excluded": list(case.excluded),
-            "robot": case.options.robot,
+            "excluded": list(excluded),
+            "robot": options.robot,
             "starts": [float(run.time[0]) for run in made.session.runs],
-            "oracle": bound.accuracy if bound else None,
+            "oracle": accuracy,
             "seconds": time.perf_counter() - start,
             "processor_seconds": time.process_time() - used,
             "stamp": task.stamp,
@@ -81,11 +77,3 @@ def make(task: MakeTask) -> str:
         with atomic_write(folder / MADE_NAME) as part:
             part.write_text(json.dumps(record) + "\n", encoding="utf-8")
     return name
-
-
-def case_of(task: MakeTask, attempt: int) -> Case:
-    """A simulated case as drawn, at an attempt."""
-    world = draw_world_of(task.number, task.seed, task.worlds)
-    base = task.base if world is None else task.base.in_world(world)
-    joints = ArmModel.load(base.robot).joint_names
-    return draw_case(task.slot, task.number, task.seed, base, joints, attempt)

@@ -14,15 +14,13 @@ Source: Eriksson, Frisk and Krysander 2013 (distinguishability of faults as the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 from ident.arrays import Array, Float
 from ident.errors import InputError
-from ident.simulation.causes import CATALOGUE, Circumstances, find_cause
+from ident.simulation.causes import CATALOGUE, Circumstances
 from ident.simulation.simulate import Simulation
-from ident.simulation.visibility import STRIDE_S, Shown
+from ident.simulation.visibility import STRIDE_S
 from ident.simulation.world_arm import noise_density
 
 # Sizes that are thought possible, in visible noise floors, evenly in the logarithm.
@@ -32,68 +30,39 @@ DRAWS = 400
 LEAST_SHOWN = 0.02
 
 
-@dataclass(frozen=True)
-class Bound:
-    """What an oracle reaches in one case.
-
-    Attributes:
-        accuracy: Probability that it names the true cause.
-        detected: Probability that it names any cause rather than none.
-        rivals: Number of causes it chose from.
-    """
-
-    accuracy: float
-    detected: float
-    rivals: int
-
-
-def bound_of(simulation: Simulation, seed: int = 0) -> Bound | None:
-    """The bound of a case with one effect in a world; None where it is not worked out.
-
-    Args:
-        simulation: The case.
-        seed: Of the drawn noise.
+def oracle_accuracy(simulation: Simulation, seed: int = 0) -> float | None:
+    """Probability that an oracle names the effect of a case with one effect in a world; None where it is not worked
+    out. The seed is that of the drawn noise.
     """
     meter, truth, world = simulation.meter, simulation.answer.effects, simulation.options.world
     if world is None or meter is None or len(truth) != 1 or truth[0].effect not in CATALOGUE:
         return None
-    true = find_cause(truth[0].effect)
+    true = CATALOGUE[truth[0].effect]
     names = meter.hardware.arm.joint_names
     joint = names.index(truth[0].joints[0]) if truth[0].joints else len(names) - 1
     scene = Circumstances(meter.hardware, joint, meter.motions, np.random.default_rng(0))
-    shown = {true.id: meter.show(true, scene, truth[0].size, simulation.seeds[0], true.view, true.needs_all)}
+    first = meter.show(true, scene, truth[0].size, simulation.seeds[0], true.view, true.needs_all)
+    # The true signature at its size, the others at one noise floor.
+    floor, signatures = np.array(list(simulation.answer.noise_floor_Nm.values())), [first.torque]
     for cause in CATALOGUE.values():
-        if cause.id != true.id and not (cause.needs_all and not true.needs_all):
-            try:
-                size = float(np.clip(cause.typical(scene), *cause.bounds(scene)))
-                shown[cause.id] = meter.show(cause, replace(scene), size, seed, true.view, true.needs_all)
-            except InputError:  # the arm can't move with it: it is not what happened
-                continue
-    gram, rivals = _products(shown, simulation, true.id)
-    if gram[0, 0] <= 0.0:
-        return Bound(0.0, 0.0, rivals)
-    return _ask(gram, np.random.default_rng([seed, 7]))
-
-
-def _products(shown: dict[str, Shown], simulation: Simulation, true: str) -> tuple[Float[Array, "K K"], int]:
-    """Products of the signatures in units of the noise: the true one at its size, the others at one noise floor."""
-    floor = np.array(list(simulation.answer.noise_floor_Nm.values()))
-    kept = []
-    for name, one in shown.items():
-        level = one.level(floor)
-        if name == true:
-            kept.append((name, one.torque))
-        elif level > LEAST_SHOWN:
-            kept.append((name, one.torque / level))
-    kept.sort(key=lambda pair: pair[0] != true)
-    stack = np.stack([torque for _, torque in kept], axis=2)
-    first = shown[true]
+        if cause.id == true.id or (cause.needs_all and not true.needs_all):
+            continue
+        try:
+            size = float(np.clip(cause.typical(scene), *cause.bounds(scene)))
+            shown = meter.show(cause, scene, size, seed, true.view, true.needs_all)
+        except InputError:  # the arm can't move with it: it is not what happened
+            continue
+        level = shown.level(floor)
+        if level > LEAST_SHOWN:
+            signatures.append(shown.torque / level)
+    stack = np.stack(signatures, axis=2)
     gram = np.zeros((stack.shape[2], stack.shape[2]))
     for number in np.unique(first.run):
         rows = first.run == number
         for j in range(stack.shape[1]):
             gram += _whitened(stack[rows, j], first.speed[rows, j], simulation, j)
-    return gram / first.share, len(kept)
+    gram /= first.share
+    return name_by_evidence(gram, np.random.default_rng([seed, 7])) if gram[0, 0] > 0.0 else 0.0
 
 
 def _whitened(
@@ -116,8 +85,8 @@ def _whitened(
     return np.asarray(both[:k, :k] - cross @ np.linalg.solve(inner, cross.T))
 
 
-def _ask(gram: Float[Array, "K K"], rng: np.random.Generator) -> Bound:
-    """Accuracy over drawn noise; the first signature is the true one, at its true size.
+def name_by_evidence(gram: Float[Array, "K K"], rng: np.random.Generator) -> float:
+    """Share of true names over drawn noise; the first signature is the true one, at its true size.
 
     A cause at b times its signature has the log-likelihood b y - b² G / 2 above that of none, y the product of the
     data with the signature.
@@ -127,10 +96,7 @@ def _ask(gram: Float[Array, "K K"], rng: np.random.Generator) -> Bound:
     data = gram[0] + rng.standard_normal((DRAWS, k)) @ root.T
     # Of each signature sizes from the same span of what can be seen: the true one is as large as it is.
     sizes = np.concatenate([-SIZES[::-1], SIZES])
-    scaled = np.repeat(sizes[None], k, axis=0)
-    log_likelihood = data[:, :, None] * scaled - 0.5 * scaled**2 * np.diag(gram)[:, None]
+    log_likelihood = data[:, :, None] * sizes - 0.5 * sizes**2 * np.diag(gram)[:, None]
     evidence = np.logaddexp.reduce(log_likelihood, axis=2) - np.log(len(sizes))
-    best = evidence.argmax(axis=1)
     # Before the data, none is as probable as all causes together: what does not show is not named.
-    some = evidence.max(axis=1) > np.log(k)
-    return Bound(float(np.mean((best == 0) & some)), float(np.mean(some)), k)
+    return float(np.mean((evidence.argmax(axis=1) == 0) & (evidence.max(axis=1) > np.log(k))))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.benchmark.scoring import Outcome
 from ident.benchmark.statistics import Score
 from ident.benchmark.summary import EDIT_WITHIN, BlindReport
 from ident.benchmark.worlds import NUMBERS, WORDS, Stratum
@@ -67,29 +66,6 @@ LEADS = {
 }
 
 
-def table_section(
-    anchor: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], headline: str = "", alarm: str = ""
-) -> Section:
-    """Words and a table of a check; left out where there is no row.
-
-    Args:
-        anchor, title: Its address and heading.
-        columns: Headings of the table; one that begins with "#" is over text.
-        rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
-        headline, alarm: Written before the rest.
-    """
-    values = {
-        "title": title,
-        "lead": LEADS.get(anchor, ""),
-        "columns": [name.lstrip("#") for name in columns],
-        "text": [name.startswith("#") for name in columns],
-        "rows": rows,
-        "headline": headline,
-        "alarm": alarm,
-    }
-    return FilledSection(anchor, title, "blind_table.html", values, bool(rows))
-
-
 def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, Any] | None], out: Path) -> Path:
     """Writes the page, and below it the diagnoses of the cases that were confidently wrong.
 
@@ -106,136 +82,108 @@ def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, 
         if record is not None:
             write_diagnosis_report(out / WRONG_FOLDER / f"{one.name}.html", record)
     subtitle = f"{report.robot} · {plural(len(report.outcomes), 'case')} · seed {report.seed}"
-    return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", blind_sections(report), subtitle)
-
-
-def blind_sections(report: BlindReport) -> list[Section]:
-    """All sections of a check, the scores first."""
-    return [
-        scores_section(report),
-        strata_section(report),
-        worlds_section(report),
-        ConfusionSection(report.confusion),
-        baselines_section(report),
-        calibration_section(report),
-        coverage_section(report),
-        edits_section(report),
-        wrong_section(report),
+    sections = [
+        *_tables(report),
         FilledSection("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
         FactsSection(report.run),
     ]
+    sections.insert(3, ConfusionSection(report.confusion))
+    return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", sections, subtitle)
 
 
-def _cells(text: str, score: Score, tell: Any = percent) -> list[str]:
-    """A row of a score: its words, value, interval and number of cases."""
-    span = DASH if score.low is None else f"{tell(score.low)} to {tell(score.high)}"
-    return [text, tell(score.value), span, str(score.count)]
-
-
-def scores_section(report: BlindReport) -> Section:
-    """The scores at a glance."""
-    scores = report.scores
+def _tables(report: BlindReport) -> Iterator[Section]:
+    """The tables of a check, the scores first."""
+    scores, share_of = report.scores, _percents
     visible, healthy = scores["class_aware"], scores["false_alarm"]
     headline = (
         f"{percent(visible.value)} of {plural(visible.count, 'visible effect')} found; "
         f"{percent(healthy.value)} of {plural(healthy.count, 'healthy session')} with a false alarm."
     )
     failed = sum(one.verdict == "failed" for one in report.outcomes)
-    rows = [_cells(text, scores[name]) for name, text in SHARES.items()]
-    rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
     alarm = f"In {plural(failed, 'case')} the diagnosis failed. They count as not named." if failed else ""
-    return table_section("scores", "Scores", ("score", "value", "interval", "of"), rows, headline, alarm)
+    rows: list[list[Any]] = [_cells(text, scores[name]) for name, text in SHARES.items()]
+    rows += [_cells(text, scores[name], fixed) for name, text in MEANS.items()]
+    yield _table("scores", "Scores", "score|value|interval|of", rows, headline, alarm)
 
-
-def strata_section(report: BlindReport) -> Section:
-    """Single effects by size and motion."""
-    columns = ("size, motion", "cases", "named", "classed", "joint", "no name", "class size", "names too many")
     rows = [
-        [cell, scores["strict"].count]
-        + [percent(scores[name].value) for name in ("strict", "class_aware", "joint", "unnamed")]
-        + [fixed(scores[name].value) for name in ("mean_class_size", "extra_names")]
-        for cell, scores in report.strata.items()
+        [cell, own["strict"].count, *share_of(own, "strict", "class_aware", "joint", "unnamed")]
+        + [fixed(own[name].value) for name in ("mean_class_size", "extra_names")]
+        for cell, own in report.strata.items()
     ]
-    return table_section("sizes", "Small and large, rich and poor motion", columns, rows)
+    columns = "size, motion|cases|named|classed|joint|no name|class size|names too many"
+    yield _table("sizes", "Small and large, rich and poor motion", columns, rows)
 
-
-def worlds_section(report: BlindReport) -> Section:
-    """Scores over what the worlds differ in."""
-    columns = (
-        "property",
-        "from, to",
-        "cases",
-        "named",
-        "classed",
-        "joint",
-        "false beside",
-        "false alarms",
-        "told a gap",
-    )
-    rows = [
-        [_axis(one), _place(one), len(one.cases), *(percent(scores[name].value) for name in OF_WORLDS)]
-        for strata in report.worlds.values()
-        for one, scores in strata
-    ]
     worst = report.worst
-    told = worst and f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named."
-    return table_section("worlds", "In which worlds does it hold?", columns, rows, alarm=told or "")
-
-
-def baselines_section(report: BlindReport) -> Section:
-    """A plain method beside the diagnosis."""
-    methods = {"this diagnosis": report.scores}
-    methods |= {BASELINES.get(name, name): scores for name, scores in report.baselines.items()}
+    alarm = f"Worst: {_axis(worst[0])} {_place(worst[0])}, {percent(worst[1]['strict'].value)} named." if worst else ""
     rows = [
-        [name, *(percent(scores[key].value) for key in COMPARED), fixed(scores["set_f1"].value)]
-        for name, scores in methods.items()
+        [_axis(one), _place(one), len(one.cases), *share_of(own, *OF_WORLDS)]
+        for strata in report.worlds.values()
+        for one, own in strata
     ]
-    columns = ("method", "named", "joint", "false alarms", "of decoys", "refused", "F1 of sets")
-    return table_section("baselines", "Beside a plain method", columns, rows if report.baselines else ())
+    columns = "property|from, to|cases|named|classed|joint|false beside|false alarms|told a gap"
+    yield _table("worlds", "In which worlds does it hold?", columns, rows, alarm=alarm)
 
+    methods = {"this diagnosis": scores} if report.baselines else {}
+    methods |= {BASELINES.get(name, name): own for name, own in report.baselines.items()}
+    rows = [[name, *share_of(own, *COMPARED), fixed(own["set_f1"].value)] for name, own in methods.items()]
+    columns = "method|named|joint|false alarms|of decoys|refused|F1 of sets"
+    yield _table("baselines", "Beside a plain method", columns, rows)
 
-def calibration_section(report: BlindReport) -> Section:
-    """Probabilities against how often they were right."""
     rows = [_cells(fixed(one.said), one.right) for one in report.calibration]
     title = "Is a probability of 0.9 right nine times in ten?"
-    return table_section("calibration", title, ("probability", "right", "interval", "of"), rows)
+    yield _table("calibration", title, "probability|right|interval|of", rows)
 
-
-def coverage_section(report: BlindReport) -> Section:
-    """How often each parameter's interval holds the truth."""
     rows = []
     for name, score in report.coverage.items():
         effect, parameter = name.split(".", 1)
         words, unit = parameter_name(parameter)
         rows.append([effect_name(effect), *_cells(f"{words} [{unit}]" if unit else words, score)])
-    columns = ("effect", "#parameter", "inside", "interval", "of")
-    return table_section("coverage", "Are the intervals honest?", columns, rows)
+    yield _table("coverage", "Are the intervals honest?", "effect|#parameter|inside|interval|of", rows)
 
-
-def edits_section(report: BlindReport) -> Section:
-    """Edit tests by effect."""
     rows = [
         [effect_name(effect), one["cases"]]
         + [fixed(one["median"][model]) for model in ("edited", "tuned", "unedited")]
         + [percent(one["within"]["value"])]
         for effect, one in report.edits.items()
     ]
-    columns = ("effect", "cases", "cause taken out", "tuned, nothing named", "cause left in", "passed")
-    return table_section("edits", "Take the cause out again: is the arm left?", columns, rows)
+    columns = "effect|cases|cause taken out|tuned, nothing named|cause left in|passed"
+    yield _table("edits", "Take the cause out again: is the arm left?", columns, rows)
 
-
-def wrong_section(report: BlindReport) -> Section:
-    """Confident names that are not true, each with its own report."""
-
-    def row(one: Outcome) -> list[Any]:
-        told = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
+    rows = []
+    for one in report.confidently_wrong:
+        named = [f"{effect_name(e)} at {', '.join(j)} ({percent(p)})" for e, j, p in one.named]
         true = [f"{effect_name(e)} at {j}" if j else effect_name(e) for e, j in one.truth]
         size = f"{one.amplitude:g}x, {'rich' if one.rich else 'poor'}" if one.truth else one.kind
         link = (f"{WRONG_FOLDER}/{one.name}.html", one.name)
-        return [link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(told)]
+        rows.append([link, f"{one.kind}, {size}", "; ".join(true) or "nothing", "; ".join(named)])
+    yield _table("wrong", "Wrong, and sure of it", "case|#kind|#true|#told", rows)
 
-    columns = ("case", "#kind", "#true", "#told")
-    return table_section("wrong", "Wrong, and sure of it", columns, [row(one) for one in report.confidently_wrong])
+
+def _table(
+    anchor: str, title: str, columns: str, rows: Sequence[Sequence[Any]], headline: str = "", alarm: str = ""
+) -> Section:
+    """Words and a table of a check; left out where there is no row.
+
+    Args:
+        anchor, title: Its address and heading.
+        columns: Headings of the table; one that begins with "#" is over text.
+        rows: Cells as text; the first is the row's heading, a pair of it a link and its words.
+        headline, alarm: Written before the rest.
+    """
+    names, lead = columns.split("|"), LEADS.get(anchor, "")
+    values = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
+    values |= {"columns": [name.lstrip("#") for name in names], "text": [name.startswith("#") for name in names]}
+    return FilledSection(anchor, title, "blind_table.html", values, bool(rows))
+
+
+def _cells(text: str, score: Score, written: Callable[[float | None], str] = percent) -> list[str]:
+    """A row of a score: its words, value, interval and number of cases."""
+    span = DASH if score.low is None else f"{written(score.low)} to {written(score.high)}"
+    return [text, written(score.value), span, str(score.count)]
+
+
+def _percents(scores: Mapping[str, Score], *names: str) -> list[str]:
+    return [percent(scores[name].value) for name in names]
 
 
 def _axis(one: Stratum) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
+import itertools
 import json
 import os
 import time
@@ -20,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.benchmark.real_score import read_rows, score, tables
+from ident.benchmark.real_score import Row, rows_of, score, tables
 from ident.benchmark.run import BlindOptions, begin_check
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.from_reports import diagnose_reports
@@ -39,19 +40,10 @@ from ident.workers import run_tasks
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SEALS = "seals.json"
-
 
 @dataclass(frozen=True, eq=False)
 class RealReport(Result):
-    """The outcome on semi-real cases.
-
-    Attributes:
-        seed: Of the check.
-        seals: SHA-256 of each case's answer.
-        record: Scores, intervals and rows.
-        lines: The tables in words.
-    """
+    """The outcome on semi-real cases: seed, SHA-256 of each case's answer, scores with their rows, tables in words."""
 
     seed: int
     seals: dict[str, str]
@@ -71,6 +63,13 @@ class RealReport(Result):
         return draw_bars(list(shares), {"semi-real": ("#0072b2", list(shares.values()))}, "share", "semi-real cases")
 
 
+def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]]:
+    """Rows of all cases of a folder that have a result; see `rows_of`."""
+    answers = {path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))}
+    files = {name: results / f"{name}.json" for name in answers}
+    return rows_of(answers, {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()})
+
+
 def check_on_real(
     folder: Path, options: BlindOptions, say: Callable[[str], None], progress: Callable[[str, int, int], None]
 ) -> RealReport:
@@ -86,28 +85,27 @@ def check_on_real(
         InputError: No recordings there, or another check in the folder.
     """
     seed, out = begin_check(options, {"semi_real": str(folder)}), options.out
-    if not (out / SEALS).is_file():
+    sealed = out / "seals.json"
+    if not sealed.is_file():
         make_cases(load_sources(folder), out, options.cases, seed, paired=False)
-    seals: dict[str, str] = read_json(out / SEALS, "remove it, or choose another --out")
+    seals: dict[str, str] = read_json(sealed, "remove it, or choose another --out")
     for name, seal in seals.items():
         say(f"{name} sealed: sha256 {seal}")
-    waiting = [name for name in seals if not (out / "results" / f"{name}.json").is_file()]
-    done = len(seals) - len(waiting)
-
-    def count(name: str) -> None:
-        nonlocal done
-        done += 1
-        progress("diagnosing", done, len(seals))
-
-    tasks = [(out / "cases" / name, out / "results" / f"{name}.json") for name in waiting]
-    run_tasks(diagnose_case, tasks, options.workers, options.scheduler, count)
+    tasks = {name: (out / "cases" / name, out / "results" / f"{name}.json") for name in seals}
+    waiting = {name: task for name, task in tasks.items() if not task[1].is_file()}
+    done = itertools.count(len(seals) - len(waiting) + 1)
+    run_tasks(
+        diagnose_case,
+        list(waiting.values()),
+        options.workers,
+        options.scheduler,
+        lambda name: progress("diagnosing", next(done), len(seals)),
+    )
     rows = read_rows(out, out / "results")
     settings = {"cases": options.cases, "seed": seed, "semi_real": str(folder)}
-    report = RealReport(
-        seed, seals, score(*rows), tuple(tables(*rows)), provenance=Provenance("ident blind", settings=settings)
-    )
-    with atomic_write(out / "blind.json") as part:
-        part.write_text(json.dumps(report.to_dict(), indent=1) + "\n", encoding="utf-8")
+    origin = Provenance("ident blind", settings=settings)
+    report = RealReport(seed, seals, score(*rows), tuple(tables(*rows)), provenance=origin)
+    report.save(out / "blind.json")
     return report
 
 

@@ -1,4 +1,4 @@
-"""What was told of semi-real cases against what was planted, relative to what the untouched recordings are told.
+"""What was named on semi-real cases against what was planted, relative to what the untouched recordings are told.
 
 A real arm has effects of its own: a name that its untouched recordings (the control) have already is neither right nor
 wrong. A probability is that of the class, where one is given.
@@ -6,88 +6,83 @@ wrong. A probability is that of the class, where one is given.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.benchmark.statistics import calibration_error, mean, share
+from ident.benchmark.scoring import Coverage
+from ident.benchmark.statistics import Score, calibration_curve, calibration_error, mean, share
+from ident.benchmark.summary import group_by, in_columns
 
 CONFIDENT, BINS = 0.5, 5
 Row = dict[str, Any]
 Finding = Mapping[str, Any]
 
 
-def read_rows(out: Path, results: Path) -> tuple[list[Row], list[Row], list[Row]]:
-    """Rows of all cases of a folder that have a result; see `rows_of`."""
-    answers = {path.stem: json.loads(path.read_text()) for path in sorted((out / "answers").glob("*.json"))}
-    files = {name: results / f"{name}.json" for name in answers}
-    return rows_of(answers, {name: json.loads(path.read_text()) for name, path in files.items() if path.is_file()})
+def rows_of(answers: Mapping[str, Row], results: Mapping[str, Row]) -> tuple[list[Row], list[Row], list[Row]]:
+    """One row an effect that was planted, one a name that was given, one a case."""
+    effects: list[Row] = []
+    names: list[Row] = []
+    cases: list[Row] = []
+    for case, answer in answers.items():
+        if case not in results:
+            continue
+        record, findings = _record(results[case]), _findings(results[case])
+        control = _findings(results.get(answer["control"], {}))
+        base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
+        planted = [{**base, **_effect_row(effect, findings, control)} for effect in answer["effects"]]
+        new = []
+        for one in findings if answer["kind"] != "control" else ():
+            true = any(holds(one, effect) for effect in answer["effects"])
+            old = not true and any(
+                _class(one) & _class(other) and set(one["joints"]) & set(other["joints"]) for other in control
+            )
+            name = f"{one['effect']}:{'+'.join(one['joints'])}"
+            row = {**base, "name": name, "p": _probability(one), "right": true, "old": old}
+            names.append(row)
+            new += [] if old else [row]
+        hits, said = sum(one["named"] for one in planted), sum(one["p"] >= CONFIDENT for one in new)
+        f1 = 2.0 * hits / (said + len(planted)) if planted and hits else 0.0 if planted else None
+        wrong, seconds = [one for one in new if not one["right"]], results[case].get("processor_seconds")
+        verdict = record.get("verdict", "error")
+        cases.append({**base, "verdict": verdict, "new": new, "wrong": wrong, "f1": f1, "seconds": seconds})
+        effects += planted
+    return effects, names, cases
 
 
 def score(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -> Row:
     """Scores with intervals, and the rows that they are of."""
     single = [one for one in effects if one["kind"] == "single"]
-    untouched = [bool(one["wrong"]) for one in cases if one["kind"] == "untouched"]
     said = [one for one in names if not one["old"]]
     found = {
-        "strict": share([one["strict"] for one in single]),
-        "class_aware": share([one["named"] for one in single]),
-        "false_alarm": share(untouched),
+        "strict": share(one["strict"] for one in single),
+        "class_aware": share(one["named"] for one in single),
+        "false_alarm": share(one["wrong"] for one in cases if one["kind"] == "untouched"),
         "set_f1": mean([one["f1"] for one in cases if one["kind"] == "pair"]),
-        "interval_coverage": share([hit for one in effects for hit in one["covered"].values()]),
+        "interval_coverage": share(hit for one in effects for hit in one["covered"].values()),
         "calibration_error": calibration_error([one["p"] for one in said], [one["right"] for one in said]),
     }
-    return {
-        "cases": len(cases),
-        "scores": {name: one.value for name, one in found.items()},
-        "intervals": {name: [one.low, one.high] for name, one in found.items()},
-        "counts": {name: one.count for name, one in found.items()},
-        "effects": list(effects),
-        "outcomes": [{key: x for key, x in one.items() if key not in ("new", "wrong")} for one in cases],
-    }
+    outcomes = [{key: x for key, x in one.items() if key not in ("new", "wrong")} for one in cases]
+    return {"cases": len(cases), **in_columns(found), "effects": list(effects), "outcomes": outcomes}
 
 
-def rows_of(answers: Mapping[str, Row], told: Mapping[str, Row]) -> tuple[list[Row], list[Row], list[Row]]:
-    """One row an effect that was planted, one a name that was told, one a case."""
-    effects: list[Row] = []
-    names: list[Row] = []
-    cases: list[Row] = []
-    for case, answer in answers.items():
-        if case not in told:
-            continue
-        findings = findings_of(told[case])
-        control = findings_of(told.get(answer["control"], {}))
-        base = {"case": case, "arm": answer["arm"], "kind": answer["kind"]}
-        effects.extend({**base, **_effect_row(effect, findings, control)} for effect in answer["effects"])
-        for one in findings if answer["kind"] != "control" else ():
-            true = any(holds(one, effect) for effect in answer["effects"])
-            old = any(_same(one, other) for other in control)
-            name = f"{one['effect']}:{'+'.join(one['joints'])}"
-            names.append({**base, "name": name, "p": probability(one), "right": true, "old": old and not true})
-        record = told[case].get("diagnosis") or told[case].get("comparison") or {"verdict": "error"}
-        new = [n for n in names if n["case"] == case and not n["old"]]
-        f1 = _f1(sum(n["p"] >= CONFIDENT for n in new), [e for e in effects if e["case"] == case])
-        seconds = told[case].get("processor_seconds")
-        wrong = [n for n in new if not n["right"]]
-        cases.append({**base, "verdict": record["verdict"], "new": new, "wrong": wrong, "f1": f1, "seconds": seconds})
-    return effects, names, cases
+def _record(result: Mapping[str, Any]) -> Mapping[str, Any]:
+    return result.get("diagnosis") or result.get("comparison") or {}
 
 
-def findings_of(record: Mapping[str, Any]) -> list[Finding]:
+def _findings(result: Mapping[str, Any]) -> list[Finding]:
     """Names that a diagnosis or a comparison gives."""
-    told = record.get("diagnosis") or record.get("comparison") or {}
-    return list(told.get("findings", told.get("changes", ())))
+    record = _record(result)
+    return list(record.get("findings", record.get("changes", ())))
 
 
-def class_of(finding: Finding) -> set[str]:
+def _class(finding: Finding) -> set[str]:
     return {finding["effect"], *finding.get("class", ())}
 
 
-def probability(finding: Finding) -> float:
+def _probability(finding: Finding) -> float:
     return float(finding.get("class_probability", finding.get("probability", 1.0)))
 
 
@@ -96,52 +91,30 @@ def holds(finding: Finding, effect: Row) -> bool:
     allowed = {None, *effect["may_stand_at"]}
     if any(o["effect"] == effect["effect"] and o["joint"] in allowed for o in finding.get("elsewhere", ())):
         return True
-    return effect["effect"] in class_of(finding) and bool(allowed & set(finding["joints"]))
-
-
-def _same(one: Finding, other: Finding) -> bool:
-    return bool(class_of(one) & class_of(other)) and bool(set(one["joints"]) & set(other["joints"]))
+    return effect["effect"] in _class(finding) and bool(allowed & set(finding["joints"]))
 
 
 def _effect_row(effect: Row, findings: Sequence[Finding], control: Sequence[Finding]) -> Row:
     found = [one for one in findings if holds(one, effect)]
     strict = [one for one in found if one["effect"] == effect["effect"]]
     already = any(holds(one, effect) for one in control)
-    best = max((probability(one) for one in found), default=0.0)
-    covered = {} if already else _covered(effect, strict[0]) if strict else {}
+    covered = {}  # whether the intervals of a name hold what was planted
+    for key, true in effect["parameters"].items() if strict and not already else ():
+        one = strict[0].get("parameters", {}).get(key)
+        if not isinstance(true, str) and isinstance(one, dict) and one.get("low") is not None and key != "order":
+            low, high = float(one["low"]), float(one["high"])
+            covered[key] = Coverage(effect["effect"], key, true, true, low, high).inside
     return {
         "effect": effect["effect"],
         "asked": effect["asked"],
         "in_catalogue": effect["in_catalogue"],
         "joint": effect["joints"][0] if effect["joints"] else "",
         "already": already,
-        "named": best >= CONFIDENT,
+        "named": max(map(_probability, found), default=0.0) >= CONFIDENT,
         "named_at_all": bool(found),
-        "strict": bool(strict) and max(probability(one) for one in strict) >= CONFIDENT,
+        "strict": max(map(_probability, strict), default=0.0) >= CONFIDENT,
         "covered": covered,
     }
-
-
-def _covered(effect: Row, finding: Finding) -> dict[str, bool]:
-    """Whether the intervals of a name hold what was planted."""
-    found = {}
-    for key, true in effect["parameters"].items():
-        told = finding.get("parameters", {}).get(key)
-        if isinstance(true, str) or not isinstance(told, dict) or told.get("low") is None or key == "order":
-            continue
-        low, high = float(told["low"]), float(told["high"])
-        if key == "phase_rad":
-            middle = 0.5 * (low + high)
-            true = middle + float(np.angle(np.exp(1j * (true - middle))))
-        found[key] = low - 1e-9 <= true <= high + 1e-9
-    return found
-
-
-def _f1(named: int, effects: Sequence[Row]) -> float | None:
-    if not effects:
-        return None
-    hits = sum(one["named"] for one in effects)
-    return 2.0 * hits / (named + len(effects)) if hits else 0.0
 
 
 # Tables
@@ -164,17 +137,15 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
     for kind in ("untouched", "outside", "single"):
         own = [one for one in cases if one["kind"] == kind]
         sure = [any(n["p"] >= CONFIDENT for n in one["wrong"]) for one in own]
-        yield f"{kind}: a new wrong name {_share(bool(one['wrong']) for one in own)}; with p >= 0.5 {_share(sure)}"
+        yield f"{kind}: a new wrong name {_share(one['wrong'] for one in own)}; with p >= 0.5 {_share(sure)}"
     outside = [one for one in cases if one["kind"] == "outside"]
     yield "outside: verdicts " + _count(one["verdict"] for one in outside)
     inside = [(f"{one['effect']}.{key}", hit) for one in listed for key, hit in one["covered"].items()]
     yield f"intervals that hold what was planted: {_share(hit for _, hit in inside)}"
     yield "  missed: " + _count(key for key, hit in inside if not hit)
     yield "calibration (probability, right):"
-    for k in range(BINS):
-        own = [one for one in fresh if k == min(int(one["p"] * BINS), BINS - 1)]
-        if own:
-            yield f"  {np.mean([one['p'] for one in own]):.2f}: {_share(one['right'] for one in own)}"
+    for one in calibration_curve([one["p"] for one in fresh], [one["right"] for one in fresh], BINS):
+        yield f"  {one.said:.2f}: {_written(one.right)}"
     yield "wrong names: " + _count(one["name"].split(":")[0] for one in fresh if not one["right"])
     spent = [one["seconds"] for one in cases if one["seconds"] is not None]
     yield f"processor seconds a case: median {np.median(spent):.1f}, most {max(spent):.1f}" if spent else ""
@@ -182,14 +153,18 @@ def tables(effects: Sequence[Row], names: Sequence[Row], cases: Sequence[Row]) -
 
 def _grouped(title: str, rows: Sequence[Row], key: str, hit: str) -> Iterable[str]:
     yield f"{title}: {_share(one[hit] for one in rows)}"
-    for value in sorted({one[key] for one in rows}):
-        yield f"    {value}: {_share(one[hit] for one in rows if one[key] == value)}"
+    for value, own in group_by(rows, lambda one: one[key]).items():
+        yield f"    {value}: {_share(one[hit] for one in own)}"
 
 
 def _share(hits: Iterable[bool]) -> str:
-    found = list(hits)
-    one = share(found)
-    return f"{sum(found)} of {len(found)}" + (f" ({one.value:.0%} [{one.low:.0%}, {one.high:.0%}])" if found else "")
+    return _written(share(hits))
+
+
+def _written(one: Score) -> str:
+    if one.value is None:
+        return "0 of 0"
+    return f"{round(one.value * one.count)} of {one.count} ({one.value:.0%} [{one.low:.0%}, {one.high:.0%}])"
 
 
 def _count(words: Iterable[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 from ident.benchmark.cases import FULL_MIX, plan_slots
 from ident.benchmark.editing import EditTask, edit
 from ident.benchmark.examining import ExamineTask, examine
-from ident.benchmark.making import MADE_NAME, MakeTask, case_key, make
+from ident.benchmark.making import MADE_NAME, MakeTask, make
 from ident.benchmark.pages import write_blind_pages
-from ident.benchmark.scoring import Outcome, score_case
+from ident.benchmark.scoring import score_case
 from ident.benchmark.summary import BlindReport
 from ident.errors import InputError
 from ident.files import atomic_write
@@ -30,7 +30,6 @@ from ident.simulation.simulate import SimulationOptions
 from ident.simulation.world import find_worlds
 from ident.workers import run_tasks
 
-RUN_NAME, REPORT_NAME, ROWS_NAME = "run.json", "blind.json", "cases.parquet"
 Say = Callable[[str], None]
 Progress = Callable[[str, int, int], None]
 T = TypeVar("T", MakeTask, ExamineTask, EditTask)
@@ -38,34 +37,26 @@ T = TypeVar("T", MakeTask, ExamineTask, EditTask)
 
 @dataclass(frozen=True)
 class BlindOptions:
-    """What to check.
+    """What to check."""
 
-    Attributes:
-        cases: Number of cases.
-        seed: Of the check; drawn from the system's entropy if None.
-        out: Folder for everything; a check that was stopped there goes on.
-        workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler instead; its workers must see `out` by the same path.
-        mix: Shares of the kinds of case.
-        robot: URDF path or name.
-        runs, duration: Number of runs of each session, and their rough duration [s]; of a world, its own.
-        oracle: Whether the most that anybody can name is worked out, for single effects in worlds.
-        worlds: Names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own.
-        edit: Whether simulated single effects are put to the edit test; a check that is done already may go on with it.
-    """
+    cases: int = 40  # number of cases
+    seed: int | None = None  # of the check; drawn from the system's entropy if None
+    out: Path = Path("out/blind")  # folder for everything; a check that was stopped there goes on
+    workers: int = 1  # processes on this machine
+    scheduler: str | None = None  # address of a Dask scheduler instead; its workers must see `out` by the same path
+    mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))  # shares of the kinds of case
+    robot: str = "tm5-900"  # URDF path or name
+    runs: int = 10  # of each session; of a world, its own
+    duration: float = 8.0  # rough duration of a run [s]; of a world, its own
+    worlds: str = ""  # names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own
+    oracle: bool = True  # whether the most that anybody can name is worked out, for single effects in worlds
+    edit: bool = False  # whether single effects are put to the edit test; a check that is done may go on with it
 
-    cases: int = 40
-    seed: int | None = None
-    out: Path = Path("out/blind")
-    workers: int = 1
-    scheduler: str | None = None
-    mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))
-    robot: str = "tm5-900"
-    runs: int = 10
-    duration: float = 8.0
-    worlds: str = ""
-    oracle: bool = True
-    edit: bool = False
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What decides which cases there are."""
+        names = ("cases", "mix", "robot", "runs", "duration", *(("worlds", "oracle") if self.worlds else ()))
+        return {name: dict(value) if isinstance(value := getattr(self, name), Mapping) else value for name in names}
 
 
 def run_blind(
@@ -81,25 +72,45 @@ def run_blind(
     Raises:
         InputError: Options that make no sense, or another check in the folder.
     """
-    seed = begin_check(options, _settings(options))
-    tasks = _make_tasks(options, seed)
+    seed, out, stamp = begin_check(options, options.settings), options.out.resolve(), code_stamp()
+    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
+    worlds = find_worlds(options.worlds) if options.worlds else ()
+    tasks = {}
+    for number, slot in enumerate(plan_slots(options.cases, options.mix, seed)):
+        folders = out / "sessions" / slot.name, out / "sealed" / slot.name
+        tasks[slot.name] = MakeTask(slot, number, seed, base, *folders, stamp, worlds, options.oracle)
     step = partial(_step, options, progress)
-    made = step("simulating", make, {task.slot.name: (task.sealed / MADE_NAME, task) for task in tasks})
+    made = step("simulating", make, {name: (task.sealed / MADE_NAME, task) for name, task in tasks.items()})
     for name, record in made.items():
         say(f"{name} sealed: sha256 {record['sha256']}")
-    results = step("diagnosing", examine, _to_examine(tasks, made, options))
-    edits = step("editing", edit, _to_edit(tasks, made, options)) if options.edit else {}
+    diagnoses, edits = {}, {}
+    for name, task in tasks.items():
+        # Those of an earlier version, or of another seal, are had anew.
+        record, stamped = made[name], f"{stamp} {made[name]['sha256']}"
+        path, edited = (out / folder / f"{name}.json" for folder in ("results", "edits"))
+        excluded = tuple(record["excluded"])
+        diagnoses[name] = path, ExamineTask(task.session, record["robot"], excluded, path, stamped)
+        if options.edit and task.slot.kind == "single":
+            edits[name] = edited, EditTask(task, int(record["attempt"]), path, edited, stamped)
+    results = step("diagnosing", examine, diagnoses)
+    ratios = step("editing", edit, edits)
+    outcomes = []
+    for name, task in tasks.items():
+        answer = open_envelope(task.sealed, task.key)
+        outcome = score_case(task.slot, answer, results[name], made[name]["starts"])
+        ratio = ratios.get(name, {}).get("ratio")
+        outcomes.append(replace(outcome, oracle=made[name].get("oracle"), edit=ratio))
     report = BlindReport(
         robot=f"arms of worlds ({options.worlds})" if options.worlds else options.robot,
         seed=seed,
         seals={name: record["sha256"] for name, record in made.items()},
-        outcomes=tuple(_open(task, made[task.slot.name], results, edits) for task in tasks),
-        provenance=Provenance("ident blind", settings={**_settings(options), "seed": seed}),
-        run={**_settings(options), "code": code_stamp()},
+        outcomes=tuple(outcomes),
+        provenance=Provenance("ident blind", settings={**options.settings, "seed": seed}),
+        run={**options.settings, "code": stamp},
     )
-    report.save(options.out / REPORT_NAME)
-    with atomic_write(options.out / ROWS_NAME) as part:
-        pq.write_table(pa.Table.from_pylist([one.to_row() for one in report.outcomes]), part)
+    report.save(options.out / "blind.json")
+    with atomic_write(options.out / "cases.parquet") as part:
+        pq.write_table(pa.Table.from_pylist([one.to_row() for one in outcomes]), part)
     write_blind_pages(report, {name: result.get("diagnosis") for name, result in results.items()}, options.out)
     return report
 
@@ -114,7 +125,7 @@ def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
         raise InputError("--seed", f"{options.seed}", "choose a number from 0 to 2^62")
     if options.worlds:
         find_worlds(options.worlds)
-    path = options.out / RUN_NAME
+    path = options.out / "run.json"
     if path.is_file():
         try:
             before = _read(path)
@@ -130,63 +141,6 @@ def begin_check(options: BlindOptions, settings: Mapping[str, Any]) -> int:
     with atomic_write(path) as part:
         part.write_text(json.dumps({**settings, "seed": seed}, indent=1) + "\n", encoding="utf-8")
     return seed
-
-
-def _settings(options: BlindOptions) -> dict[str, Any]:
-    """What decides which cases there are."""
-    return {
-        "cases": options.cases,
-        "mix": dict(options.mix),
-        "robot": options.robot,
-        "runs": options.runs,
-        "duration": options.duration,
-        **({"worlds": options.worlds, "oracle": options.oracle} if options.worlds else {}),
-    }
-
-
-def _make_tasks(options: BlindOptions, seed: int) -> list[MakeTask]:
-    stamp = code_stamp()
-    base = SimulationOptions(robot=options.robot, runs=options.runs, duration=options.duration, coarse=True)
-    worlds = find_worlds(options.worlds) if options.worlds else ()
-    return [
-        MakeTask(
-            slot=slot,
-            number=number,
-            seed=seed,
-            base=base,
-            session=(options.out / "sessions" / slot.name).resolve(),
-            sealed=(options.out / "sealed" / slot.name).resolve(),
-            stamp=stamp,
-            worlds=worlds,
-            oracle=options.oracle,
-        )
-        for number, slot in enumerate(plan_slots(options.cases, options.mix, seed))
-    ]
-
-
-def _to_examine(
-    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions
-) -> dict[str, tuple[Path, ExamineTask]]:
-    """Diagnoses of all cases: files and tasks; those of an earlier version, or of another seal, are had anew."""
-    found = {}
-    for task in tasks:
-        name, record = task.slot.name, made[task.slot.name]
-        path, stamp = (options.out / "results" / f"{name}.json").resolve(), f"{code_stamp()} {record['sha256']}"
-        found[name] = path, ExamineTask(task.session, record["robot"], tuple(record["excluded"]), path, stamp)
-    return found
-
-
-def _to_edit(
-    tasks: Sequence[MakeTask], made: Mapping[str, Mapping[str, Any]], options: BlindOptions
-) -> dict[str, tuple[Path, EditTask]]:
-    """Edit tests of simulated single effects: files and tasks."""
-    found = {}
-    for task in (one for one in tasks if one.slot.kind == "single"):
-        name, record = task.slot.name, made[task.slot.name]
-        result, path = ((options.out / folder / f"{name}.json").resolve() for folder in ("results", "edits"))
-        stamp = f"{code_stamp()} {record['sha256']}"
-        found[name] = path, EditTask(task, int(record["attempt"]), result, path, stamp)
-    return found
 
 
 def _step(
@@ -223,19 +177,6 @@ def _is_done(path: Path, stamp: str) -> bool:
         return False
     record = _read(path)
     return record.get("stamp") == stamp and "error" not in record
-
-
-def _open(
-    task: MakeTask,
-    made: Mapping[str, Any],
-    results: Mapping[str, Mapping[str, Any]],
-    edits: Mapping[str, Mapping[str, Any]],
-) -> Outcome:
-    """Opens a case's envelope and scores it."""
-    slot = task.slot
-    answer = open_envelope(task.sealed, case_key(task.seed, slot.name))
-    outcome = score_case(slot, answer, results[slot.name], made["starts"])
-    return replace(outcome, oracle=made.get("oracle"), edit=edits.get(slot.name, {}).get("ratio"))
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ EXCUSED_BY_URDF = tuple(effect.id for effect in CATALOGUE if effect.as_change.bo
 
 @dataclass(frozen=True)
 class Coverage:
-    """A true figure against its 95 % interval."""
+    """A true parameter against its 95 % interval."""
 
     effect: str
     parameter: str
@@ -40,8 +40,7 @@ class Coverage:
     @property
     def inside(self) -> bool:
         if self.parameter == "phase_rad":
-            middle = 0.5 * (self.low + self.high)
-            away = np.angle(np.exp(1j * (self.true - middle)))
+            away = np.angle(np.exp(1j * (self.true - 0.5 * (self.low + self.high))))
             return bool(abs(away) <= 0.5 * (self.high - self.low) + 1e-9)
         slack = 1e-6 * abs(self.true)
         return self.low - slack <= self.true <= self.high + slack
@@ -49,76 +48,52 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case, scored.
-
-    Attributes:
-        name, kind: The case.
-        amplitude, rich: Its visible amplitude [noise floors] and motion.
-        truth: True effects as (id, joint); the joint is empty for the whole arm.
-        verdict: Of the diagnosis; `failed` if it failed.
-        named: Names given, as (id, joints, probability).
-        strict: Whether the first name is the true effect (single effects).
-        class_aware: Whether the true effect is in the first name's class.
-        joint: Whether the first name is at the true joint.
-        class_size: Of the first name's class; None without a name.
-        refused: Whether it was told that the catalogue does not hold the cause, at the right joint.
-        set_f1: Of all names with their joints against the truth.
-        shrink_share: Held-out closing as a share of what the true name alone closes; None if that closes nothing.
-        coverage: True parameters against intervals, of all true names.
-        right: Whether each name is true.
-        excused: Whether each name is true of the world, though nothing of the kind was hidden.
-        rivals: Names of the plain methods.
-        seconds: Time of the diagnosis.
-        error: What went wrong, if it failed.
-        world: The world that it was drawn in; empty without one.
-        refusal_score: How sure the diagnosis is that the catalogue lacks the cause; None where nothing is fitted.
-        oracle: Probability that an oracle names the effect; None where it was not asked.
-        edit: Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less
-            the cause; `tuned`, nothing named; `unedited`. None without a test.
-        robot, joints: What was diagnosed.
-    """
+    """One case, scored."""
 
     name: str
     kind: str
-    amplitude: float
-    rich: bool
-    truth: tuple[tuple[str, str], ...]
-    verdict: str
-    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()
-    strict: bool = False
-    class_aware: bool = False
-    joint: bool = False
-    class_size: int | None = None
-    refused: bool = False
-    set_f1: float | None = None
-    shrink_share: float | None = None
-    coverage: tuple[Coverage, ...] = ()
-    right: tuple[bool, ...] = ()
-    excused: tuple[bool, ...] = ()
-    rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
-    seconds: float | None = None
-    error: str = ""
-    world: Mapping[str, Any] = field(default_factory=dict)
-    refusal_score: float | None = None
-    oracle: float | None = None
+    amplitude: float  # visible amplitude [noise floors]
+    rich: bool  # whether its motion is rich
+    truth: tuple[tuple[str, str], ...]  # true effects as (id, joint); the joint is empty for the whole arm
+    verdict: str  # of the diagnosis; `failed` if it failed
+    named: tuple[tuple[str, tuple[str, ...], float], ...] = ()  # names given, as (id, joints, probability)
+    strict: bool = False  # whether the first name is the true effect (single effects)
+    class_aware: bool = False  # whether the true effect is in the first name's class
+    joint: bool = False  # whether the first name is at the true joint
+    class_size: int | None = None  # of the first name's class; None without a name
+    refused: bool = False  # whether it says that the catalogue does not hold the cause, at the right joint
+    set_f1: float | None = None  # of all names with their joints against the truth
+    shrink_share: float | None = None  # held-out closing over that of the true name alone; None if that closes nothing
+    coverage: tuple[Coverage, ...] = ()  # true parameters against intervals, of all true names
+    right: tuple[bool, ...] = ()  # whether each name is true
+    excused: tuple[bool, ...] = ()  # whether it is true of the world, though nothing of the kind was hidden
+    rivals: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)  # names of the plain methods
+    seconds: float | None = None  # time of the diagnosis
+    error: str = ""  # what went wrong, if it failed
+    world: Mapping[str, Any] = field(default_factory=dict)  # that it was drawn in; empty without one
+    refusal_score: float | None = None  # how sure it is that the catalogue lacks the cause; None if nothing is fitted
+    oracle: float | None = None  # probability that an oracle names the effect; None where it was not worked out
+    # Held-out error on the arm without the cause over an oracle's, by model: `edited`, the patched model less the
+    # cause; `tuned`, nothing named; `unedited`. None without a test.
     edit: Mapping[str, float] | None = None
     robot: str = ""
     joints: tuple[str, ...] = ()
 
     @property
     def urdf_wrong(self) -> bool:
-        """Whether the URDF of its world is wrong beyond any tolerance."""
+        """Whether links of its world's arm weigh something else than any tolerance allows."""
         return urdf_is_wrong(self.world)
 
     @property
-    def false_names(self) -> list[bool]:
-        """Of each name, whether it is false."""
+    def judged(self) -> list[tuple[str, float, bool]]:
+        """Effect, probability and truth of each name that is true or false."""
         excused = self.excused or (False,) * len(self.right)
-        return [not right and not free for right, free in zip(self.right, excused, strict=True)]
+        names = zip(self.named, self.right, excused, strict=True)
+        return [(effect, p, right) for (effect, _, p), right, free in names if right or not free]
 
     @property
     def has_false_name(self) -> bool:
-        return any(self.false_names)
+        return any(not right for _, _, right in self.judged)
 
     @property
     def has_companion(self) -> bool:
@@ -126,21 +101,9 @@ class Outcome:
         return any(self.right) and self.has_false_name
 
     @property
-    def told_gap(self) -> bool:
-        """Whether the verdict is anything but that all is well."""
-        return self.verdict != "no_gap"
-
-    @property
-    def said(self) -> list[tuple[float, bool]]:
-        """Probability of each name that is true or false, and which."""
-        pairs = zip(self.named, self.right, self.false_names, strict=True)
-        return [(p, right) for (_, _, p), right, false in pairs if right or false]
-
-    @property
     def confidently_wrong(self) -> bool:
         """Whether a name that is not true was given with confidence."""
-        wrong = [p for (_, _, p), false in zip(self.named, self.false_names, strict=True) if false]
-        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for p in wrong)
+        return self.verdict in ("named", "partial") and any(p >= CONFIDENT for _, p, right in self.judged if not right)
 
     def to_dict(self) -> dict[str, Any]:
         record = {key: value for key, value in vars(self).items() if key not in ("coverage", "rivals")}
@@ -154,12 +117,7 @@ class Outcome:
         return {**flat, **{f"world.{key}": value for key, value in self.world.items()}}
 
 
-def score_case(
-    slot: Slot,
-    answer: Answer,
-    result: Mapping[str, Any],
-    starts: Sequence[float] = (),
-) -> Outcome:
+def score_case(slot: Slot, answer: Answer, result: Mapping[str, Any], starts: Sequence[float] = ()) -> Outcome:
     """Scores a case.
 
     Args:
@@ -168,11 +126,21 @@ def score_case(
         result: What the diagnosing process wrote.
         starts: Session time at which each run starts [s].
     """
-    name, kind, rich = slot.name, slot.kind, slot.rich
-    amplitude = _amplitude(slot, answer)
     truth = tuple((one.effect, _joint_of(one)) for one in answer.effects)
+    # Visible amplitude [noise floors]: of single effects as it was asked for, of others as measured.
+    seen = [float(f"{max(_shares(one, answer).values(), default=0.0):.2g}") for one in answer.effects]
+    case = Outcome(
+        name=slot.name,
+        kind=slot.kind,
+        amplitude=slot.amplitude if slot.kind == "single" else max(seen, default=0.0),
+        rich=slot.rich,
+        truth=truth,
+        verdict="failed",
+        error=result.get("error", ""),
+        robot=answer.robot,
+    )
     if "error" in result:
-        return Outcome(name, kind, amplitude, rich, truth, "failed", error=result["error"], robot=answer.robot)
+        return case
     record = result["diagnosis"]
     findings = record["findings"]
     matches = [next((one for one in answer.effects if is_true(one, f, answer)), None) for f in findings]
@@ -181,12 +149,8 @@ def score_case(
     counted = [f for f, free in zip(findings, excused, strict=True) if not free]
     first = counted[0] if counted else None
     only = answer.effects[0] if len(answer.effects) == 1 else None
-    return Outcome(
-        name=name,
-        kind=kind,
-        amplitude=amplitude,
-        rich=rich,
-        truth=truth,
+    return replace(
+        case,
         verdict=record["verdict"],
         named=tuple((f["effect"], tuple(f["joints"]), float(f["probability"])) for f in findings),
         strict=bool(first and only and first["effect"] == only.effect),
@@ -203,7 +167,6 @@ def score_case(
         world=answer.world,
         excused=tuple(excused),
         refusal_score=None if record.get("outside_score") is None else float(record["outside_score"]),
-        robot=answer.robot,
         joints=tuple(record["joints"]),
     )
 
@@ -215,16 +178,9 @@ def urdf_is_wrong(world: Mapping[str, Any]) -> bool:
     return bool(world["link_error"] > WRONG_LINK_ERROR or world["com_error_m"] > WRONG_COM_M or world["copied_link"])
 
 
-def _amplitude(slot: Slot, answer: Answer) -> float:
-    """Largest visible amplitude [noise floors]: of single effects as it was asked for, of others as measured."""
-    if slot.kind == "single":
-        return slot.amplitude
-    return max((_seen(one, answer) for one in answer.effects), default=0.0)
-
-
-def _seen(effect: TrueEffect, answer: Answer) -> float:
-    shares = [value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()]
-    return float(f"{max(shares, default=0.0):.2g}")
+def _shares(effect: TrueEffect, answer: Answer) -> dict[str, float]:
+    """Its visible amplitude at each joint [noise floors]."""
+    return {joint: value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()}
 
 
 def _joint_of(effect: TrueEffect) -> str:
@@ -247,9 +203,8 @@ def shown_joints(effect: TrueEffect, answer: Answer) -> list[str]:
     """Joints at which an effect is visible."""
     if not effect.visible_Nm:
         return list(answer.noise_floor_Nm)
-    seen = {joint: value / max(answer.noise_floor_Nm[joint], 1e-12) for joint, value in effect.visible_Nm.items()}
-    most = max(seen.values())
-    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * most]
+    seen = _shares(effect, answer)
+    return [joint for joint, value in seen.items() if value >= SHOWN_SHARE * max(seen.values())]
 
 
 def is_true(true: TrueEffect, finding: Mapping[str, Any], answer: Answer) -> bool:
@@ -308,7 +263,7 @@ def _shrink_share(
 
 
 def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float]) -> list[Coverage]:
-    """Figures that both tell by the same name."""
+    """Parameters that both report by the same name."""
     told = finding["parameters"]
     return [
         Coverage(true.effect, name, value, *(float(told[name][key]) for key in ("value", "low", "high")))
@@ -318,5 +273,5 @@ def _covers(true: TrueEffect, finding: Mapping[str, Any], starts: Sequence[float
 
 
 def comparable(true: TrueEffect, starts: Sequence[float]) -> dict[str, float]:
-    """True figures in the conventions of the diagnosis."""
+    """True parameters in the conventions of the diagnosis."""
     return KNOWN[true.effect].compared(true.parameters, starts) if true.effect in KNOWN else {}

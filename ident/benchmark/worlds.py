@@ -40,14 +40,7 @@ WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class Stratum:
-    """Cases whose worlds are alike in one property.
-
-    Attributes:
-        axis: The property.
-        cases: They.
-        low, high: Bounds of a number.
-        value: A word; empty for a number.
-    """
+    """Cases whose worlds are alike in one property: between bounds of a number, or in a word (empty for a number)."""
 
     axis: str
     cases: Sequence[Outcome]
@@ -62,22 +55,18 @@ class Stratum:
 
 
 def world_axes(world: Mapping[str, Any]) -> dict[str, float | str]:
-    """What cases are sorted by; empty without a world."""
-    if not world:
-        return {}
+    """What cases are sorted by."""
     counts = 2.0 ** world["encoder_bits"] * (100.0 if world["encoder_at"] == "motor" else 1.0)
     noise = float(np.hypot(world["encoder_noise_rad"], 2.0 * np.pi / counts / np.sqrt(12.0)))
-    own: dict[str, Any] = {"encoder_noise_rad": noise, "world": world["name"], "run_spread": world["friction_spread"]}
-    known = {**world, **own}
-    return {name: known[name] for name in (*NUMBERS, *WORDS)}
+    own = {"encoder_noise_rad": noise, "world": world["name"], "run_spread": world["friction_spread"]}
+    return {name: {**world, **own}[name] for name in (*NUMBERS, *WORDS)}
 
 
 def stratify(outcomes: Sequence[Outcome]) -> dict[str, list[Stratum]]:
     """Strata of every property in which the worlds differ."""
-    axes = [
-        (axis, [(world_axes(one.world)[axis], one) for one in outcomes if one.world]) for axis in (*NUMBERS, *WORDS)
-    ]
-    return {axis: _cut(axis, placed) for axis, placed in axes if len({value for value, _ in placed}) > 1}
+    placed = [(world_axes(one.world), one) for one in outcomes if one.world]
+    differing = [axis for axis in (*NUMBERS, *WORDS) if len({place[axis] for place, _ in placed}) > 1]
+    return {axis: _cut(axis, [(place[axis], one) for place, one in placed]) for axis in differing}
 
 
 def _cut(axis: str, placed: Sequence[tuple[Any, Outcome]]) -> list[Stratum]:

@@ -26,7 +26,7 @@ from ident import compare
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import Circumstances, find_cause
-from ident.simulation.hardware import nominal_hardware
+from ident.simulation.hardware import draw_hardware
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import Simulation, SimulationOptions, simulate
 from ident.simulation.world import PRESETS, settle
@@ -133,7 +133,7 @@ def draw_pair(seed: int, runs: int, seconds: float) -> Pair:
 
 def _request(kind: str, arm: ArmModel, joint: int, rng: np.random.Generator) -> EffectRequest:
     cause = find_cause(kind)
-    scene = Circumstances(nominal_hardware(arm), joint, (), rng)
+    scene = Circumstances(draw_hardware(arm, np.random.default_rng(0)), joint, (), rng)
     size = cause.typical(scene) * float(np.exp(rng.uniform(*np.log(FACTORS))))
     if kind in ("torque_gain_error", "torque_offset") and rng.random() < 0.5:
         size = -size

@@ -20,7 +20,7 @@ def draw(slot, number=0, seed=1, attempt=0):  # type: ignore[no-untyped-def]
 
 
 def ids(case) -> list[str]:  # type: ignore[no-untyped-def]
-    return [one.effect for one in case.options.effects if isinstance(one, EffectRequest)]
+    return [one.effect for one in case[0].effects if isinstance(one, EffectRequest)]
 
 
 def test_the_full_check_holds_every_effect_in_every_size_and_motion() -> None:
@@ -41,31 +41,31 @@ def test_the_same_seed_draws_the_same_cases_and_another_does_not() -> None:
     slots = plan_slots(30, FULL_MIX, 5)
     assert slots == plan_slots(30, FULL_MIX, 5)
     assert [draw(slot, i) for i, slot in enumerate(slots)] == [draw(slot, i) for i, slot in enumerate(slots)]
-    assert [draw(slot, i, 5).options.seed for i, slot in enumerate(slots)] != [
-        draw(slot, i, 6).options.seed for i, slot in enumerate(slots)
+    assert [draw(slot, i, 5)[0].seed for i, slot in enumerate(slots)] != [
+        draw(slot, i, 6)[0].seed for i, slot in enumerate(slots)
     ]
 
 
 def test_kinds_are_what_they_say() -> None:
     for number, slot in enumerate(plan_slots(200, FULL_MIX, 3)):
-        case = draw(slot, number, 3)
+        options, excluded = case = draw(slot, number, 3)
         found = ids(case)
         count = {"healthy": 0, "decoy": 0, "pair": 2, "triple": 3}.get(slot.kind, 1)
         assert len(set(found)) == count
-        assert bool(case.options.decoys) == (slot.kind == "decoy")
+        assert bool(options.decoys) == (slot.kind == "decoy")
         assert all(one in (OUTSIDE if slot.kind == "outside" else CATALOGUE) for one in found)
-        assert (case.options.motions == POOR) == (not slot.rich)
-        assert bool(case.excluded) == (slot.kind == "excluded")
-        if case.excluded:
-            assert case.excluded == (found[0], *TWINS.get(found[0], ()))
+        assert (options.motions == POOR) == (not slot.rich)
+        assert bool(excluded) == (slot.kind == "excluded")
+        if excluded:
+            assert excluded == (found[0], *TWINS.get(found[0], ()))
 
 
 def test_another_attempt_keeps_the_effect_and_draws_another_arm_then_another_effect() -> None:
     slot = next(slot for slot in plan_slots(20, {"single": 1.0}, 2))
     first, second, later = (draw(slot, 0, 2, attempt) for attempt in (0, 1, 6))
     assert ids(first) == ids(second) == [slot.effect]
-    assert first.options.seed != second.options.seed
-    assert later.amplitude == slot.amplitude
+    assert first[0].seed != second[0].seed
+    assert [one.amplitude for one in later[0].effects] == [slot.amplitude]
 
 
 @pytest.mark.parametrize("text", ["nonsense", "single=x", "single=0", "single=-1", ""])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_blind_worlds import RIGHT, outcome, world_of
 
-from ident.benchmark.oracle import _ask
+from ident.benchmark.oracle import name_by_evidence
 from ident.benchmark.summary import BlindReport
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import Hardware
@@ -17,7 +17,7 @@ from ident.simulation.world_arm import draw_world_arm, noise_density
 
 def ask(*signatures: tuple[float, ...]) -> float:
     rows = np.array(signatures)
-    return _ask(rows @ rows.T, np.random.default_rng(1)).accuracy
+    return name_by_evidence(rows @ rows.T, np.random.default_rng(1))
 
 
 def test_what_is_large_and_alone_is_named() -> None:

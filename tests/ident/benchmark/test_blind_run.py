@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from ident.benchmark.making import case_key
+from ident.benchmark.cases import Slot
+from ident.benchmark.making import MakeTask
 from ident.benchmark.run import BlindOptions, BlindReport, run_blind
 from ident.errors import InputError
 from ident.simulation.answer import open_envelope
+from ident.simulation.simulate import SimulationOptions
 
 SEED = 12
 OPTIONS = BlindOptions(cases=2, seed=SEED, mix={"single": 1.0, "healthy": 1.0}, runs=6, duration=4.0)
@@ -35,6 +37,10 @@ def events(folder: Path) -> list[str]:
 def record(folder: Path, events: list[str]) -> dict:  # type: ignore[type-arg]
     loaded: dict = json.loads((folder / "blind.json").read_text())  # type: ignore[type-arg]
     return loaded
+
+
+def key(name: str, seed: int) -> bytes:
+    return MakeTask(Slot(name, ""), 0, seed, SimulationOptions(), Path(), Path(), "").key
 
 
 def at(folder: Path, **changes: object) -> BlindOptions:
@@ -62,10 +68,10 @@ def test_the_recordings_lie_apart_from_the_answers(folder: Path, events: list[st
         assert [path.name for path in session.glob("*.json")] in ([], [".armgap.json"])
         assert "effect" not in (session / "session.toml").read_text()
     for sealed in (folder / "sealed").iterdir():
-        answer = open_envelope(sealed, case_key(SEED, sealed.name))
+        answer = open_envelope(sealed, key(sealed.name, SEED))
         assert all(one.effect not in (sealed / "envelope.json").read_text() for one in answer.effects)
         with pytest.raises(InputError):
-            open_envelope(sealed, case_key(SEED + 1, sealed.name))
+            open_envelope(sealed, key(sealed.name, SEED + 1))
 
 
 def test_the_diagnosing_process_does_not_know_the_plant() -> None:

@@ -110,7 +110,7 @@ def test_a_case_is_what_its_world_says() -> None:
     world = world_of(5)
     base = SimulationOptions().in_world(world)
     slot = plan_slots(1, FULL_MIX, 1)[0]
-    options = draw_case(slot, 0, 1, base, ("a", "b")).options
+    options, _ = draw_case(slot, 0, 1, base, ("a", "b"))
     assert (options.robot, options.runs, options.rate) == (world.robot, world.runs, world.rate_hz)
     assert options.world == world
 
