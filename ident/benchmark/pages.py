@@ -171,7 +171,7 @@ def _table(
         headline, alarm: Written before the rest.
     """
     names, lead = columns.split("|"), LEADS.get(anchor, "")
-    values = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
+    values: dict[str, Any] = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
     values |= {"columns": [name.lstrip("#") for name in names], "text": [name.startswith("#") for name in names]}
     return FilledSection(anchor, title, "blind_table.html", values, bool(rows))
 
