@@ -7,12 +7,12 @@ What is too long to be held is let go part by part, and its motions wait on disk
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate, chain, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ident.arrays import in_a_line
 from ident.checks import TelemetryReport, inspect_parts, inspect_sessions
@@ -225,20 +225,21 @@ def open_sessions(
     else:
         given, model = Given(paths, robot, topic, session_file), None
     found = inspect_sources(given, accept, in_parts=model is None, told=TOLD_BY_A_FIT)
-    passing = _Passing(cutoff, learning, motion)
-    coming = passing.prepare(found.reports)
+    reports: list[TelemetryReport] = []
+    groups: list[_Group] = []
+    coming = _prepare(found.reports, reports, groups, learning, partial(prepare_each, cutoff=cutoff, settings=motion))
     motions = tuple(coming) if isinstance(found.reports, tuple) else hold(coming)
-    short = next((where for where, _, lengths in passing.groups if not lengths), None)
-    if short is not None or not passing.groups:
-        raise no_motion(short or passing.reports[-1].session.name, motion)
-    sizes = tuple((name, sum(pieces_of(motions, length) for length in runs)) for _, name, runs in passing.groups)
-    first = passing.reports[0].session
-    arm = as_mounted(found.arm, first).keeping(passing.joints)
+    short = next((one.where for one in groups if not one.lengths), None)
+    if short is not None or not groups:
+        raise no_motion(short or reports[-1].session.name, motion)
+    sizes = tuple((one.name, sum(pieces_of(motions, length) for length in one.lengths)) for one in groups)
+    first = reports[0].session
+    arm = as_mounted(found.arm, first).keeping(groups[0].joints)
     missing = [] if model is None else [name for name in model.joint_names if name not in arm.joint_names]
     if missing:
         what = f"{', '.join(missing)} not recorded, but in the model"
         raise RecordingError(first.path or first.name, what, "fit a model for these joints")
-    return Opened(arm, tuple(passing.reports), motions, sizes, found.ledger)
+    return Opened(arm, tuple(reports), motions, sizes, found.ledger)
 
 
 def _require_robot(sessions: Sequence[Session], model: HybridModel) -> None:
@@ -250,45 +251,39 @@ def _require_robot(sessions: Sequence[Session], model: HybridModel) -> None:
             model.require_robot(theirs.keeping(common) if common else theirs, session.path or session.name)
 
 
-@dataclass(eq=False)
-class _Passing:
-    """Sessions, or parts of them, on their way to motions: what is kept of them when they are let go.
+class _Group(NamedTuple):
+    """A session on its way to motions: its path and name, its joints, samples of each run that became a motion."""
 
-    Attributes:
-        cutoff: Corner of the common filter [Hz].
-        learning: Whether something is to be fitted.
-        motion: How a recording becomes a motion.
-        joints: Of all of them.
-        reports: Without runs.
-        groups: Path and name of each session, and samples of each of its runs that became a motion.
+    where: str | Path
+    name: str
+    joints: tuple[str, ...]
+    lengths: list[int]
+
+
+def _prepare(
+    found: Iterable[TelemetryReport],
+    reports: list[TelemetryReport],
+    groups: list[_Group],
+    learning: bool,
+    smooth: Callable[[Session], Iterator[Motion]],
+) -> Iterator[Motion]:
+    """Motions of sessions, or of parts of them, that are fit for use; keeps their reports without runs, and groups.
+
+    Raises:
+        RecordingError: One is not, or has other joints than the first.
     """
-
-    cutoff: float | None
-    learning: bool
-    motion: MotionSettings
-    joints: tuple[str, ...] = ()
-    reports: list[TelemetryReport] = field(default_factory=list)
-    groups: list[tuple[str | Path, str, list[int]]] = field(default_factory=list)
-
-    def prepare(self, reports: Iterable[TelemetryReport]) -> Iterator[Motion]:
-        """Motions of sessions that are fit for use.
-
-        Raises:
-            RecordingError: One is not, or has other joints than the first.
-        """
-        for report in reports:
-            session = report.require_fit(self.learning).session
-            where = session.path or session.name
-            if session.runs:
-                self.joints = self.joints or session.joints
-                if session.joints != self.joints:
-                    what = f"its joints are {', '.join(session.joints)}, those of {self.groups[0][1]} are not"
-                    raise RecordingError(where, what, "give sessions with the same joints together")
-                if session.path is None or not self.groups or self.groups[-1][0] != where:
-                    self.groups.append((where, session.name, []))
-            self.reports.append(replace(report, session=session.replace(runs=())))
-            del report
-            for motion in prepare_each(session, self.cutoff, self.motion):
-                self.groups[-1][2].append(len(motion.time))
-                yield motion
-            del session  # a part is let go before the next is read
+    for report in found:
+        session = report.require_fit(learning).session
+        where = session.path or session.name
+        if session.runs:
+            if groups and session.joints != groups[0].joints:
+                what = f"its joints are {', '.join(session.joints)}, those of {groups[0].name} are not"
+                raise RecordingError(where, what, "give sessions with the same joints together")
+            if session.path is None or not groups or groups[-1].where != where:
+                groups.append(_Group(where, session.name, session.joints, []))
+        reports.append(replace(report, session=session.replace(runs=())))
+        del report
+        for motion in smooth(session):
+            groups[-1].lengths.append(len(motion.time))
+            yield motion
+        del session  # a part is let go before the next is read

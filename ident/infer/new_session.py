@@ -21,6 +21,7 @@ from ident.infer.by_data import guess_by_data
 from ident.infer.by_name import guess_by_name
 from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
 from ident.infer.units import (
+    GAINS,
     Unit,
     angle_unit,
     check_velocity,
@@ -28,7 +29,7 @@ from ident.infer.units import (
     sample_rate,
     states_of,
     time_unit,
-    torque_of,
+    torque_settings,
 )
 from ident.outputs import ELSEWHERE, require_plain
 from ident.recordings.columns import TIME
@@ -168,17 +169,17 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
     signals, velocity, refused = check_velocity(signals, time, angle)
     reasons = [*signals.reasons, time.reason, rate_reason, angle.reason, velocity]
     nominal = "effort" if "effort" in signals.tables else "current"
-    joints, channel, settings = signals.joints, nominal, {}
+    joints, channel, settings = signals.joints, nominal, dict[str, Any]()
     if arm is not None:
         joints, order = joint_order(signals, time, angle, arm)
-        states = states_of(signals, time, angle, arm, joints)
         known = tuple(name for name in arm.joint_names if name in joints)
-        torque = torque_of(signals, states, known, nominal)
-        channel, settings = torque.channel, _torque_settings(torque.signs, torque.gains)
-        reasons += [order, *torque.reasons]
+        states = states_of(signals, time, angle, arm, joints)
+        channel, tables, told = torque_settings(signals, states, known, nominal)
+        settings |= tables
+        reasons += [order, *told]
     elif nominal == "current":
-        settings = _torque_settings({}, dict.fromkeys(joints, 1.0))
-        reasons.append(Reason("drive_gain_Nm_per_A", "1", "without a robot nothing tells it: give the figures"))
+        settings[GAINS] = dict.fromkeys(joints, 1.0)
+        reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
     if time.name != "s":
         settings["time_unit"] = time.name
     if angle.name != "rad":
@@ -208,15 +209,6 @@ def fold_names(names: Sequence[str]) -> list[str]:
     ]
 
 
-def _torque_settings(signs: dict[str, int], gains: dict[str, float]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    if gains:
-        found["drive_gain_Nm_per_A"] = gains
-    if signs:
-        found["effort_sign"] = signs
-    return found
-
-
 def write_text(guess: Guess) -> str:
     """The text of session.toml: keys, then tables, the evidence as comments."""
     why = {reason.what: reason for reason in guess.reasons}
@@ -237,13 +229,13 @@ def write_text(guess: Guess) -> str:
             lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in told]
             channel = own
         lines.append(f"{toml_key(name)} = {json.dumps(native, ensure_ascii=False)}")
-    for key in ("drive_gain_Nm_per_A", "effort_sign"):
+    for key in (GAINS, "effort_sign"):
         if key in guess.settings:
             lines += ["", f"[{key}]"]
             for joint, value in guess.settings[key].items():
                 reason = why.get(f"{key}.{joint}")
                 lines.append(f"{toml_key(joint)} = {value:g}" + (f"  # {_comment(reason.evidence)}" if reason else ""))
-            if key == "drive_gain_Nm_per_A":
+            if key == GAINS:
                 lines.append(f"{GUESSED} = true  # until somebody has measured them")
     lines += ["", "# Further evidence:"]
     lines += [

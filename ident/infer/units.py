@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ SLOPE_OFF, SAME_SIGNAL = 0.1, 0.9
 CLEARLY_MORE = 0.2
 # A gain rests on gravity or inertia if the model explains at least this share of the joint's current.
 TRUSTED = 0.5
+GAINS = "drive_gain_Nm_per_A"
 
 
 @dataclass(frozen=True)
@@ -140,84 +142,57 @@ def joint_order(signals: Signals, time: Unit, angle: Unit, arm: ArmModel) -> tup
     return best, Reason("joints", ", ".join(best), told)
 
 
-@dataclass(frozen=True)
-class Torque:
-    """What is to be done to the torque's columns.
-
-    Attributes:
-        channel: `effort` where they are N m, else `current`.
-        signs: Joint -> -1 where they point the other way.
-        gains: Joint -> N m per unit of the column.
-        reasons: Why, joint by joint.
-    """
-
-    channel: str
-    signs: dict[str, int]
-    gains: dict[str, float]
-    reasons: tuple[Reason, ...]
-
-
-def torque_of(signals: Signals, states: States | None, joints: tuple[str, ...], nominal: str) -> Torque:
+def torque_settings(
+    signals: Signals, states: States | None, joints: tuple[str, ...], nominal: str
+) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
     """Sign and scale of each joint's torque, by what gravity, inertia and friction of the model explain.
+
+    Inertia tells no gain: what a motor feels beside the URDF's links is its own rotor.
 
     Args:
         signals: The columns.
         states: Filtered motion, joints in the robot's order; None where it is too short to tell.
         joints: Names of the states' joints.
         nominal: `effort` or `current`: what the columns' names say.
+
+    Returns:
+        `effort` where the columns are N m, else `current`; the tables of session.toml; and why, joint by joint.
     """
     if states is None:
-        gains = dict.fromkeys(joints, 1.0) if nominal == "current" else {}
         why = "too short a run to tell; 1 stands for a figure that nobody has given"
-        return Torque(nominal, {}, gains, (Reason("effort", nominal, why),) if gains else ())
-    fits = {}
+        if nominal != "current":
+            return nominal, {}, []
+        return nominal, {GAINS: dict.fromkeys(joints, 1.0)}, [Reason("effort", nominal, why)]
+    fits: dict[str, tuple[int, SignedFit, bool, bool]] = {}
     for j, joint in enumerate(joints):
         sides = {sign: fit_signed(states, j, float(sign)) for sign in (1, -1)}
         best = max(sides, key=lambda sign: sides[sign].explained)
-        clear = states.alive[j] and sides[best].explained > max(
-            USUAL_EFFORT.follows, sides[-best].explained + CLEARLY_MORE
-        )
-        fits[joint] = (best if clear else 1, sides[best], bool(clear), bool(states.heavy[j]))
+        least = max(USUAL_EFFORT.follows, sides[-best].explained + CLEARLY_MORE)
+        clear = bool(states.alive[j] and sides[best].explained > least)
+        fits[joint] = (best if clear else 1, sides[best], clear, bool(states.heavy[j]))
     scales = [fit.gravity for _, fit, _, heavy in fits.values() if heavy and fit.explained > TRUSTED]
     scale = float(np.median(scales)) if scales else 1.0
     channel = nominal if nominal == "current" or USUAL_EFFORT.scale_low < scale < USUAL_EFFORT.scale_high else "current"
-    signs = {joint: sign for joint, (sign, _, _, _) in fits.items() if sign < 0}
-    reasons = _sign_reasons(fits)
-    if channel == "effort":
-        return Torque(channel, signs, {}, reasons)
-    gains, told = _gains(fits, scale)
-    return Torque(channel, signs, gains, (*reasons, *told))
-
-
-def _sign_reasons(fits: dict[str, tuple[int, SignedFit, bool, bool]]) -> tuple[Reason, ...]:
-    """One reason for all joints that are sure to point the right way, one for each other joint."""
-    upright = [joint for joint, (sign, _, clear, _) in fits.items() if clear and sign > 0]
     reasons = []
-    if upright:
-        least = min(fits[joint][1].explained for joint in upright)
-        told = f"gravity, inertia and friction explain at least {least:.0%} of {', '.join(upright)}"
-        reasons.append(Reason("effort_sign", "+1", told))
+    # One reason for all joints that are sure to point the right way, one for each other joint.
+    if upright := [joint for joint, (sign, _, clear, _) in fits.items() if clear and sign > 0]:
+        share = min(fits[joint][1].explained for joint in upright)
+        why = f"gravity, inertia and friction explain at least {share:.0%} of {', '.join(upright)}"
+        reasons.append(Reason("effort_sign", "+1", why))
     for joint, (sign, fit, clear, _) in fits.items():
-        told = f"gravity, inertia and friction explain {max(fit.explained, 0.0):.0%} with this sign"
+        why = f"gravity, inertia and friction explain {max(fit.explained, 0.0):.0%} with this sign"
         if not clear:
-            reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{told}: not sure, taken as it stands"))
+            reasons.append(Reason(f"effort_sign.{joint}", "+1", f"{why}: not sure, taken as it stands"))
         elif sign < 0:
-            reasons.append(Reason(f"effort_sign.{joint}", "-1", told))
-    return tuple(reasons)
-
-
-def _gains(fits: dict[str, tuple[int, SignedFit, bool, bool]], scale: float) -> tuple[dict[str, float], list[Reason]]:
-    """Gains of all joints: by their own gravity, else by the others' median.
-
-    Inertia tells no gain: what a motor feels beside the URDF's links is its own rotor.
-    """
+            reasons.append(Reason(f"effort_sign.{joint}", "-1", why))
     gains: dict[str, float] = {}
-    reasons: list[Reason] = []
-    for joint, (_, fit, clear, heavy) in fits.items():
+    for joint, (_, fit, clear, heavy) in fits.items() if channel == "current" else ():
         if clear and heavy and fit.gravity > 0.0:
             size, why = fit.gravity, "gravity of the URDF over what the column shows of it"
         else:
             size, why = scale, "gravity hardly changes here; the median of the joints where it does"
         gains[joint] = float(f"{1.0 / max(size, 1e-9):.3g}")
-        reasons.append(Reason(f"drive_gain_Nm_per_A.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better"))
-    return gains, reasons
+        reasons.append(Reason(f"{GAINS}.{joint}", f"{gains[joint]:g}", f"{why}; a data sheet is better"))
+    signs = {joint: sign for joint, (sign, _, _, _) in fits.items() if sign < 0}
+    tables: dict[str, dict[str, Any]] = {GAINS: gains, "effort_sign": signs}
+    return channel, {key: table for key, table in tables.items() if table}, reasons

@@ -104,12 +104,7 @@ def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]
     if tip not in names:
         near = difflib.get_close_matches(tip, names, n=3) or names
         raise RobotError(where, f"no moving joint {tip!r}", f"its joints are: {', '.join(near)}")
-    above = {link_of(joint, "child"): joint for joint in root.findall("joint")}
-    at: ET.Element | None = next(one for one in moving_joints(root) if one.get("name") == tip)
-    on_the_way: set[str] = set()
-    while at is not None:
-        on_the_way.add(at.get("name") or "")
-        at = above.get(link_of(at, "parent"))
+    on_the_way = set(_way(root, next(one for one in moving_joints(root) if one.get("name") == tip)))
     beside = {name: 0.0 for name in names if name not in on_the_way}
     lock_joints(root, beside)
     return ET.tostring(root, encoding="unicode"), beside
@@ -118,18 +113,7 @@ def lock_beside(text: str, tip: str, where: str) -> tuple[str, dict[str, float]]
 def arm_tips(text: str) -> list[str]:
     """The last joint of each arm of a robot of several, longest first; fingers at an arm's end are none of it."""
     root = ET.fromstring(text)
-    above = {link_of(joint, "child"): joint for joint in root.findall("joint")}
-    moving = moving_joints(root)
-
-    def chain(joint: ET.Element) -> list[str]:
-        found: list[str] = []
-        at: ET.Element | None = joint
-        while at is not None:
-            found += [at.get("name") or ""] if at in moving else []
-            at = above.get(link_of(at, "parent"))
-        return found
-
-    chains = [chain(joint) for joint in moving]
+    chains = [_way(root, joint) for joint in moving_joints(root)]
     branches = Counter(names[1] for names in chains if len(names) > 1)
 
     def without_fingers(names: list[str]) -> list[str]:
@@ -141,6 +125,17 @@ def arm_tips(text: str) -> list[str]:
 
     arms = [without_fingers(names) for names in chains if names[0] not in branches]
     return list(dict.fromkeys(names[0] for names in sorted(arms, key=len, reverse=True)))
+
+
+def _way(root: ET.Element, joint: ET.Element) -> list[str]:
+    """Names of the moving joints from one of them back to the base."""
+    above = {link_of(one, "child"): one for one in root.findall("joint")}
+    found: list[str] = []
+    at: ET.Element | None = joint
+    while at is not None:
+        found += [at.get("name") or ""] if at.get("type") in MOVING else []
+        at = above.get(link_of(at, "parent"))
+    return found
 
 
 def link_of(joint: ET.Element, end: str) -> str:

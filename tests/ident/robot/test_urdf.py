@@ -17,46 +17,32 @@ from tests.ident.made_up import joint, link, urdf
 angles = st.floats(-np.pi, np.pi)
 
 
-@given(angles, angles, angles)
+@given(angles, st.one_of(angles, st.sampled_from([np.pi / 2, -np.pi / 2])), angles)
 def test_angles_come_back_from_their_rotation(roll: float, pitch: float, yaw: float) -> None:
-    """rpy → matrix → rpy → matrix is the same rotation to 1e-12, gimbal lock included."""
+    """rpy → matrix → rpy → matrix is the same rotation; at a pitch of ± 90° roll and yaw can't be told apart."""
     rotation = rpy_to_matrix(np.array([roll, pitch, yaw]))
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    assert np.allclose(rpy_to_matrix(matrix_to_rpy(rotation)), rotation, atol=1e-12)
-
-
-@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
-def test_gimbal_lock_keeps_the_rotation(pitch: float) -> None:
-    """At a pitch of ± 90° roll and yaw can't be told apart, yet the rotation stays."""
-    rotation = rpy_to_matrix(np.array([0.3, pitch, -0.8]))
     assert np.allclose(rpy_to_matrix(matrix_to_rpy(rotation)), rotation, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", [*robot_names(), "tiago_no_hand", "anymal-kinova", "ur5_joint_limited_robot"])
 def test_every_name_leads_to_an_arm(name: str) -> None:
-    """Each name that `--robot` takes loads as a chain with mass in every joint's way."""
+    """Each name that `--robot` takes, and each file's of example-robot-data, is a chain with mass in every joint's way.
+
+    Of a robot with one arm, that arm is taken, whatever else moves on it.
+    """
     arm = ArmModel.load(name)
     assert arm.n >= (4 if name == "scara" else 6)
     assert np.all(np.isfinite(arm.gravity(arm.neutral[None])))
 
 
-def test_underscore_and_hyphen_name_one_robot() -> None:
-    """`tm5_900` is `tm5-900`."""
-    assert find_urdf("tm5_900") == find_urdf("tm5-900")
-
-
 def test_an_unknown_robot_is_told_the_names() -> None:
-    """The remedy lists all that could have been meant."""
+    """The remedy lists all that could have been meant; hyphens may be underscores."""
+    assert find_urdf("tm5_900") == find_urdf("tm5-900")
     with pytest.raises(RobotError) as error:
         find_urdf("pandda")
     assert error.value.where == "pandda"
     assert all(name in error.value.remedy for name in ("tm5-900", *EXAMPLE_ROBOTS))
-
-
-@pytest.mark.parametrize("name", ["tiago_no_hand", "anymal-kinova", "ur5_joint_limited_robot"])
-def test_every_file_of_example_robot_data_has_its_name(name: str) -> None:
-    """A file's name is enough; of a robot with one arm, that arm is taken, whatever else moves on it."""
-    assert ArmModel.load(name).n >= 6
 
 
 def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:
@@ -75,12 +61,6 @@ def test_a_head_wheels_and_a_hand_do_not_hide_the_arm() -> None:
     ]
     arm = ArmModel.from_urdf(urdf(*parts, *chain, *thumb))
     assert arm.joint_names == ("lift", *names)
-
-
-def test_two_arms_are_not_guessed_between() -> None:
-    """Baxter has a left and a right one: which is meant nobody knows."""
-    with pytest.raises(RobotError, match="not a serial chain"):
-        ArmModel.load("baxter")
 
 
 @pytest.mark.parametrize(
@@ -104,16 +84,13 @@ def test_one_of_several_arms_is_named_by_its_last_joint(robot: str, joints: int)
     assert ArmModel.load(told).joint_names == arm.joint_names
 
 
-def test_the_arms_that_are_offered_end_before_their_fingers() -> None:
-    with pytest.raises(RobotError) as error:
+def test_two_arms_are_not_guessed_between() -> None:
+    """Which of Baxter's is meant nobody knows; the arms that are offered end before their fingers."""
+    with pytest.raises(RobotError, match="not a serial chain") as error:
         ArmModel.load("baxter")
     assert error.value.remedy.endswith(": :left_w2 or :right_w2")
-
-
-def test_a_joint_that_a_robot_lacks_is_told_with_the_nearest() -> None:
-    with pytest.raises(RobotError, match="no moving joint 'left_w9'") as error:
+    with pytest.raises(RobotError, match=r"no moving joint 'left_w9'.*left_w2"):
         ArmModel.load("baxter:left_w9")
-    assert "left_w2" in error.value.remedy
 
 
 def test_a_file_with_a_colon_in_its_name_is_a_file(tmp_path: Path) -> None:
@@ -139,18 +116,6 @@ def test_a_name_of_robot_descriptions_leads_to_its_file(tmp_path: Path, monkeypa
         find_urdf("missing_description")
 
 
-def test_a_grippers_joints_are_those_beyond_the_first_fork() -> None:
-    """Fingers fork off one hand; the arm before them is a chain."""
-    text = urdf(
-        *(link(name) for name in "abcde"),
-        joint("arm", "a", "b"),
-        joint("mount", "b", "c", "fixed", limit=""),
-        joint("left", "c", "d"),
-        joint("right", "c", "e"),
-    )
-    assert gripper_joints(ET.fromstring(text)) == ["left", "right"]
-
-
 def _robot(*changes: tuple[str, str]) -> str:
     """A sound two-joint URDF with some text replaced."""
     text = urdf(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", "prismatic"))
@@ -167,6 +132,7 @@ BAD = {
     "text in a gear ratio": (_robot(("</robot>", GEAR.format("fast") + "</robot>")), "<mechanicalReduction> is 'fast'"),
     "a gear ratio of zero": (_robot(("</robot>", GEAR.format(0) + "</robot>")), "<mechanicalReduction> is '0'"),
     "not XML": ("# robot", "not XML"),
+    "a file that is no text": ("\udcff\udcfe\x00\x01" * 20, "is not UTF-8 text"),
     "empty": ("", "not XML"),
     "another format": ("<mujoco/>", "root element is <mujoco>"),
     "no name": (_robot((' name="made_up"', "")), "<robot> has no name"),
@@ -234,10 +200,15 @@ BAD = {
 def test_a_bad_urdf_is_refused_with_file_place_and_remedy(
     case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """RobotError names the file and what is wrong where, gives a remedy in one line; nothing else is printed."""
+    """RobotError names the file and what is wrong where, gives a remedy in one line; nothing else is printed.
+
+    The URDF that the bad ones are made from loads.
+    """
     text, what = BAD[case]
     path = tmp_path / "robot.urdf"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(_robot(), encoding="utf-8")
+    assert ArmModel.load(path).joint_names == ("one", "two")
+    path.write_text(text, encoding="utf-8", errors="surrogateescape")
     with pytest.raises(RobotError) as error:
         ArmModel.load(path)
     assert error.value.where == str(path)
@@ -247,33 +218,19 @@ def test_a_bad_urdf_is_refused_with_file_place_and_remedy(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_sound_urdf_is_not_refused(tmp_path: Path) -> None:
-    """The URDF that the bad ones are made from loads."""
-    path = tmp_path / "robot.urdf"
-    path.write_text(_robot(), encoding="utf-8")
-    assert ArmModel.load(path).joint_names == ("one", "two")
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    """A mesh or an archive given as URDF is an input error, not a crash."""
-    path = tmp_path / "arm.urdf"
-    path.write_bytes(b"\xff\xfe\x00\x01" * 20)
-    with pytest.raises(RobotError, match="is not UTF-8 text"):
-        ArmModel.load(path)
-
-
-def test_a_chain_as_long_as_a_urdf_may_be_is_walked_without_recursion() -> None:
-    """Fingers beyond an arm are found at the end of 2000 joints one after the other, in document order."""
-    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(2000)]
-    hand = [joint("left", "l2000", "tip_a"), joint("right", "l2000", "tip_b")]
-    root = ET.fromstring("<robot name='long'><link name='l0'/>" + "".join(chain + hand) + "</robot>")
+@pytest.mark.parametrize("length", [1, 2000])
+def test_fingers_are_found_however_long_the_chain(length: int) -> None:
+    """Beyond an arm or, without recursion, at the end of 2000 joints one after the other; in document order."""
+    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(length)]
+    mount = joint("mount", f"l{length}", "hand", "fixed", limit="")
+    fingers = [joint("left", "hand", "tip_a"), joint("right", "hand", "tip_b")]
+    root = ET.fromstring("<robot name='long'><link name='l0'/>" + "".join([*chain, mount, *fingers]) + "</robot>")
     assert gripper_joints(root) == ["left", "right"]
 
 
 def test_more_joints_than_any_robot_moves_are_refused_before_the_dynamics() -> None:
-    """Room for the dynamics grows with the cube of the joints: 151 are told, not tried."""
-    chain = "".join(link(f"l{k}") for k in range(152)) + "".join(
-        joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(151)
-    )
+    """Room for the dynamics grows with the cube of the joints: 151 are reported, not tried."""
+    links = "".join(link(f"l{k}") for k in range(152))
+    joints = "".join(joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(151))
     with pytest.raises(RobotError, match="151 joints that move"):
-        ArmModel.from_urdf(f"<robot name='long'>{chain}</robot>")
+        ArmModel.from_urdf(f"<robot name='long'>{links}{joints}</robot>")

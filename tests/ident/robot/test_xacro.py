@@ -246,7 +246,7 @@ ROBOT = f"""<?xml version="1.0" encoding="utf-8"?><robot {NAMESPACE} name="r">
 
 
 def test_a_makers_description_expands_as_by_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Law: what is no attack comes out letter by letter as the package alone gives it."""
+    """Law: what is no attack comes out letter by letter as the package gives it, which stays as it was."""
     import xacro
     from xacro import substitution_args
 
@@ -259,7 +259,9 @@ def test_a_makers_description_expands_as_by_the_package(tmp_path: Path, monkeypa
     body = "mass: 2.5\n  radius: 0.05\n  origin: {xyz: 0 0 1}\n  inertia: {yy: 0.01}\n"
     (tmp_path / "config/bodies.yaml").write_text(f"upper:\n  {body}")
     (tmp_path / "config/limits.yaml").write_text("lower: [-1.5, 2]\nturn: !degrees 90\n")
+    before = dict(vars(xacro)), dict(xacro._global_symbols), dict(xacro._global_symbols["python"])
     found = expand(tmp_path / "urdf/arm.urdf.xacro")
+    assert (dict(vars(xacro)), dict(xacro._global_symbols), dict(xacro._global_symbols["python"])) == before
     monkeypatch.setattr(substitution_args, "_eval_find", lambda name: str(tmp_path))
     assert found == xacro.process_file(str(tmp_path / "urdf/arm.urdf.xacro")).toxml()
 
@@ -285,7 +287,7 @@ def test_a_xacro_file_is_the_urdf_that_it_expands_to(tmp_path: Path) -> None:
     """Properties and macros are worked out; what can't be expanded is reported with the remedy."""
     plain = urdf(link("a"), link("b"), joint("one", "a", "b"))
     text = plain.replace('<robot name="made_up">', f'<robot name="made_up" {NAMESPACE}>')
-    text = text.replace('<link name="a">', '<xacro:property name="m" value="${1 + 1}"/><link name="a">')
+    text = text.replace('<link name="a">', '<xacro:property name="m" value="${2 * 3 % 4}"/><link name="a">')
     (tmp_path / "arm.urdf.xacro").write_text(text.replace('value="2.0"', 'value="${m}"'))
     assert 'value="${m}"' in (tmp_path / "arm.urdf.xacro").read_text()
     expected, found = ArmModel.from_urdf(plain), ArmModel.load(tmp_path / "arm.urdf.xacro")
@@ -293,12 +295,3 @@ def test_a_xacro_file_is_the_urdf_that_it_expands_to(tmp_path: Path) -> None:
     (tmp_path / "bad.xacro").write_text(text.replace('value="2.0"', 'value="$(arg mass)"'))
     with pytest.raises(RobotError, match=r"can't be expanded.*xacro bad.xacro"):
         ArmModel.load(tmp_path / "bad.xacro")
-
-
-def test_whoever_uses_the_package_beside_us_finds_it_as_it_was(tmp_path: Path) -> None:
-    import xacro
-
-    before = dict(vars(xacro)), dict(xacro._global_symbols), dict(xacro._global_symbols["python"])
-    (tmp_path / "arm.xacro").write_text(f'{HEAD}<link name="${{2 * 3 % 4 + 2 ** 3}}"/></robot>')
-    assert '<link name="10"/>' in expand(tmp_path / "arm.xacro")
-    assert (dict(vars(xacro)), dict(xacro._global_symbols), dict(xacro._global_symbols["python"])) == before
