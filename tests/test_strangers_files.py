@@ -22,7 +22,7 @@ from ident.model.hybrid import FitOptions, HybridModel, fit_hybrid
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 from ident.sessions import open_sessions
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
 from plan.geometry.arm_shapes import arm_shapes
 from plan.problem.task_file import load_surroundings
 from tests.fuzz.guard import Guard

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +16,7 @@ from ident.outputs import check_outputs
 from ident.process import run_command
 from ident.show.console import progress_line
 from plan.cli.options import takes
-from plan.problem.options import CompareOptions, SolveOptions
+from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
 from plan.show.console import print_comparison, print_result, progress_bar
 
 app = make_app("plan", "Plan energy- and time-optimal motions that keep clear of obstacles, on an identified arm.")
@@ -27,11 +27,6 @@ SceneFile = Annotated[Path, typer.Argument(help="Scene file (TOML).", show_defau
 ModelFolder = Annotated[
     Path | None, typer.Option("--model", help="Folder of a fitted model; the rigid arm without losses if not given.")
 ]
-Shapes = Annotated[
-    str | None,
-    typer.Option(help="For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."),
-]
-Seed = Annotated[int, typer.Option(help="Seed of all randomness.", min=0)]
 
 
 @app.command()
@@ -53,8 +48,7 @@ def solve(
     from plan.problem.task_file import load_task
 
     task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is reported at once
-    from plan.api.planning import origin
-    from plan.api.tasks import open_task, save_motion, save_outputs, solve_task
+    from plan.api.planning import open_task, save_motion, save_outputs, solve_task
     from plan.planners.base import processor_seconds
     from plan.problem.execution import require_writable
 
@@ -71,8 +65,6 @@ def solve(
     opened = open_task(task, model, options)
     with progress_bar(console, options.method) as progress:
         result = solve_task(opened, options, progress=progress)
-    asked = {"method": options.method, "seed": options.seed}
-    result = result.with_provenance(origin("plan solve", opened, model, asked))
     spent = before + time.perf_counter() - began  # loading Python and its libraries, all of it processor time, too
     result = replace(result, seconds=spent, cpu_seconds=processor_seconds())
     save_outputs(opened, result, json_file, picture, rrd)
@@ -97,67 +89,47 @@ def compare(
     from plan.problem.task_file import load_task
 
     task = load_task(scene)
-    from plan.api.planning import origin
-    from plan.api.tasks import COMPARISON_FILES, compare_task, open_task, save_comparison
+    from plan.api.planning import COMPARISON_FILES, compare_task, open_task, save_comparison
 
     written = {} if out is None else {f"--out {out}: {name}": out / name for name in COMPARISON_FILES}
     check_outputs([scene, model, options.vias], {**written, "--json": json_file})
     opened = open_task(task, model, options)
     with progress_bar(console, "compare") as progress:
         table = compare_task(opened, options, progress)
-    asked = {"methods": options.methods, "seeds": options.seeds}
-    table = table.with_provenance(origin("plan compare", opened, model, asked))
     print_comparison(console, table)
     save_comparison(opened, table, json_file, out)
 
 
 @app.command()
+@takes(PaperOptions)
 def paper(
+    options: PaperOptions,
     model: ModelFolder = None,
     out: Annotated[Path, typer.Option(help="Folder for the page and its pictures.")] = Path("out/paper"),
-    epochs: Annotated[int, typer.Option(help="PPO's epochs on Table 3's task (the paper's: 500).", min=1)] = 500,
-    generations: Annotated[int, typer.Option(help="The genetic algorithm's on the obstacle task.", min=1)] = 2000,
-    trials: Annotated[int, typer.Option(help="Trials of each tester and method.", min=1, max=5)] = 5,
-    levels: Annotated[int, typer.Option(help="Values of each variable in the brute force search.", min=2)] = 11,
 ) -> None:
     """The paper's planning tables and figures beside ours, on one page."""
     from ident.model.hybrid import HybridModel
     from plan.paper.page import FILES, write_page
-    from plan.paper.repeat import Effort, repeat_paper
+    from plan.paper.repeat import repeat_paper
 
     check_outputs([model], {f"--out {out}: {name}": out / name for name in FILES})
     fitted = None if model is None else HybridModel.load(model)
     with progress_bar(console, "paper") as progress:
-        found = repeat_paper(fitted, Effort(epochs, generations, trials, levels), progress)
+        found = repeat_paper(fitted, options, progress)
     console.print(f"page written to {write_page(found, out)}")
 
 
 @app.command()
+@takes(ExciteOptions)
 def excite(
+    options: ExciteOptions,
     robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
-    separate: Annotated[str | None, typer.Option(help="Effects to tell apart, or one to show: ID,ID.")] = None,
     diagnosis: Annotated[
         Path | None, typer.Option(help="File of `ident diagnose --json`: its open question, sizes and noise.")
     ] = None,
-    joint: Annotated[str | None, typer.Option(help="The joint in question: its name or number.")] = None,
     catalogue: Annotated[
         Path | None, typer.Option(help="A Python file with further effects. It is run: give none that you don't trust.")
     ] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option(help="Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1, max=240),
-    ] = None,
-    evaluations: Annotated[int, typer.Option(help="Most motions that the search judges.", min=8)] = 120,
-    shapes: Shapes = None,
-    scene: Annotated[
-        Path | None,
-        typer.Option(help="Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."),
-    ] = None,
-    floor: Annotated[
-        str, typer.Option(help="Height of the floor above the base [m], or none; a scene's own floor counts instead.")
-    ] = "0",
-    top_speed: Annotated[float | None, typer.Option(help="Top speed of every joint [deg/s].", min=1e-3)] = None,
-    seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the motion's command files, one a run.")] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -166,22 +138,9 @@ def excite(
     from plan.experiment.console import print_excitation
     from plan.experiment.result import MOTION_KIND
 
-    check_outputs([robot, diagnosis, catalogue, scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
+    check_outputs([robot, diagnosis, catalogue, options.scene], {"--json": json_file}, {"--out": (out, MOTION_KIND)})
     with progress_line(console, "excite"):
-        found = find_motion(
-            robot,
-            separate=separate,
-            diagnosis=diagnosis,
-            joint=joint,
-            catalogue=catalogue,
-            minutes=minutes,
-            evaluations=evaluations,
-            seed=seed,
-            shapes=shapes,
-            scene=scene,
-            floor=floor,
-            top_speed=top_speed,
-        )
+        found = find_motion(robot, diagnosis=diagnosis, catalogue=catalogue, **asdict(options))
     if out is not None:
         found.write(out)
     write_record(json_file, found.to_dict())

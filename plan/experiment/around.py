@@ -12,26 +12,23 @@ from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from plan.errors import MethodError, SceneError
 from plan.geometry.scene import FLOOR
+from plan.options import ExciteOptions
 from plan.problem.obstacle_tables import floor_box
 from plan.problem.task_file import Surroundings, load_surroundings
 
 HIGHEST_FLOOR = 10.0
+USUAL = ExciteOptions()
 
 
-def surroundings_of(arm: ArmModel, scene: Path | None, floor: str, top_speed: float | None) -> Surroundings:
+def surroundings_of(arm: ArmModel, options: ExciteOptions = USUAL) -> Surroundings:
     """The surroundings that options name; without a word of a floor, nothing goes below the base plane.
-
-    Args:
-        arm: The arm.
-        scene: Scene file.
-        floor: Height of the floor [m], or `none`.
-        top_speed: Of every joint [deg/s].
 
     Raises:
         MethodError: The floor's height is no number.
         SceneError: The scene file is at fault, or another robot's.
     """
-    around = Surroundings(Path("--scene")) if scene is None else load_surroundings(scene, arm.n)
+    scene, floor, top_speed = options.scene, options.floor, options.top_speed
+    around = Surroundings(Path("--scene")) if scene is None else load_surroundings(Path(scene), arm.n)
     if (
         around.robot is not None
         and arm.source is not None
@@ -39,18 +36,14 @@ def surroundings_of(arm: ArmModel, scene: Path | None, floor: str, top_speed: fl
     ):
         raise SceneError(around.source, f"it is for {around.robot!r}, the robot is {arm.name!r}", "give its --robot")
     if floor != "none" and all(box.name != FLOOR for box in around.obstacles):
-        around = replace(around, obstacles=(*around.obstacles, floor_box(_height(floor))))
+        try:
+            height = float(floor)
+        except ValueError:
+            height = math.nan
+        if not abs(height) <= HIGHEST_FLOOR:
+            raise MethodError("--floor", f"{floor!r} is no height", f"give metres within {HIGHEST_FLOOR:g}, or none")
+        around = replace(around, obstacles=(*around.obstacles, floor_box(height)))
     if top_speed is not None:
         given = np.full(arm.n, math.radians(top_speed))
         around = replace(around, speed=given if around.speed is None else np.minimum(given, around.speed))
     return around
-
-
-def _height(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= HIGHEST_FLOOR:
-        raise MethodError("--floor", f"{text!r} is no height", f"give metres within {HIGHEST_FLOOR:g}, or none")
-    return value

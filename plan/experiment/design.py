@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from plan.experiment.random_motions import random_runs
 from plan.experiment.result import Excitation, Status, minutes_to_odds
 from plan.experiment.run_set import WIDE_FIGURES, Programme, duration_of
 from plan.experiment.search import BASELINE, ProgrammeSearch, Tell
-from plan.geometry.arm_shapes import StandIn
+from plan.options import ExciteOptions
 from plan.problem.task_file import Surroundings
 
 # The diagnosis leaves out one run after the other: fewer than these say too little, more try the user's patience.
@@ -36,34 +37,30 @@ RANDOM_TRIES = 3
 # Draws of random motion that the search's best must beat at full length, else the best of them is proposed.
 BASELINE_DRAWS = 4
 PROOF_TRIES = 5
+USUAL = ExciteOptions()
 
 
 def excite(
     arm: ArmModel,
     question: Question,
-    minutes: float | None = None,
-    evaluations: int = 120,
-    seed: int = 0,
-    tell: Tell | None = None,
-    stand_in: StandIn | None = None,
+    options: ExciteOptions = USUAL,
     around: Surroundings | None = None,
+    tell: Tell | None = None,
 ) -> Excitation:
     """The motion that answers a question best.
 
     Args:
         arm: The arm.
         question: What is to be told.
-        minutes: Length of the motion [min]; as long as odds of 20 : 1 take, with some reserve, if None.
-        evaluations: Most programmes that the search judges.
-        seed: Of everything.
-        tell: Called after each evaluation with evaluations, allowed, best score.
-        stand_in: What stands in for links without collision geometry.
+        options: Length, evaluations, seed, and what stands in for links without collision geometry.
         around: What stands around the arm, and limits inside the robot's.
+        tell: Called after each evaluation with evaluations, allowed, best score.
 
     Raises:
         RobotError: No motion of this arm keeps its limits and its distance from itself, or a link has no shape.
     """
-    began = time.perf_counter()
+    began, seed, evaluations = time.perf_counter(), options.seed, options.evaluations
+    stand_in: Any = options.shapes
     eye, feasible = Eye.of(arm, question.noise), Feasibility(arm, stand_in, around)
     question = replace(question, tellable=_tellable(eye, feasible, question, seed))
     if question.tellable == ():
@@ -71,7 +68,7 @@ def excite(
     else:
         search = ProgrammeSearch(eye, feasible, question, evaluations, seed)
         programmes = [trial.programme for trial in search.best(tell)] + _draws(feasible, question, seed)
-    programme, runs, view = _best_at_length(programmes, eye, feasible, question, minutes)
+    programme, runs, view = _best_at_length(programmes, eye, feasible, question, options.minutes)
     chance = [_random_view(eye, question, runs, np.random.default_rng([seed, k, 1])) for k in range(RANDOM_TRIES)]
     by_chance = sorted(chance, key=question.score)[RANDOM_TRIES // 2]
     return Excitation(

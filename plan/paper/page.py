@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ident.files import atomic_write
-from plan.paper.repeat import Effort, Line, Repeat
+from plan.options import PaperOptions
+from plan.paper.repeat import Line, Repeat
 from plan.show.pictures import draw_before_after, draw_comparison, draw_motion, save_figure
 
 MISSING = """## What can't be repeated, and why
@@ -56,9 +57,9 @@ def write_page(repeat: Repeat, out: Path) -> Path:
     return page
 
 
-def _effort(effort: Effort) -> str:
+def _effort(effort: PaperOptions) -> str:
     """What was run, beside what is run where nothing else is asked for."""
-    full = Effort()
+    full = PaperOptions()
     pairs = (
         ("epochs of PPO on Table 3's task, 4.2 times as many with the obstacle", effort.epochs, full.epochs),
         ("generations of the genetic algorithm in Fig. 10", effort.generations, full.generations),

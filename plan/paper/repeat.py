@@ -17,15 +17,14 @@ from plan.dynamics.power import Metric
 from plan.geometry.boxes import Box
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
+from plan.options import PaperOptions, SolveOptions, TaskOptions
 from plan.paper.brute_force import BruteForce
 from plan.paper.compression import Compression
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
-from plan.planners import Budget
 from plan.planners.base import Planner, Progress
 from plan.planners.compressed import start_compressed
 from plan.planners.sequential import Sequential
-from plan.problem.options import TaskOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.problem.task_file import Task
@@ -71,23 +70,6 @@ TABLE3: dict[str, tuple[tuple[tuple[float, ...], ...], float | None]] = {
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How much is run.
-
-    Attributes:
-        epochs: PPO's epochs on Table 3's task; the obstacle tasks take 4.2 times as many, as in the paper.
-        generations: Generations of the genetic algorithm on the obstacle task.
-        trials: Trials of each tester and method, five at most.
-        levels: Values of each variable in the brute force search.
-    """
-
-    epochs: int = 500
-    generations: int = 2000
-    trials: int = 5
-    levels: int = 11
-
-
-@dataclass(frozen=True)
 class Line:
     """One row of a table: what the paper prints, and what came out here.
 
@@ -124,10 +106,10 @@ class Repeat:
     lines: tuple[Line, ...]
     search: Comparison
     motions: dict[str, tuple[PlanningProblem, PlanResult]]
-    effort: Effort
+    effort: PaperOptions
 
 
-def repeat_paper(model: HybridModel | None, effort: Effort, progress: Progress | None = None) -> Repeat:
+def repeat_paper(model: HybridModel | None, effort: PaperOptions, progress: Progress | None = None) -> Repeat:
     """Runs the paper's experiments on a fitted model of the TM5-900.
 
     Raises:
@@ -166,22 +148,22 @@ def _timed(problem: PlanningProblem) -> PlanningProblem:
     return replace(problem, objective="time", free="both")
 
 
-def _ppo(effort: Effort, times: float) -> Ppo:
+def _ppo(effort: PaperOptions, times: float) -> Ppo:
     return Ppo(epochs=max(1, round(effort.epochs * times)))
 
 
 def _run(
     problem: PlanningProblem, planner: Planner, seed: int, progress: Progress | None, starts: Starts | None = None
 ) -> PlanResult:
-    budget = Budget(10**8, LONGEST)
-    return solve(problem, planner.name, seed, budget, None, progress, gap=False, planner=planner, starts=starts)
+    options = SolveOptions(seed=seed, evaluations=10**8, seconds=LONGEST, gap=False)
+    return solve(problem, options, planner, None, starts, progress)
 
 
 def _line(table: str, name: str, unit: str, paper: Sequence[float], runs: Sequence[PlanResult]) -> Line:
     return Line(table, name, unit, tuple(paper), tuple(run.cost for run in runs), sum(run.cpu_seconds for run in runs))
 
 
-def _table3(problem: PlanningProblem, effort: Effort, progress: Progress | None) -> list[Line]:
+def _table3(problem: PlanningProblem, effort: PaperOptions, progress: Progress | None) -> list[Line]:
     start = float(problem.initial_evaluation.cost[0])
     first = _details("initial", problem.vias, None, 0.0)
     lines = [Line("Table 3", "initial", "J", PAPER["initial"], (start,), 0.0, first)]
@@ -212,7 +194,7 @@ def _in_words(vias: Array, seconds: float | None, gain: float) -> str:
     return f"{points} deg" + ("" if seconds is None else f"; {seconds:.3g} s; gain {100 * gain:.1f} %")
 
 
-def _figure10(problem: PlanningProblem, effort: Effort, progress: Progress | None) -> Comparison:
+def _figure10(problem: PlanningProblem, effort: PaperOptions, progress: Progress | None) -> Comparison:
     starts = find_starts(problem, np.random.default_rng(0))
     planners: list[Planner] = [_ppo(effort, 4.2), Genetic(generations=effort.generations)]
     runs = [_run(problem, planner, 0, progress, starts) for planner in planners]
@@ -235,7 +217,7 @@ def _tables45(
     taught: list[PlanningProblem],
     learned: list[PlanResult],
     improved: list[PlanResult],
-    effort: Effort,
+    effort: PaperOptions,
 ) -> list[Line]:
     lines = []
     first: tuple[float, ...] = ()
@@ -259,7 +241,7 @@ def _speed(
     table: str,
     problem: PlanningProblem,
     plans: list[PlanResult],
-    effort: Effort,
+    effort: PaperOptions,
     progress: Progress | None,
 ) -> tuple[list[Line], tuple[PlanningProblem, PlanResult] | None]:
     """Time compression against learning, each from an energy optimum; and the first motion before and after."""

@@ -8,9 +8,10 @@ from importlib import import_module
 from typing import Any
 
 from plan.errors import MethodError
+from plan.options import SolveOptions
 from plan.planners.base import Budget, Candidate, Ledger, Planner
 
-__all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "default_budget", "make_planner"]
+__all__ = ["METHODS", "Budget", "Candidate", "Ledger", "Planner", "budget_of", "make_planner"]
 
 
 def _planner(module: str, name: str, **options: Any) -> Planner:
@@ -46,6 +47,8 @@ def make_planner(method: str, objective: str) -> Planner:
     return METHODS[method]()
 
 
-def default_budget(method: str) -> Budget:
-    """What a method may spend where the user says nothing."""
-    return Budget(20_000_000, 3600.0) if method == "brute" else Budget(200_000, 120.0)
+def budget_of(options: SolveOptions) -> Budget:
+    """What a search may spend: what is asked for, and of the rest its method's usual."""
+    usual = Budget(20_000_000, 3600.0) if options.method == "brute" else Budget(200_000, 120.0)
+    asked = options.evaluations, options.seconds
+    return Budget(usual.evaluations if asked[0] is None else asked[0], usual.seconds if asked[1] is None else asked[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 
 from ident.results import Result
 from plan.errors import MethodError
-from plan.planners import METHODS, TIME_ONLY, default_budget, make_planner
+from plan.options import CompareOptions, SolveOptions
+from plan.planners import METHODS, TIME_ONLY, make_planner
 from plan.planners.base import Progress
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -107,10 +107,7 @@ def cost_at(result: PlanResult, limit: float, axis: int) -> float:
 def compare(
     problem: PlanningProblem,
     name: str,
-    methods: Sequence[str] | None = None,
-    seeds: int = 5,
-    evaluations: int = 2100,
-    seconds: float = 1.0,
+    options: CompareOptions,
     trial: Trial | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
@@ -119,30 +116,30 @@ def compare(
     Args:
         problem: The task, started from the straight line.
         name: Its name.
-        methods: Names; all that can do the task if None.
-        seeds: Number of seeds.
-        evaluations, seconds: Where costs are compared.
+        options: The methods, all that can do the task if none is named; seeds; and where costs are compared.
         trial: Taught via points to start from.
         progress: Called while searching.
 
     Raises:
         MethodError: No such method, or not for this task.
     """
-    chosen = list(methods) if methods else able(problem)
+    named = None if options.methods is None else [one.strip() for one in options.methods.split(",") if one.strip()]
+    unknown = [one for one in named or () if one not in METHODS]
+    if named == [] or unknown:
+        what = f"{unknown[0]!r} is unknown" if unknown else "names no method"
+        raise MethodError("--methods", what, f"use some of: {', '.join(METHODS)}")
+    chosen = named or able(problem)
     for method in chosen:
-        if method not in METHODS:
-            raise MethodError("--methods", f"{method!r} is unknown", f"use some of: {', '.join(METHODS)}")
         make_planner(method, problem.objective)
     starts: dict[int, Starts] = {}
     results = []
     for method in chosen:
-        for seed in range(1 if method in FIXED else seeds):
+        for seed in range(1 if method in FIXED else options.seeds):
             if seed not in starts:
                 starts[seed] = find_starts(problem, np.random.default_rng(seed), trial)
-            results.append(
-                solve(problem, method, seed, default_budget(method), trial, progress, gap=False, starts=starts[seed])
-            )
-    return Comparison(name, problem.objective, evaluations, seconds, tuple(results))
+            one = SolveOptions(method=method, seed=seed, gap=False)
+            results.append(solve(problem, one, None, trial, starts[seed], progress))
+    return Comparison(name, problem.objective, options.evaluations, options.seconds, tuple(results))
 
 
 def able(problem: PlanningProblem) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.arrays import Array
 from plan.errors import MethodError
+from plan.options import SolveOptions
 from plan.planners.base import Budget, Candidate, Ledger
 from plan.planners.sequential import Sequential
 from plan.problem.problem import PlanningProblem
@@ -41,13 +42,14 @@ Part = tuple[list[Found], int, list[str]]
 Share = Callable[[int], Part]
 
 
-def require_workers(method: str, workers: int, resumed: bool) -> None:
+def require_workers(options: SolveOptions) -> None:
     """Raises MethodError for a number of processes, or a method, with which starts can't be shared."""
+    method, workers = options.method, options.workers
     if not 1 <= workers <= MOST_WORKERS:
         raise MethodError("--workers", f"{workers} processes", f"give 1 to {MOST_WORKERS}")
     if workers > 1 and method != "sqp":
         raise MethodError("--workers", f"{method} searches in one process", "use --method sqp, or --workers 1")
-    if workers > 1 and resumed:
+    if workers > 1 and options.resume is not None:
         raise MethodError("--resume", "a search on several cores keeps no checkpoint", "give --workers 1")
     if workers > 1 and "fork" not in multiprocessing.get_all_start_methods():
         raise MethodError("--workers", "this system can't share a task between processes", "give --workers 1")

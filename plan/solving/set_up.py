@@ -20,9 +20,9 @@ from plan.geometry.scene import Scene
 from plan.geometry.srdf import read_disabled
 from plan.geometry.tool import name_links, place_payload, record_carried
 from plan.initial.starts import straight
+from plan.options import TaskOptions
 from plan.problem.extrapolation import stay_inside
 from plan.problem.makers_limits import MakersLimits, find_makers_limits, say_limits
-from plan.problem.options import TaskOptions
 from plan.problem.problem import FREE, OBJECTIVES, Free, Limits, Objective, PlanningProblem
 from plan.problem.task_file import Task
 

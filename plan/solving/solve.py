@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,17 +11,17 @@ import numpy as np
 from plan.dynamics.power import ChainTorque
 from plan.initial.rrt_starts import Seed, find_seeds
 from plan.initial.starts import from_seeds, from_vias
-from plan.planners import Budget, Candidate, Ledger, default_budget, make_planner
+from plan.options import DEFAULT_METHOD, SolveOptions
+from plan.planners import Budget, Candidate, Ledger, budget_of, make_planner
 from plan.planners.base import Planner, Progress
 from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.options import DEFAULT_METHOD
 from plan.problem.problem import Limits, PlanningProblem
 from plan.problem.result import Certificate, PlanResult, Status, certify, certify_standing
 from plan.problem.task_file import Trial
 from plan.solving.bound import lower_bound
-from plan.solving.parallel import search_in_parallel
+from plan.solving.parallel import require_workers, search_in_parallel
 from plan.solving.set_up import find_obstruction, with_energy
 from plan.spline import Splines
 
@@ -39,6 +38,7 @@ MENDS, MEND_SECONDS, MEND_EVALUATIONS = 3, (1.0, 5.0), 3000
 HARDLY = 0.002
 # Factors by which a motion is slowed down to keep its limits between the search's samples.
 SLOWER = 1.0 + 0.0005 * 2.0 ** np.arange(8)
+USUAL = SolveOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,35 +118,28 @@ def _energy_first(
 
 def solve(
     problem: PlanningProblem,
-    method: str = DEFAULT_METHOD,
-    seed: int = 0,
-    budget: Budget | None = None,
-    trial: Trial | None = None,
-    progress: Progress | None = None,
-    journal: Path | None = None,
-    gap: bool = True,
+    options: SolveOptions = USUAL,
     planner: Planner | None = None,
+    trial: Trial | None = None,
     starts: Starts | None = None,
-    workers: int = 1,
+    progress: Progress | None = None,
 ) -> PlanResult:
     """Looks for the best plan and certifies it; an expected failure is a status with a reason, not an error.
 
     Args:
         problem: The task, started from the straight line.
-        method: Name of the method.
-        seed: Of all randomness.
-        budget: What may be spent; the method's default if None.
-        trial: Taught via points to start from.
-        progress: Called while searching.
-        journal: File by which an interrupted search is resumed.
-        gap: Whether the default method is run too, for `reference_gap`.
+        options: How it is looked for; how the task is taken stands in the problem.
         planner: A planner with other options than the method's default.
+        trial: Taught via points to start from.
         starts: Initial trajectories, if they are known already.
-        workers: Processes that share the starts.
+        progress: Called while searching.
 
     Raises:
         MethodError: No such method, or not for this task.
     """
+    method, seed = options.method if planner is None else planner.name, options.seed
+    options = replace(options, method=method)
+    require_workers(options)
     planner = planner or make_planner(method, problem.objective)
     head: dict[str, Any] = {
         "method": method,
@@ -164,13 +157,13 @@ def solve(
     if reason:
         return PlanResult("infeasible", reason=reason, **head)
     rng = np.random.default_rng(seed)
-    ledger = Ledger(budget or default_budget(method), progress, journal, _fingerprint(problem, method, seed))
+    ledger = Ledger(budget_of(options), progress, options.resume, _fingerprint(problem, method, seed))
     seconds = min(STARTS_SECONDS, STARTS_SHARE * ledger.budget.seconds)
     if starts is None and planner.explores:
         starts = Starts((problem if trial is None else _taught(problem, trial),))
     starts = starts or find_starts(problem, rng, trial, seconds)
-    if workers > 1 and isinstance(planner, Sequential):
-        search_in_parallel(planner, starts.problems, ledger, seed, workers)
+    if options.workers > 1 and isinstance(planner, Sequential):
+        search_in_parallel(planner, starts.problems, ledger, seed, options.workers)
     else:
         planner.run(starts.problems, ledger, rng)
     best, certificate = _certified(ledger, rng)
@@ -187,7 +180,7 @@ def solve(
         notes=(*problem.notes, *_cuts(certificate), *ledger.notes),
         **head,
     )
-    if gap and result.solved:
+    if options.gap and result.solved:
         result = replace(result, reference_gap=_gap(result, method, starts))
     return replace(result, seconds=ledger.seconds, cpu_seconds=ledger.cpu_seconds)
 

@@ -30,6 +30,7 @@ from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.design import excite
 from plan.experiment.hypotheses import ask
 from plan.experiment.result import Excitation
+from plan.options import ExciteOptions
 
 # Two effects and the joint at which each is planted.
 PAIRS = (
@@ -106,7 +107,9 @@ def main() -> None:
         for number, pair in enumerate(PAIRS):
             if number not in found:
                 question = ask(arm, f"{pair[0]},{pair[1]}", pair[2], None)
-                found[number] = excite(arm, question, minutes, evaluations=EVALUATIONS, seed=SEED)
+                found[number] = excite(
+                    arm, question, ExciteOptions(minutes=minutes, evaluations=EVALUATIONS, seed=SEED)
+                )
             print(row(arm, pair, side, found[number], folder), flush=True)
 
 

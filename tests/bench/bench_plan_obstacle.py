@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plan.api.tasks import open_task, save_comparison
+from plan.api.planning import open_task, save_comparison
+from plan.options import SolveOptions
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
-from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
@@ -31,10 +32,10 @@ ROWS: dict[str, tuple[Planner, int]] = {
     "sqp, named": (Sequential(named=True), 3),
     "CMA-ES": (Evolution(), 5),
     "PPO, 2100 epochs as the paper": (Ppo(), 5),
-    "PPO, 2100 epochs, paper's reward": (Ppo(reward="paper"), 5),
     "GA as the paper, 100 × 200": (Genetic(), 5),
     "GA as the paper, 100 × 2000": (Genetic(generations=2000), 1),
 }
+ASKED: dict[str, Any] = {"evaluations": 10**8, "seconds": 3600.0, "gap": False}
 
 
 def main(model: str, out: Path | None) -> None:
@@ -42,24 +43,16 @@ def main(model: str, out: Path | None) -> None:
     starts = {seed: find_starts(opened.problem, np.random.default_rng(seed)) for seed in SEEDS}
     results: dict[str, list[PlanResult]] = {}
     for name, (planner, seeds) in ROWS.items():
-        solve(opened.problem, planner.name, 0, Budget(500, 60.0), gap=False, planner=planner, starts=starts[0])
+        solve(opened.problem, SolveOptions(**ASKED | {"evaluations": 500}), planner, starts=starts[0])
         results[name] = [
-            solve(
-                opened.problem,
-                planner.name,
-                seed,
-                Budget(10**8, 3600.0),
-                gap=False,
-                planner=planner,
-                starts=starts[seed],
-            )
+            solve(opened.problem, SolveOptions(seed=seed, **ASKED), planner, starts=starts[seed])
             for seed in range(seeds)
         ]
         print(f"done: {name}", file=sys.stderr)
     print_table(results)
     print_seeds(results)
     if out is not None:
-        flat = tuple(run for name in ROWS for run in results[name] if "2000" not in name and "reward" not in name)
+        flat = tuple(run for name in ROWS for run in results[name] if "2000" not in name)
         save_comparison(opened, Comparison("obstacle task", "energy", 2100, 1.0, flat), None, out)
 
 

@@ -36,6 +36,7 @@ from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
 from plan.initial.rrt import TreeOptions, connect, prune
 from plan.initial.starts import from_vias, straight
+from plan.options import SolveOptions
 from plan.paper.toppra import Toppra
 from plan.planners import Budget, Ledger
 from plan.planners.evolution import Evolution
@@ -197,7 +198,7 @@ def retimed(task: PlanningProblem, splines) -> float:  # type: ignore[no-untyped
 
 def measure(task: PlanningProblem, head: tuple[int, str, int, int], options: argparse.Namespace) -> Row:
     """One task's row."""
-    result = solve(task, "sqp", 0, Budget(10**6, 30.0), gap=False)
+    result = solve(task, SolveOptions(evaluations=10**6, seconds=30.0, gap=False))
     bound = np.nan if result.bound is None else result.bound
     if not result.solved or result.splines is None:
         print(f"{head}: no plan ({result.reason})", flush=True)
@@ -267,7 +268,9 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     warm = draw(arm_of(3), torque_of(arm_of(3), None), "time", 1, np.random.default_rng(0))
-    solve(warm, "sqp", 0, Budget(300, 60.0), gap=False)  # compiled loops are compiled before anything is timed
+    solve(
+        warm, SolveOptions(evaluations=300, seconds=60.0, gap=False)
+    )  # compiled loops are compiled before anything is timed
     for joints in map(int, options.joints.split(",")):
         arm = arm_of(joints)
         model = torque_of(arm, options.model)

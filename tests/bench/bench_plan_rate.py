@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
 from plan.dynamics.power import METRICS, ChainTorque, energy
 

@@ -15,16 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
 from plan.dynamics.power import METRICS
+from plan.options import SolveOptions, TaskOptions
 from plan.paper.brute_force import BruteForce
 from plan.paper.genetic import Genetic
 from plan.paper.ppo import Ppo
-from plan.planners import Budget
 from plan.planners.base import Planner
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
-from plan.problem.options import TaskOptions
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult, certify
 from plan.solving.solve import solve
@@ -40,7 +39,6 @@ ROWS: dict[str, tuple[Planner, int]] = {
     "GA as the paper, one child at a time": (Genetic(serial=True), 1),
     "PPO, 500 epochs as the paper": (Ppo(epochs=500), 5),
     "PPO, 250 epochs": (Ppo(epochs=250), 5),
-    "PPO, 500 epochs, paper's reward": (Ppo(epochs=500, reward="paper"), 5),
 }
 
 
@@ -50,7 +48,7 @@ def problem_of(model: str, metric: str = "absolute") -> PlanningProblem:
 
 
 def run(problem: PlanningProblem, planner: Planner, seed: int) -> PlanResult:
-    return solve(problem, planner.name, seed, Budget(20_000_000, 3600.0), gap=False, planner=planner)
+    return solve(problem, SolveOptions(seed=seed, evaluations=20_000_000, seconds=3600.0, gap=False), planner)
 
 
 def methods(model: str) -> PlanResult:

@@ -12,12 +12,14 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
+from plan.options import SolveOptions
 from plan.paper.compression import Compression, start_compressed
 from plan.paper.ppo import Ppo
 from plan.paper.toppra import Toppra
@@ -34,7 +36,7 @@ TASK = Path(__file__).parents[1] / "plan/data/obstacle.toml"
 TRIALS = range(5)
 SECONDS = 4.0
 SPREAD = np.radians(12.0)
-BUDGET = Budget(10**8, 3600.0)
+SPENT: dict[str, Any] = {"evaluations": 10**8, "seconds": 3600.0, "gap": False}
 
 
 def base_problem(model: str) -> PlanningProblem:
@@ -54,7 +56,7 @@ def taught(problem: PlanningProblem, tester: int, trial: int) -> PlanningProblem
 
 
 def optimise(start: PlanningProblem, planner: Planner, seed: int) -> PlanResult:
-    return solve(start, planner.name, seed, BUDGET, gap=False, planner=planner, starts=Starts((start,)))
+    return solve(start, SolveOptions(seed=seed, **SPENT), planner, starts=Starts((start,)))
 
 
 def row(name: str, values: list[float]) -> None:
@@ -76,8 +78,7 @@ def energy_tables(problem: PlanningProblem) -> tuple[list[PlanResult], list[Plan
     found = {}
     planners: dict[str, Planner] = {"PPO": Ppo(), "CMA-ES": Evolution()}
     for name, planner in planners.items():
-        options = {"gap": False, "planner": planner}
-        found[name] = [solve(problem, planner.name, t, BUDGET, starts=seeds[t], **options) for t in TRIALS]
+        found[name] = [solve(problem, SolveOptions(seed=t, **SPENT), planner, starts=seeds[t]) for t in TRIALS]
         row(name, [r.cost for r in found[name]])
     head("Table 5: energy [J] from tester 1's via points")
     starts = [taught(problem, 1, trial) for trial in TRIALS]
@@ -117,7 +118,7 @@ def speed_table(title: str, problem: PlanningProblem, plans: list[PlanResult], o
         row(f"{name} [s]", [r.cost for r in runs])
     bounds = []
     for start in starts:
-        book = Toppra().run([start], Ledger(BUDGET), np.random.default_rng(0))
+        book = Toppra().run([start], Ledger(Budget(10**8, 3600.0)), np.random.default_rng(0))
         said = book.notes[-1].split(": ")[1].split(" s")[0]
         bounds.append(float(said) if said[0].isdigit() else float("nan"))
     row("toppra's bound on the energy optimum's path [s]", bounds)

@@ -12,9 +12,9 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from ident.errors import InputError
-from plan.api.tasks import OpenedTask, open_task, solve_task
+from plan.api.planning import OpenedTask, open_task, solve_task
 from plan.cli.app import app, main
-from plan.problem.options import SolveOptions, TaskOptions
+from plan.options import SolveOptions, TaskOptions
 from plan.problem.task_file import load_task, load_trials
 from tests.schemas import check_file
 

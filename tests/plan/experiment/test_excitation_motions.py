@@ -16,6 +16,7 @@ from plan.experiment.foresight import Eye
 from plan.experiment.hypotheses import ask
 from plan.experiment.run_set import Programme
 from plan.experiment.search import BASELINE, ProgrammeSearch
+from plan.options import ExciteOptions
 
 PAIRS = (
     ("stribeck_friction,presliding_hysteresis", 9),
@@ -92,7 +93,7 @@ def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> ReferenceM
 @pytest.mark.parametrize(("pair", "evaluations"), PAIRS)
 def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int) -> None:
     """Even a short search finds motion that tells a tied pair apart better than random motion of equal length."""
-    found = excite(arm, ask(arm, pair, "joint_2", None), minutes=0.5, evaluations=evaluations)
+    found = excite(arm, ask(arm, pair, "joint_2", None), ExciteOptions(minutes=0.5, evaluations=evaluations))
     assert found.status == "ready"
     proposed, by_chance = found.smallest
     assert proposed > by_chance
@@ -104,7 +105,7 @@ def test_proposed_motion_beats_chance(arm: ArmModel, pair: str, evaluations: int
 def test_what_only_one_effect_can_show_is_said(arm: ArmModel) -> None:
     """Asymmetric friction that grows with speed shows in motion; a pure offset is a special case of it in motion."""
     question = ask(arm, "torque_offset,asymmetric_friction", "joint_2", None)
-    found = excite(arm, question, minutes=0.5, evaluations=16)
+    found = excite(arm, question, ExciteOptions(minutes=0.5, evaluations=16))
     assert found.status == "one_sided"
     assert found.tellable == (("asymmetric_friction", "torque_offset"),)
     assert found.distances[("torque_offset", "asymmetric_friction")] < 1.0

@@ -13,6 +13,7 @@ from ident.trajectories.reference import ReferenceMotion
 from plan.experiment.around import surroundings_of
 from plan.experiment.feasible import Feasibility
 from plan.experiment.hypotheses import ask
+from plan.options import ExciteOptions
 
 SCENE = """[[obstacle]]
 name = "post"
@@ -41,8 +42,8 @@ def test_nothing_goes_below_the_base_plane_unless_told(whole: ArmModel) -> None:
     """A motion that dips under the base plane is allowed without a floor, and refused by default."""
     above, below = np.radians([0.0, 20.0, 30.0, 0.0, 0.0, 0.0]), np.radians([0.0, 100.0, 10.0, 0.0, 0.0, 0.0])
     dip = move(above, below)
-    free = Feasibility(whole, around=surroundings_of(whole, None, "none", None))
-    floored = Feasibility(whole, around=surroundings_of(whole, None, "0", None))
+    free = Feasibility(whole, around=surroundings_of(whole, ExciteOptions(floor="none")))
+    floored = Feasibility(whole, around=surroundings_of(whole))
     assert free.allows(dip)
     assert free.clearance(dip) > 0.0
     assert not floored.allows(dip)
@@ -55,14 +56,14 @@ def test_a_scene_narrows_what_is_allowed(whole: ArmModel, tmp_path: Path) -> Non
     """Obstacles, joint limits and top speed of a scene file are kept; the option's top speed as well."""
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
-    around = surroundings_of(whole, path, "0", 10.0)
+    around = surroundings_of(whole, ExciteOptions(scene=path, top_speed=10.0))
     found = Feasibility(whole, around=around)
     assert np.degrees(found.limits.upper) == pytest.approx([90, 60, 120, 90, 90, 90])
     assert np.degrees(found.limits.speed) == pytest.approx(10.0)
     side, front = (np.radians([angle, 30.0, 60.0, 0.0, 0.0, 0.0]) for angle in (-80.0, 80.0))
     assert found.scene.distances(side).min() > 0.01
     assert found.clearance(move(side, front)) == 0.0
-    assert Feasibility(whole, around=surroundings_of(whole, None, "0", None)).clearance(move(side, front)) > 0.0
+    assert Feasibility(whole, around=surroundings_of(whole)).clearance(move(side, front)) > 0.0
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,7 @@ def test_bad_surroundings(whole: ArmModel, tmp_path: Path, text: str, floor: str
     """Another robot's scene, limits that contradict each other, and floors that are none."""
     (tmp_path / "scene.toml").write_text(text)
     with pytest.raises(InputError, match=words):
-        surroundings_of(whole, tmp_path / "scene.toml", floor, None)
+        surroundings_of(whole, ExciteOptions(scene=tmp_path / "scene.toml", floor=floor))
 
 
 def test_another_robots_diagnosis_is_refused(whole: ArmModel, tmp_path: Path) -> None:

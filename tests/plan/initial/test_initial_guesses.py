@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
 from plan.initial import initial_guesses
 from plan.problem.problem import PlanningProblem
 

@@ -11,10 +11,10 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.training_range import TrainingRange
 from ident.robot.arm import ArmModel
-from plan.api.tasks import open_task
+from plan.api.planning import open_task
+from plan.options import TaskOptions
 from plan.planners.sequential import Sequential
 from plan.problem.extrapolation import find_extrapolation, require_inside, stay_inside
-from plan.problem.options import TaskOptions
 from plan.problem.problem import Limits
 from plan.problem.result import certify
 from tests.plan.worlds import ledger, problem

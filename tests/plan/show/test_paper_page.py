@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from plan.options import PaperOptions, SolveOptions
 from plan.paper.page import write_page
-from plan.paper.repeat import PAPER, Effort, Line, Repeat, _details, repeat_paper
+from plan.paper.repeat import PAPER, Line, Repeat, _details, repeat_paper
 from plan.solving.compare import Comparison
 from plan.solving.solve import solve
 from tests.plan.worlds import problem
@@ -14,12 +15,14 @@ from tests.plan.worlds import problem
 def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
     """Paper's and our figures stand side by side, a failed trial says so, and every picture named is there."""
     task = problem()
-    result = solve(task, "reference", gap=False)
+    result = solve(task, SolveOptions(method="reference", gap=False))
     failed = Line("Table 6", "RL", "s", (1.25, 1.10), (0.5, float("inf")), 2.0)
     details = _details("ga", task.vias, 4.25, 0.125)
     lines = (failed, Line("Fig. 10", "sqp", "J", (), (3.0,), 1.0), Line("Table 3", "GA", "J", (), (3.0,), 1.0, details))
     compared = Comparison("fig. 10 of a$x^{$b", "energy", 100, 1.0, (result,))
-    repeat = Repeat(lines, compared, {"figure_11": (task, result), "figure_13_6": (task, result)}, Effort(epochs=7))
+    repeat = Repeat(
+        lines, compared, {"figure_11": (task, result), "figure_13_6": (task, result)}, PaperOptions(epochs=7)
+    )
     page = write_page(repeat, tmp_path)
     text = page.read_text()
     assert "1.25, 1.10 | 1.18 | 0.50, no plan | 0.50 | 2.0" in text
@@ -36,7 +39,7 @@ def test_the_page_tells_both_and_what_is_missing(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_every_table_is_run_again() -> None:
     """With little effort all of Tables 3 to 7 and Figs. 10 and 11 have rows, and brute force lies below the start."""
-    found = repeat_paper(None, Effort(epochs=25, generations=5, trials=1, levels=4))
+    found = repeat_paper(None, PaperOptions(epochs=25, generations=5, trials=1, levels=4))
     tables = {line.table for line in found.lines}
     assert tables == {"Table 3", "Table 4", "Table 5", "Table 6", "Table 7", "Fig. 10", "Fig. 11"}
     first = {line.name: line.ours[0] for line in found.lines if line.table == "Table 3"}

@@ -8,9 +8,9 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from plan.api.tasks import open_task, solve_task
+from plan.api.planning import open_task, solve_task
 from plan.initial.inverse_kinematics import find_frame, reach_pose
-from plan.problem.options import SolveOptions
+from plan.options import SolveOptions
 from plan.problem.pose import Pose
 
 TASK = """robot = "tm5-900"

@@ -9,7 +9,8 @@ import pytest
 
 from plan.geometry.boxes import Box
 from plan.initial.starts import straight
-from plan.planners import Budget, Candidate
+from plan.options import CompareOptions, SolveOptions
+from plan.planners import Candidate
 from plan.planners.evolution import Evolution
 from plan.problem.result import certify
 from plan.problem.task_file import Trial
@@ -26,7 +27,7 @@ WALLS = [Box(f"wall {x}", 0, np.eye(3), [x, 0.0, 0.85], [0.48, 0.01, 0.85]) for 
 def test_certificate_equals_pinocchio_and_coal() -> None:
     """Peaks, energy and clearance of a plan equal those of a plain loop over Pinocchio and Coal."""
     task = problem(MONITOR, duration=1.0)
-    result = solve(task, "cma", gap=False)
+    result = solve(task, SolveOptions(method="cma", gap=False))
     assert result.solved
     assert result.certificate is not None
     assert result.splines is not None
@@ -58,7 +59,7 @@ def test_certificate_sees_peaks_where_joints_turn(turn: float) -> None:
 
 def test_record_has_the_contracts_keys(tmp_path: Path) -> None:
     """`plan.problem.result/1` as promised, and as JSON."""
-    result = solve(problem(), "sqp")
+    result = solve(problem(), SolveOptions(method="sqp"))
     result.save(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
     keys = "schema status method objective metric energy_J duration_s peak_torque_share collision_free clearance_m "
@@ -81,7 +82,7 @@ def test_record_has_the_contracts_keys(tmp_path: Path) -> None:
 )
 def test_impossible_tasks_have_a_reason(changes: dict[str, np.ndarray], reason: str) -> None:
     """Zero or too short a duration, or an end out of limits: a status and a reason, at once."""
-    result = solve(replace(problem(), **changes), "cma")
+    result = solve(replace(problem(), **changes), SolveOptions(method="cma"))
     assert result.status == "infeasible"
     assert reason in result.reason
     assert result.evaluations == 0
@@ -100,7 +101,7 @@ def test_durations_that_the_limits_rule_out(limit: str, power: int, room: float)
 def test_goal_inside_an_obstacle() -> None:
     """The goal in a box is told with the names of both."""
     tip = three_joints().forward_kinematics(GOAL)["link_6"][:3, 3]
-    result = solve(problem(Box("crate", 0, np.eye(3), tip, [0.1, 0.1, 0.1])), "cma")
+    result = solve(problem(Box("crate", 0, np.eye(3), tip, [0.1, 0.1, 0.1])), SolveOptions(method="cma"))
     assert result.status == "infeasible"
     assert "the goal is not allowed: " in result.reason
     assert " collide there" in result.reason
@@ -111,7 +112,7 @@ def test_arm_too_weak_to_hold_itself() -> None:
     """A torque limit below what gravity asks for at an end is named, with both torques."""
     task = problem()
     weak = replace(task, limits=replace(task.limits, torque=np.array([157.0, 10.0, 157.0])))
-    result = solve(weak, "cma")
+    result = solve(weak, SolveOptions(method="cma"))
     assert result.status == "infeasible"
     assert "joint 2 can't hold the arm" in result.reason
     needed = float(result.reason.split("that takes ")[1].split(" N m")[0])
@@ -126,7 +127,7 @@ def test_unreachable_goal_within_the_budget() -> None:
     start, goal = np.radians([-90.0, 40.0, 60.0]), np.radians([90.0, 40.0, 60.0])
     task = replace(problem(*WALLS, duration=3.0), start=start, goal=goal, vias=straight(start, goal, 2))
     assert task.scene.separation(np.stack([start, goal])).min() > 0.005
-    result = solve(task, "cma", budget=Budget(600, 20.0), gap=False)
+    result = solve(task, SolveOptions(method="cma", evaluations=600, seconds=20.0, gap=False))
     assert result.status in ("infeasible", "budget_spent")
     assert result.evaluations <= 600
     assert "wall" in result.reason
@@ -137,14 +138,14 @@ def test_unreachable_goal_within_the_budget() -> None:
 def test_seconds_bound_the_starts_too(objective: str) -> None:
     """With next to no time a task with a way round is answered at once, with what ended the search."""
     task = problem(MONITOR, duration=1.0, objective=objective, free="vias" if objective == "energy" else "both")
-    result = solve(task, "cma", budget=Budget(10**6, 0.01), gap=False)
+    result = solve(task, SolveOptions(method="cma", evaluations=10**6, seconds=0.01, gap=False))
     assert result.status == "budget_spent"
     assert result.reason
 
 
 def test_budget_spent_is_told() -> None:
     """With five evaluations and a box in the way the status says what ended the search, or the plan is allowed."""
-    result = solve(problem(MONITOR, duration=1.0), "ga", budget=Budget(5, 10.0), gap=False)
+    result = solve(problem(MONITOR, duration=1.0), SolveOptions(method="ga", evaluations=5, seconds=10.0, gap=False))
     assert result.evaluations <= 5
     assert result.status == "budget_spent" or (result.certificate is not None and not result.certificate.broken)
 
@@ -153,7 +154,7 @@ def test_gap_to_the_default_method() -> None:
     """A genetic algorithm is a little above the default method, and the gap says by how much."""
     task = problem()
     known = solve(task)
-    other = solve(task, "ga", budget=Budget(1000, 60.0))
+    other = solve(task, SolveOptions(method="ga", evaluations=1000, seconds=60.0))
     assert other.reference_gap == pytest.approx(other.cost / known.cost - 1.0, abs=1e-6)
     assert other.reference_gap > 0
 
@@ -165,7 +166,7 @@ def test_taught_vias_are_improved() -> None:
     start = find_starts(task, np.random.default_rng(0), taught).problems
     assert len(start) == 1
     assert start[0].durations == pytest.approx([1.5, 1.2, 1.3])
-    result = solve(task, "cma", trial=taught, gap=False)
+    result = solve(task, SolveOptions(method="cma", gap=False), trial=taught)
     assert result.solved
     assert result.cost < start[0].initial_evaluation.cost[0]
     assert result.splines is not None
@@ -178,14 +179,16 @@ def test_time_starts_from_the_energy_optimum() -> None:
     (start,) = find_starts(task, np.random.default_rng(0)).problems
     energy = Evolution().run([problem(duration=1.0)], ledger(), np.random.default_rng(0)).best
     assert np.abs(start.vias - energy.splines.points[0, 1:-1]).max() < 0.05
-    result = solve(task, "cma", gap=False)
+    result = solve(task, SolveOptions(method="cma", gap=False))
     assert result.solved
     assert result.cost < 0.5
 
 
 def test_mended_between_samples() -> None:
     """Whatever the search's samples miss, a returned plan breaks nothing when looked at densely."""
-    result = solve(problem(objective="time", free="both", model=model(joint_nets())), "ppo", gap=False)
+    result = solve(
+        problem(objective="time", free="both", model=model(joint_nets())), SolveOptions(method="ppo", gap=False)
+    )
     assert result.solved
     assert result.certificate is not None
     assert result.certificate.torque_share.max() <= 1.0 + 1e-9
@@ -196,7 +199,7 @@ def test_mended_between_samples() -> None:
 def test_mending_ends_at_the_first_motion_that_passes(objective: str) -> None:
     """A limit passed by half a thousandth costs a fifth of a per cent at most, and no search all over again."""
     task = replace(problem(duration=1.0), objective=objective, free="both" if objective == "time" else "vias")
-    splines = solve(task, budget=Budget(40), gap=False).splines
+    splines = solve(task, SolveOptions(evaluations=40, gap=False)).splines
     assert splines is not None
     limits = replace(task.limits, speed=splines.top_speed[0] / 1.0005)
     tight = task.with_initial(splines, limits=limits)
@@ -229,7 +232,7 @@ def test_six_joints() -> None:
         straight(start, goal, 2),
         np.full(3, 0.5),
     )
-    result = solve(task, "cma", budget=Budget(6000, 60.0), gap=False)
+    result = solve(task, SolveOptions(method="cma", evaluations=6000, seconds=60.0, gap=False))
     assert result.solved
     assert result.certificate is not None
     assert certify(task, result.splines).broken == []  # type: ignore[arg-type]
@@ -237,7 +240,7 @@ def test_six_joints() -> None:
 
 def test_comparison_counts_alike() -> None:
     """Every method has its row; costs at equal evaluations never lie below the end's; the best is zero above itself."""
-    table = compare(problem(), "table 3", ["cma", "ppo", "ga"], seeds=2, evaluations=300, seconds=0.5)
+    table = compare(problem(), "table 3", CompareOptions(methods="cma,ppo,ga", seeds=2, evaluations=300, seconds=0.5))
     rows = table.rows()
     assert [row["method"] for row in rows] == ["cma", "ppo", "ga"]
     assert all(row["runs"] == 2 for row in rows)

@@ -55,3 +55,34 @@ class CompareOptions(TaskOptions):
     seeds: int = option(5, "Number of seeds.", min=1)
     evaluations: int = option(2100, "Evaluations at which costs are compared.", min=1)
     seconds: float = option(1.0, "Time at which costs are compared [s].", min=0.0)
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    """How much of the paper's experiments is run."""
+
+    epochs: int = option(500, "PPO's epochs on Table 3's task (the paper's: 500).", min=1)
+    generations: int = option(2000, "The genetic algorithm's on the obstacle task.", min=1)
+    trials: int = option(5, "Trials of each tester and method.", min=1, max=5)
+    levels: int = option(11, "Values of each variable in the brute force search.", min=2)
+
+
+@dataclass(frozen=True)
+class ExciteOptions:
+    """What the next motion to record has to tell, how long it may take, and where the arm stands."""
+
+    separate: str | None = option(None, "Effects to tell apart, or one to show: ID,ID.")
+    joint: str | None = option(None, "The joint in question: its name or number.")
+    minutes: float | None = option(
+        None, "Length of the motion; as long as odds of 20 : 1 take, if not given.", min=0.1, max=240
+    )
+    evaluations: int = option(120, "Most motions that the search evaluates.", min=8)
+    shapes: str | None = option(
+        None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
+    )
+    scene: Path | None = option(  # noqa: RUF009
+        None, "Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."
+    )
+    floor: str = option("0", "Height of the floor above the base [m], or none; a scene's own floor counts instead.")
+    top_speed: float | None = option(None, "Top speed of every joint [deg/s].", min=1e-3)
+    seed: int = option(0, "Seed of all randomness.", min=0)
