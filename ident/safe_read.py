@@ -158,7 +158,12 @@ def read_arrays(path: Path, remedy: str, error: type[InputError] = InputError) -
             require_unpacked(path.stat().st_size, sum(entry.file_size for entry in archive.zip.infolist()))
             for name in archive.zip.namelist():
                 with archive.zip.open(name) as stream:
-                    _require_shape(stream, archive.zip.getinfo(name).file_size)
+                    old = np.lib.format.read_magic(stream) == (1, 0)
+                    read = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
+                    shape, _, kind = read(stream)
+                size = archive.zip.getinfo(name).file_size
+                if math.prod(shape) * kind.itemsize > size:  # its header speaks of more numbers than follow
+                    raise ValueError(f"an array of shape {shape} in {size} bytes")
             return {name: np.asarray(archive[name]) for name in archive.files}
     except Exception as failed:  # zipfile, zlib, struct and NumPy each raise their own
         raise error(path, f"not a NumPy archive of plain arrays ({first_line(failed)})", remedy) from None
@@ -180,15 +185,6 @@ def require_unpacked(packed: int, unpacked: int) -> None:
         least = LEAST_UNPACKED * 1e6
     if unpacked > max(LARGEST_PACKING * packed, least):
         raise ValueError(f"{packed / 1e6:.1f} MB unpack to {unpacked / 1e9:.1f} GB or more; {UNPACKED_BY} allows it")
-
-
-def _require_shape(stream: Any, size: int) -> None:
-    """Raises ValueError for an array whose header speaks of more numbers than follow."""
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, kind = read(stream)
-    if math.prod(shape) * kind.itemsize > size:
-        raise ValueError(f"an array of shape {shape} in {size} bytes")
 
 
 def toml_key(name: str) -> str:

@@ -10,7 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.checks.effort import States, check_effort, collect_states, fit_signed
 from ident.checks.settings import USUAL_EFFORT
 from ident.errors import RecordingError
@@ -39,7 +39,13 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
         RecordingError: No columns move as this robot's joints do.
     """
     names, values = list(table.columns), np.column_stack(list(table.columns.values()))
-    clock = next((i for i in range(values.shape[1]) if _is_clock(values[:, i])), None)
+    clock = None
+    for i in range(len(names)) if len(values) > 1 else ():
+        steps = np.diff(values[:, i])
+        usual = float(np.median(steps))
+        if usual > 0.0 and np.mean((steps > 0.0) & (np.abs(steps - usual) < EVEN * usual)) > NEARLY_ALL:
+            clock = i
+            break
     time = np.arange(len(values), dtype=float) if clock is None else values[:, clock]
     start = 0 if clock is None else clock + 1
     count = (len(names) - start) // arm.n
@@ -70,12 +76,6 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
         time,
         tuple(reasons),
     )
-
-
-def _is_clock(values: Float[Array, " T"]) -> bool:
-    steps = np.diff(values)
-    middle = float(np.median(steps)) if len(steps) else 0.0
-    return middle > 0.0 and bool(np.mean((steps > 0.0) & (np.abs(steps - middle) < EVEN * middle)) > NEARLY_ALL)
 
 
 def _find_motion(values: Array, blocks: list[Array], time: Array) -> tuple[int, int, float] | None:

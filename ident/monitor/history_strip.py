@@ -27,7 +27,10 @@ def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str
         changes: Names of the sessions from which on it had changed.
         description: What it shows, for those who can't see it.
     """
-    times = [_day(point.date, i) for i, point in enumerate(points)]
+    try:  # dates as days, or places in the row where one is no date
+        times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]
+    except ValueError:
+        times = [float(i) for i in range(len(points))]
     values = [point.value for point in points]
     reach = max(max(values) - min(values), 1e-3 * max(map(abs, values)), 1e-12)
     low = max(min(point.low for point in points), min(values) - WIDEST * reach)
@@ -60,11 +63,3 @@ def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str
     ]
     head = f'<svg role="img" aria-label="{escape(description)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
     return Markup(head + "".join(parts) + "</svg>")
-
-
-def _day(date: str, place: int) -> float:
-    """A date as days, or its place in the row where it is none."""
-    try:
-        return datetime.fromisoformat(date).timestamp() / 86400.0
-    except ValueError:
-        return float(place)

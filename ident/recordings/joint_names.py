@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
+from itertools import product, takewhile
 
 from ident.errors import RecordingError
 from ident.recordings.recording import Session, TelemetryIssue
@@ -62,7 +62,12 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
 
     Empty if there is none, or if several fit equally.
     """
-    beginnings = Counter(_different_beginnings(old, new) for old in recorded for new in wanted if old[-1:] == new[-1:])
+    beginnings: dict[tuple[str, str], None] = {}
+    for old, new in product(recorded, wanted):
+        pairs = zip(reversed(old), reversed(new), strict=False)
+        common = len([*takewhile(lambda pair: pair[0] == pair[1], pairs)])  # letters of their endings
+        if common:
+            beginnings[old[: len(old) - common], new[: len(new) - common]] = None
     mappings: list[dict[str, str]] = []
     for before, after in beginnings:
         mapping = {
@@ -73,11 +78,3 @@ def map_by_ending(recorded: Sequence[str], wanted: Sequence[str]) -> dict[str, s
         if len(set(mapping.values())) == len(mapping) == len(wanted) and mapping not in mappings:
             mappings.append(mapping)
     return mappings[0] if len(mappings) == 1 else {}
-
-
-def _different_beginnings(old: str, new: str) -> tuple[str, str]:
-    """What is left of two names without their longest common ending."""
-    length = 0
-    while length < min(len(old), len(new)) and old[-1 - length] == new[-1 - length]:
-        length += 1
-    return old[: len(old) - length], new[: len(new) - length]

@@ -18,14 +18,6 @@ from ident.recordings.recording import Recording, Session
 from ident.recordings.session_toml import NAME
 
 
-def to_table(recording: Recording) -> pa.Table:
-    """A recording as a table of native columns."""
-    columns = {TIME: recording.time}
-    for channel, values in recording.channels().items():
-        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)})
-    return pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
-
-
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Writes a run in native columns, as Parquet or CSV by the path's suffix.
 
@@ -37,7 +29,10 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     path = Path(path)
     if path.suffix not in (".parquet", ".csv"):
         raise RecordingError(path, f"can't write {path.suffix!r}", "choose a name that ends in .parquet or .csv")
-    table = to_table(recording)
+    columns = {TIME: recording.time}
+    for channel, values in recording.channels().items():
+        columns.update({f"{joint}/{channel}": values[:, index] for index, joint in enumerate(recording.joints)})
+    table = pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
     with atomic_write(path) as temporary:
         if path.suffix == ".parquet":
             import pyarrow.parquet as pq  # slow to load
@@ -60,13 +55,6 @@ def fill_session(session: Session, folder: Path) -> None:
     """Writes the files of a session into a folder that is there."""
     for run in session.runs:
         write_recording(run, folder / f"{run.name}.parquet")
-    settings = session_settings(session)
-    if settings:
-        (folder / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")
-
-
-def session_settings(session: Session) -> dict[str, Any]:
-    """What session.toml says about a session in the native form."""
     settings: dict[str, Any] = dict(session.metadata)
     if session.robot is not None:
         settings["robot"] = session.robot
@@ -76,4 +64,5 @@ def session_settings(session: Session) -> dict[str, Any]:
         settings["gravity_mps2"] = list(session.gravity)
     if session.payload is not None:
         settings["payload"] = {"mass_kg": session.payload.mass_kg, "com_m": list(session.payload.com_m)}
-    return settings
+    if settings:
+        (folder / NAME).write_text(tomli_w.dumps(settings), encoding="utf-8")

@@ -48,20 +48,15 @@ def with_mesh_paths(urdf: str, tag: str, source: Path | None, where: str) -> str
         for element in link.findall(other):
             link.remove(element)
         for mesh in link.findall(f"{tag}/geometry/mesh"):
-            mesh.set("filename", str(_require(mesh.get("filename", ""), link.get("name", ""), source, where)))
+            name = mesh.get("filename", "")
+            path, place = find_mesh(name, source), f"link {link.get('name', '')}: mesh {name!r}"
+            if path is None:
+                remedy = "put the mesh files beside the URDF, under their package's name"
+                raise RobotError(where, f"{place} is not there", remedy)
+            if path.suffix.lower() not in READABLE:
+                raise RobotError(where, f"{place} is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
+            size = path.stat().st_size
+            if size > LARGEST:
+                raise RobotError(where, f"{place} has {size / 1e6:.0f} MB", "give a simplified mesh for collisions")
+            mesh.set("filename", str(path))
     return ET.tostring(root, encoding="unicode")
-
-
-def _require(name: str, link: str, source: Path | None, where: str) -> Path:
-    place = f"link {link}: mesh {name!r}"
-    path = find_mesh(name, source)
-    if path is None:
-        raise RobotError(
-            where, f"{place} is not there", "put the mesh files beside the URDF, under their package's name"
-        )
-    if path.suffix.lower() not in READABLE:
-        raise RobotError(where, f"{place} is no mesh that can be read", f"give one of: {', '.join(READABLE)}")
-    size = path.stat().st_size
-    if size > LARGEST:
-        raise RobotError(where, f"{place} has {size / 1e6:.0f} MB", "give a simplified mesh for collisions")
-    return path

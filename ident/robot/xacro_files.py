@@ -14,6 +14,7 @@ import threading
 import time
 import xml.dom.minidom
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -167,7 +168,10 @@ class _Expansion:
         """The folder of a package: the description's own, or one that is installed."""
         if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             raise HarmfulExpression(f"{name!r} is no name of a package")
-        own = [self.own] if name in (self.own.name, _package_name(self.own)) else []
+        path, named = self.own / "package.xml", None
+        with suppress(InputError):
+            named = read_xml(read_text(path, "", largest=LARGEST_YAML), path, "", RobotError).findtext("name")
+        own = [self.own] if name in (self.own.name, named) else []
         for folder in [*own, *(home / name for home in _installed())]:
             if folder.is_dir():
                 return str(folder)
@@ -234,14 +238,6 @@ def _typed(value: str) -> Any:
         except ValueError:
             continue
     return {"true": True, "false": False}.get(value.lower(), value)
-
-
-def _package_name(folder: Path) -> str | None:
-    path = folder / "package.xml"
-    try:
-        return read_xml(read_text(path, "", largest=LARGEST_YAML), path, "", RobotError).findtext("name")
-    except InputError:
-        return None
 
 
 def _installed() -> list[Path]:
