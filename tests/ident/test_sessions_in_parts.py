@@ -69,16 +69,11 @@ def test_parts_are_the_session(folder: Path) -> None:
         assert one.name == other.name
         assert np.array_equal(one.position, other.position)
     assert all((part.name, part.robot, part.common_clock) == (whole.name, whole.robot, True) for part in parts)
-
-
-def test_files_wait_for_their_turn(folder: Path) -> None:
-    """Law: what is wrong with a later part's file does not matter before that part's turn."""
-    (folder / "run_5.parquet").write_bytes(b"no table")
-    parts = load_parts(folder, most=2 * RUN)
-    assert [run.name for run in next(parts).runs] == ["run_0", "run_1"]
-    assert [run.name for run in next(parts).runs] == ["run_2", "run_3"]
+    (folder / "run_5.parquet").write_bytes(b"no table")  # does not matter before its turn
+    waiting = load_parts(folder, most=2 * RUN)
+    assert [[run.name for run in next(waiting).runs] for _ in range(2)] == [["run_0", "run_1"], ["run_2", "run_3"]]
     with pytest.raises(RecordingError, match="run_5"):
-        next(parts)
+        next(waiting)
 
 
 def test_parts_share_joints_and_clock(session: Session, tmp_path: Path) -> None:
@@ -126,21 +121,6 @@ def test_short_sessions_come_whole(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
-def test_what_all_parts_show_is_told_once(session: Session, tmp_path: Path) -> None:
-    """Law: a fault of the whole session is one issue, mended in every part."""
-    turned = [
-        run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None]) for run in session.runs
-    ]
-    write_session(session.replace(runs=turned), tmp_path / "wrapped")
-    _, reports = in_parts([tmp_path / "wrapped"])
-    found = list(reports)
-    assert [len(report.session.runs) for report in found] == [2, 2, 2]
-    told = [issue.issue for report in found for issue in report.issues]
-    assert told.count("position_wraps") == 1
-    assert all(np.abs(np.diff(run.position, axis=0)).max() < 1.0 for report in found for run in report.session.runs)
-
-
-@pytest.mark.usefixtures("long_from_2_runs")
 def test_diagnosis_in_parts_names_the_same(folder: Path) -> None:
     """Law: read in parts or whole, a session has the same runs, samples, clock and names."""
     few = tuple(find_effect(name) for name in ("spring_torque", "load_dependent_friction"))
@@ -179,16 +159,11 @@ def test_no_later_fault_hides_behind_an_earlier_one(session: Session, tmp_path: 
     late = written(session, lambda k, run: flipped(run, (1,)) if k >= 2 else run, tmp_path / "late")
     arm, reports = in_parts([late])
     found = list(reports)
-    assert [[issue.issue for issue in report.fatal] for report in found[:3]] == [
-        [],
-        ["effort_sign_flipped"],
-        ["effort_sign_flipped"],
-    ]
+    fatal = [[issue.issue for issue in report.fatal] for report in found[:3]]
+    assert fatal == [[], ["effort_sign_flipped"], ["effort_sign_flipped"]]
     assert diagnose_reports(found, arm, ())[0].verdict == "refused"
-
-
-def wrapping(_: int, run: Recording) -> Recording:
-    return run.replace(position=run.position + 2 * np.pi * (np.arange(len(run)) > 500)[:, None])
+    with pytest.raises(RecordingError, match="effort_sign_flipped"):
+        open_sessions([late], load_arm())
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
@@ -204,12 +179,18 @@ def test_a_fault_that_refuses_every_part_is_told_once(session: Session, tmp_path
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
-def test_each_session_is_told_of_its_own_faults(session: Session, tmp_path: Path) -> None:
-    """Law: a fault of two sessions is told once for each of them, though both come in parts."""
-    folders = [written(session, wrapping, tmp_path / name) for name in ("one", "other")]
-    _, reports = in_parts(folders)
-    told = [[issue.issue for issue in report.issues].count("position_wraps") for report in reports if report.issues]
-    assert sum(told) == 2
+def test_each_session_is_told_of_its_own_faults_once(session: Session, tmp_path: Path) -> None:
+    """Law: a fault of two sessions is reported once for each of them, though both come in parts, and mended in each."""
+    jump = 2 * np.pi * (np.arange(RUN) > 500)[:, None]
+    folders = [
+        written(session, lambda _, run: run.replace(position=run.position + jump), tmp_path / name)
+        for name in ("one", "other")
+    ]
+    found = list(in_parts(folders)[1])
+    assert [len(report.session.runs) for report in found[:6]] == [2] * 6
+    told = [[issue.issue for issue in report.issues].count("position_wraps") for report in found]
+    assert (sum(told[:3]), sum(told)) == (1, 2)
+    assert all(np.abs(np.diff(run.position, axis=0)).max() < 1.0 for report in found for run in report.session.runs)
 
 
 def test_a_graver_form_of_a_told_fault_is_told() -> None:
@@ -232,6 +213,10 @@ def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joi
     expected = whole.find("insufficient_excitation")
     assert expected
     assert [(one.joints, one.severity) for one in said] == [(one.joints, one.severity) for one in expected]
+    # A joint that moves in another part has travelled: one part at rest forbids nothing.
+    pausing = written(session, lambda k, run: resting(run, joints) if k in (2, 3) else run, tmp_path / "pausing")
+    paused = [issue for report in in_parts([pausing])[1] for issue in report.find("insufficient_excitation")]
+    assert not [issue for issue in paused if issue.joints]
     if len(joints) == 3:
         verdict, _, _ = diagnose_reports(found, arm, ())
         assert verdict.verdict == "not_testable"
@@ -239,16 +224,8 @@ def test_parts_lack_what_the_session_lacks(session: Session, tmp_path: Path, joi
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
-def test_parts_together_move_what_none_moves_alone(session: Session, tmp_path: Path) -> None:
-    """Law: a joint that stands elsewhere in each part has travelled; one part at rest forbids nothing."""
-    folder = written(session, lambda k, run: resting(run) if k in (2, 3) else run, tmp_path / "pausing")
-    _, reports = in_parts([folder])
-    assert not [issue for report in reports for issue in report.find("insufficient_excitation") if issue.joints]
-
-
-@pytest.mark.usefixtures("long_from_2_runs")
 def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: Path) -> None:
-    """Law: a part without a run of 1 s gives no motion, as the run would have given none in the whole session."""
+    """Law: a part without a run of 1 s gives no motion, as in the whole session; without any such run that is said."""
     last = session.runs[5].replace(name="run_6", time=session.runs[5].time + 9.0).at(slice(0, 60))
     write_session(session.replace(runs=[*session.runs, last]), tmp_path / "aborted")
     _, reports = in_parts([tmp_path / "aborted"])
@@ -256,14 +233,9 @@ def test_an_aborted_run_alone_in_a_part_is_left_out(session: Session, tmp_path: 
     assert [len(report.session.runs) for report in found if report.session.runs] == [2, 2, 2, 1]
     motions = list(command._prepare_in_turn(found, command._Heard(), 25.0, USUAL_MOTION))
     assert [motion.name for motion in motions] == [f"run_{k}" for k in range(6)]
-
-
-def test_short_runs_alone_are_refused(session: Session) -> None:
-    """Law: where no run of any session lasts 1 s the diagnosis says so, in one line."""
     shorts = [run.at(slice(k, k + 60)) for run in session.runs for k in (0, 100)]
-    reports = [TelemetryReport(session.replace(runs=shorts), ())]
     with pytest.raises(RecordingError, match="no run lasts 1 s"):
-        diagnose_reports(reports, load_arm(), ())
+        diagnose_reports([TelemetryReport(session.replace(runs=shorts), ())], load_arm(), ())
 
 
 @pytest.mark.usefixtures("long_from_2_runs")
@@ -284,15 +256,10 @@ def test_a_run_that_comes_again_parts_later_is_told(session: Session, tmp_path: 
     _, reports = in_parts([tmp_path / "twice"], load_arm())
     fatal = [issue for report in reports for issue in report.fatal]
     assert [issue.issue for issue in fatal if issue.issue == "repeated_session"] == ["repeated_session"]
-    _, reports = in_parts([write_again(session, tmp_path), tmp_path / "linked"], load_arm())
+    write_session(session, tmp_path / "once")
+    (tmp_path / "linked").symlink_to(tmp_path / "once")
+    _, reports = in_parts([tmp_path / "once", tmp_path / "linked"], load_arm())
     assert any(issue.issue == "repeated_session" for report in reports for issue in report.fatal)
-
-
-def write_again(session: Session, folder: Path) -> Path:
-    """A session, and a link to it under another name."""
-    write_session(session, folder / "once")
-    (folder / "linked").symlink_to(folder / "once")
-    return folder / "once"
 
 
 def test_a_long_session_is_opened_and_fitted_in_parts(
@@ -318,11 +285,3 @@ def test_a_long_session_is_opened_and_fitted_in_parts(
     for figure, other in zip(found.figures, expected.figures, strict=True):
         assert figure.value == pytest.approx(other.value, abs=0.5 * (other.high - other.low))
         assert figure.high - figure.low == pytest.approx(other.high - other.low, rel=0.5)
-
-
-def test_parts_that_cannot_be_fitted_are_refused(session: Session, long_from_2_runs: None, tmp_path: Path) -> None:
-    """A later part whose effort has the wrong sign refuses all of it."""
-    runs = [run if k < 4 else run.replace(effort=-run.effort) for k, run in enumerate(session.runs)]
-    write_session(session.replace(runs=runs), tmp_path / "turned")
-    with pytest.raises(RecordingError, match="effort_sign_flipped"):
-        open_sessions([tmp_path / "turned"], load_arm())

@@ -97,39 +97,29 @@ def taught(monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: Sequence[floa
     return shown
 
 
-def test_a_model_that_is_right_is_closed_once_it_was_checked(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
-    """One round teaches, the next one checks: never is a model judged by what it was made from."""
-    shown = taught(monkeypatch, arm, [1.0])
+@pytest.mark.parametrize("shares", [[1.0], [0.5, 0.8, 1.0]])
+def test_a_model_that_is_right_is_closed_once_it_was_checked(
+    monkeypatch: pytest.MonkeyPatch, arm: ArmModel, shares: list[float]
+) -> None:
+    """One round teaches, the next one checks; a model that is wrong is taught again with all recordings."""
+    shown = taught(monkeypatch, arm, shares)
     found = loop.close_gap(arm, MadeUpArm(arm), Anything())
     assert found.closed
-    assert shown == [1]
-    assert len(found.rounds) == 2
-    assert found.after.upper <= MARGIN < found.before.together
-    assert found.minutes == pytest.approx(2 * 6 * (8.0 - 1 / 125) / 60)
-
-
-def test_a_model_that_is_wrong_is_taught_again_with_all_recordings(
-    monkeypatch: pytest.MonkeyPatch, arm: ArmModel
-) -> None:
-    shown = taught(monkeypatch, arm, [0.5, 0.8, 1.0])
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything())
-    assert shown == [1, 2, 3]
+    assert shown == [k + 1 for k in range(len(shares))]
+    assert len(found.rounds) == len(shares) + 1
     gaps = [one.gap.together for one in found.rounds if one.gap is not None]
     assert gaps == sorted(gaps, reverse=True)
-    assert found.closed
+    assert found.after.upper <= MARGIN < found.before.together
+    assert found.minutes == pytest.approx(len(found.rounds) * 6 * (8.0 - 1 / 125) / 60)
 
 
 def test_what_never_gets_right_is_never_told_to_be_closed(monkeypatch: pytest.MonkeyPatch, arm: ArmModel) -> None:
-    taught(monkeypatch, arm, [0.7] * 8)
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=3)
-    assert not found.closed
-    assert len(found.rounds) == 3
-    assert "rounds spent" in found.reason
-    taught(monkeypatch, arm, [0.7] * 8)
-    found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=8)
-    assert not found.closed
-    assert len(found.rounds) == 2 + loop.STALLED_MODELS
-    assert "no nearer with more recordings" in found.reason
+    for most, rounds, reason in ((3, 3, "rounds spent"), (8, 2 + loop.STALLED_MODELS, "no nearer with more")):
+        taught(monkeypatch, arm, [0.7] * 8)
+        found = loop.close_gap(arm, MadeUpArm(arm), Anything(), most=most)
+        assert not found.closed
+        assert len(found.rounds) == rounds
+        assert reason in found.reason
     with pytest.raises(InputError, match="give 2 or more"):
         loop.close_gap(arm, MadeUpArm(arm), Anything(), most=1)
 
@@ -183,15 +173,6 @@ def test_clocks_that_go_on_are_one_session_and_clocks_that_restart_are_not(arm: 
     assert len(loop.join_sessions([going_on[0], other.record(())])) == 2
 
 
-def test_command_files_come_back_as_they_were(tmp_path: Path, arm: ArmModel) -> None:
-    points = np.array([[0.0, 0.1], [0.4, -0.3], [0.2, 0.2]])
-    motion = via_spline("spline", points, 2.0)
-    (path,) = write_commands([motion], arm.joint_names, tmp_path)
-    (back,) = read_commands(path, arm)
-    assert back.name == "spline"
-    np.testing.assert_allclose(back.q, motion.q[: len(back.q)], atol=2e-6)
-
-
 def test_an_arm_behind_a_command_gets_files_and_gives_a_session(tmp_path: Path, arm: ArmModel) -> None:
     """Each round in folders of its own; a command that fails, or leaves nothing, is told as what it is."""
     script = tmp_path / "robot.py"
@@ -202,6 +183,9 @@ def test_an_arm_behind_a_command_gets_files_and_gives_a_session(tmp_path: Path, 
         "    (pathlib.Path(sys.argv[2]) / path.name).write_text(text)\n"
     )
     motion = via_spline("spline", np.array([[0.0, 0.1], [0.4, -0.3]]), 1.0)
+    (back,) = read_commands(write_commands([motion], arm.joint_names, tmp_path / "commands")[0], arm)
+    assert back.name == "spline"
+    np.testing.assert_allclose(back.q, motion.q[: len(back.q)], atol=2e-6)
     recorder = CommandRecorder(f"{sys.executable} {script} {{commands}} {{session}}", tmp_path / "rounds", arm)
     for number in (1, 2):
         session = recorder.record([motion, motion])

@@ -71,6 +71,9 @@ def test_a_joint_goes_on_from_where_runs_left_it() -> None:
     cold = follow_warmth(model, whole, later)[0]
     assert isinstance(cold, LawModel)
     assert cold.warmth[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    motion = ReferenceMotion("there", *np.zeros((3, 501, 2)))
+    first, second = put_on_a_clock([motion, motion], 60.0)
+    assert (first.time[0], second.time[0] - first.time[-1]) == pytest.approx((60.0, 60.0))
 
 
 def test_joints_that_warm_differently_have_each_their_own_torque() -> None:
@@ -87,13 +90,6 @@ def test_joints_that_warm_differently_have_each_their_own_torque() -> None:
     apart = torque([0], followed=True) + torque([1], followed=True) - plain
     np.testing.assert_allclose(both, apart, atol=1e-9)
     assert np.abs(both - torque([0, 1], followed=False)).max() > 0.5
-
-
-def test_planned_motions_follow_each_other_after_pauses() -> None:
-    motion = ReferenceMotion("there", *np.zeros((3, 501, 2)))
-    first, second = put_on_a_clock([motion, motion], 60.0)
-    assert first.time[0] == 60.0
-    assert second.time[0] - first.time[-1] == pytest.approx(60.0)
 
 
 @dataclass

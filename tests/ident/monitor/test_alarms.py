@@ -31,11 +31,6 @@ def alarms_of(changes: dict[tuple[tuple[str, str], int], float], seed: int) -> t
     return find_changes("arm", history(np.random.default_rng(seed), changes), NAMES)[0]
 
 
-def test_an_arm_that_does_not_change_is_left_alone() -> None:
-    """Ten arms over 60 sessions of six figures."""
-    assert [alarms_of({}, seed) for seed in range(10)].count(()) >= 9
-
-
 def test_a_change_is_named_dated_and_sized() -> None:
     """Joint 2's dry friction rises by four spreads at session 25."""
     (alarm,) = alarms_of({(("joint_2", "coulomb"), 25): 4.0}, 1)
@@ -45,6 +40,7 @@ def test_a_change_is_named_dated_and_sized() -> None:
     assert 25 < NAMES.index(alarm.session) < 40
     assert 0.95 < alarm.probability < 1.0
     assert 0.6 < alarm.spread < 1.5
+    assert [alarms_of({}, seed) for seed in range(10)].count(()) >= 9  # an arm that does not change is left alone
 
 
 def test_what_speaks_for_a_change_but_not_enough_is_a_hint() -> None:

@@ -50,7 +50,7 @@ def test_held_out_torque_lies_inside_and_the_ranges_are_narrower_than_the_habit(
 
 
 def test_an_arm_that_changes_more_gets_wider_ranges(arm: ArmModel) -> None:
-    """And where nothing changes from day to day the figure's own interval is what counts, or not much more."""
+    """And where nothing changes from day to day the parameter's own interval counts; one day has that alone."""
     widths = []
     for spread in (0.0, 0.03, 0.12):
         found = find_ranges(days_of(arm, spread, 5), arm)
@@ -58,14 +58,11 @@ def test_an_arm_that_changes_more_gets_wider_ranges(arm: ArmModel) -> None:
         widths.append(one.high - one.low)
     assert widths == sorted(widths)
     assert widths[0] < 0.05 * 2 * HABIT * 6.0 * 4
-
-
-def test_few_days_are_not_checked_and_one_day_has_its_interval_alone(arm: ArmModel) -> None:
-    found = find_ranges(days_of(arm, 0.04, 1), arm)
-    assert {one.source for one in found.ranges.values()} == {"interval"}
-    assert not found.inside
-    assert found.to_dict()["heldout"]["narrower_than_habit"] is None
-    assert "not checked" in found.summary()
+    alone = find_ranges(days_of(arm, 0.04, 1), arm)
+    assert {one.source for one in alone.ranges.values()} == {"interval"}
+    assert not alone.inside
+    assert alone.to_dict()["heldout"]["narrower_than_habit"] is None
+    assert "not checked" in alone.summary()
 
 
 def test_the_range_is_the_wider_of_interval_and_days() -> None:

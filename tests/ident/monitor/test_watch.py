@@ -75,25 +75,19 @@ def test_every_session_is_looked_at_and_told(watched: tuple[Path, Watch]) -> Non
 
 
 def test_others_read_the_store(watched: tuple[Path, Watch]) -> None:
-    """One table of all figures, by Arrow and by DuckDB where that is installed."""
+    """The fleet's page leads to every arm's, which shows each figure; one table, by Arrow and, if there, by DuckDB."""
     store, _ = watched
+    index = (store / "index.html").read_text()
+    assert "None of 2 arms has changed" in index
+    for arm in ("left", "right"):
+        assert f'href="arm-{arm}.html"' in index
+        assert (store / f"arm-{arm}.html").read_text().count("<svg") >= 20
     rows = Store(store).read("figures")
     assert {row["arm"] for row in rows} == {"left", "right"}
     assert pq.read_schema(store / "alarms.parquet").names[0] == "arm"
     duckdb = pytest.importorskip("duckdb")
     query = f"select count(*) from '{store}/figures/*/*.parquet' where figure = 'viscous' and unit = 'N m s/rad'"
     assert duckdb.sql(query).fetchall() == [(24,)]
-
-
-def test_pages_link_to_each_other(watched: tuple[Path, Watch]) -> None:
-    """The fleet's page names every arm and leads to its page, which shows each figure."""
-    store, _ = watched
-    index = (store / "index.html").read_text()
-    for arm in ("left", "right"):
-        assert f'href="arm-{arm}.html"' in index
-        page = (store / f"arm-{arm}.html").read_text()
-        assert page.count("<svg") >= 20
-    assert "None of 2 arms has changed" in index
 
 
 def test_a_session_is_looked_at_once_unless_it_changes(watched: tuple[Path, Watch], arms: Path, tmp_path: Path) -> None:
@@ -132,41 +126,35 @@ def test_the_command_looks_once(arms: Path, tmp_path: Path) -> None:
         look(tmp_path / "mine", tmp_path / "store")
 
 
-def test_dates_come_from_the_settings_the_name_or_the_stamps(tmp_path: Path) -> None:
-    """What a person wrote goes first; a name that holds no date is none."""
-    session = FoundSession("arm", "ur-20_01_13-load", tmp_path, None, "", 0.0)
-    assert date_of(session, None) == "2020-01-13"
-    plain = FoundSession("arm", "run_99_99_99", tmp_path, None, "", 86400.0)
-    assert date_of(plain, None) == "1970-01-02T00:00:00"
-    assert date_of(plain, 1.7e9).startswith("2023-11-14")
-    (tmp_path / "session.toml").write_text("date = 2024-02-01\n")
-    assert date_of(session, None) == "2024-02-01"
-    (tmp_path / "session.toml").write_text('date = "soon"\n')
-    with pytest.raises(InputError, match="soon"):
-        date_of(session, None)
+DATES = {
+    "by the name": ("ur-20_01_13-load", "", None, "2020-01-13"),
+    "by the files": ("run_99_99_99", "", None, "1970-01-02T00:00:00"),
+    "by the stamps": ("run_99_99_99", "", 1.7e9, "2023-11-14T22:13:20"),
+    "as written": ("ur-20_01_13-load", "2024-02-01", None, "2024-02-01"),
+    "no date": ("2020_01_13", '"soon"', None, "'soon'; write it as"),
+    "beyond the calendar": ("s", "0001-01-01T00:00:00+14:00", None, "write it as"),
+    "beyond its end": ("s", '"9999-12-31T23:59:59-14:00"', None, "write it as"),
+    "a time of day": ("s", "12:00:00", None, "write it as"),
+    "a number": ("s", "5", None, "write it as"),
+    **{
+        f"a zone, {written}": ("s", written, None, "2026-05-04T04:30:00")
+        for date in ("2026-05-03T23:30:00-05:00", "2026-05-04T13:30:00+09:00")
+        for written in (date, f'"{date}"')
+    },
+}
 
 
-def test_the_store_may_lie_in_the_folder(arms: Path, tmp_path: Path) -> None:
-    """It is no arm."""
-    shutil.copytree(arms / "right" / "still", tmp_path / "arm" / "still")
-    look(tmp_path, tmp_path / "store")
-    assert [one.key for one in find_sessions(tmp_path)] == ["arm/still"]
-
-
-@pytest.mark.parametrize("date", ["0001-01-01T00:00:00+14:00", '"9999-12-31T23:59:59-14:00"', "12:00:00", "5"])
-def test_a_date_that_is_none_is_refused(tmp_path: Path, date: str) -> None:
-    """A moment beyond the calendar, a time of day, a number: one line, whatever the session's name says."""
-    (tmp_path / "session.toml").write_text(f"date = {date}\n")
-    with pytest.raises(InputError, match="write it as"):
-        date_of(FoundSession("arm", "2020_01_13", tmp_path, None, "", 0.0), None)
-
-
-@pytest.mark.parametrize("date", ["2026-05-03T23:30:00-05:00", "2026-05-04T13:30:00+09:00"])
-def test_a_date_with_a_zone_is_told_in_utc(tmp_path: Path, date: str) -> None:
-    """As a text and as a date of TOML, so that all dates can be put in order."""
-    for written in (date, f'"{date}"'):
-        (tmp_path / "session.toml").write_text(f"date = {written}\n")
-        assert date_of(FoundSession("arm", "s", tmp_path, None, "", 0.0), None) == "2026-05-04T04:30:00"
+@pytest.mark.parametrize("case", DATES)
+def test_dates_come_from_the_settings_the_name_or_the_stamps(case: str, tmp_path: Path) -> None:
+    """What a person wrote goes first, in UTC so that all can be put in order, and must be a date."""
+    name, written, first, expected = DATES[case]
+    (tmp_path / "session.toml").write_text(f"date = {written}\n" if written else "")
+    session = FoundSession("arm", name, tmp_path, None, "", 86400.0)
+    if "write it as" not in expected:
+        assert date_of(session, first) == expected
+        return
+    with pytest.raises(InputError, match=expected):
+        date_of(session, first)
 
 
 def test_arms_are_watched_whatever_they_are_called(arms: Path, tmp_path: Path) -> None:
@@ -178,6 +166,8 @@ def test_arms_are_watched_whatever_they_are_called(arms: Path, tmp_path: Path) -
         (folder / name).symlink_to(arms / "right")
     (folder / "broken").symlink_to(tmp_path / "nowhere")
     (folder / "loop").symlink_to(folder)
+    look(folder, folder / "store")  # is no arm
+    assert {one.arm for one in find_sessions(folder)} == {"länk 関節", "arm_\\xff", "関" * 80}
     found = look(folder, tmp_path / "store")
     assert sorted(arm.arm for arm in found.arms) == sorted(["länk 関節", "arm_\\xff", "関" * 80])
     assert all(Store(tmp_path / "store").page(arm.arm).is_file() for arm in found.arms)
