@@ -103,7 +103,12 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
         return session, [
             TelemetryIssue("effort_gravity_compensated", joints_at(session, known), "fatal", evidence, remedy)
         ]
-    if not forced and not _is_compensated(states, known):
+    # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
+    lacks = states is not None and bool(known) and all(fit.lacks_gravity for fit in known.values())
+    if lacks and states is not None:
+        rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
+        lacks = all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
+    if not forced and not lacks:
         return session, []
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
@@ -115,14 +120,6 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     )
     issue = TelemetryIssue("effort_gravity_compensated", session.joints, "warning", evidence, remedy)
     return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
-
-
-def _is_compensated(states: States | None, known: dict[int, GravityFit]) -> bool:
-    """Whether gravity lacks on every joint that tells, and the rest explains what there is, with the right sign."""
-    if states is None or not known or not all(fit.lacks_gravity for fit in known.values()):
-        return False
-    rest = [[fit_signed(states, joint, sign).explained for sign in (1.0, -1.0)] for joint in known]
-    return all(right > states.settings.sign_explains and right > wrong for right, wrong in rest)
 
 
 def tell_gravity(fit: GravityFit) -> str:

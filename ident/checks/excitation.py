@@ -9,12 +9,10 @@ Source: Marquardt, Generalized inverses, ridge regression, biased linear estimat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import qr
 
-from ident.arrays import Array, Bool, Float, Int
+from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import filter_run
 from ident.checks.report import TelemetryReport
 from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
@@ -26,41 +24,15 @@ from ident.robot.arm import ArmModel
 PARTS = 5
 
 
-@dataclass(frozen=True)
-class MotionShown:
-    """What the recordings show of each joint.
-
-    Attributes:
-        share: Of the acceleration's variance that does not follow from the angle, the least over what is left where
-            one recording is left out; NaN where the joint does not move.
-        strokes: Strokes in the positive and in the negative direction.
-        settings: How much is enough.
-    """
-
-    share: Float[Array, " n"]
-    strokes: Int[Array, "2 n"]
-    settings: ExcitationSettings = USUAL_EXCITATION
-
-    @property
-    def one_sinusoid(self) -> Bool[Array, " n"]:
-        """Joints whose acceleration follows from their angle."""
-        return self.share < self.settings.least_share
-
-    @property
-    def once(self) -> Bool[Array, " n"]:
-        """Joints that move, but in one direction less often than it takes to repeat it."""
-        return np.isfinite(self.share) & (self.strokes.min(axis=0) < self.settings.least_strokes)
-
-
 class Independence:
     """Sums over recordings, each taken and none kept.
 
     Args:
-        settings: How much is enough.
+        travel: Least travel of a joint that moves [rad or m].
     """
 
-    def __init__(self, settings: ExcitationSettings = USUAL_EXCITATION) -> None:
-        self._settings, self._travel = settings, settings.least_travel
+    def __init__(self, travel: float = USUAL_EXCITATION.least_travel) -> None:
+        self._travel = travel
         self._sums: list[list[Float[Array, "5 5"]]] = []
         self._strokes: Int[Array, "2 n"] = np.zeros((2, 0), dtype=int)
 
@@ -75,14 +47,19 @@ class Independence:
                 self._sums[j].append(np.stack([part.T @ part for part in np.array_split(table, PARTS)]))
             self._strokes[:, j] += count_strokes(q[:, j], dq[:, j], self._travel)
 
-    def shown(self) -> MotionShown:
-        """All that was taken, together; the shares are the least where one recording, or a part of it, is left out."""
+    def shown(self) -> tuple[Float[Array, " n"], Int[Array, "2 n"]]:
+        """What all recordings together show of each joint.
+
+        Returns:
+            Share of the acceleration's variance that does not follow from the angle, the least over what is left where
+            one recording is left out, NaN where the joint does not move; and strokes in either direction.
+        """
         least = []
         for taken in self._sums:
             parts = np.array([one.sum(axis=0) for one in taken] if len(taken) > 1 else list(taken[0]) if taken else [])
             shares = _shares(parts.sum(axis=0) - parts) if taken else np.empty(0)
             least.append(float(np.min(shares[np.isfinite(shares)])) if np.isfinite(shares).any() else np.nan)
-        return MotionShown(np.array(least), self._strokes, self._settings)
+        return np.array(least), self._strokes
 
 
 def count_strokes(q: Float[Array, " T"], dq: Float[Array, " T"], travel: float) -> tuple[int, int]:
@@ -124,7 +101,7 @@ class Amount:
         self._high: Array = np.array(-np.inf)
         self._states: list[Float[Array, "4 T n"]] = []
         self._arm: ArmModel | None = None
-        self._independence = Independence(settings)
+        self._independence = Independence(settings.least_travel)
 
     def take(self, session: Session, report: TelemetryReport) -> None:
         """Counts one more session as its check mended it, with the robot as it needs it.
@@ -189,14 +166,13 @@ class Amount:
 
     def _check_independence(self) -> list[TelemetryIssue]:
         """Whether each joint's inertia and friction are shown apart from gravity, and more than once."""
-        shown = self._independence.shown()
-        moving = np.isfinite(shown.share)
-        up, down = shown.strokes
+        share, (up, down) = self._independence.shown()
+        moving, one_sinusoid = np.isfinite(share), share < self._settings.least_share
         found = []
-        for j in np.flatnonzero(shown.one_sinusoid):
-            told = f"{100 * shown.share[j]:.2g} % of its acceleration does not follow from its angle"
+        for j in np.flatnonzero(one_sinusoid):
+            told = f"{100 * share[j]:.2g} % of its acceleration does not follow from its angle"
             found.append((j, f"{told} where one recording is left out: one sinusoid, or nearly"))
-        once = np.flatnonzero(shown.once & ~shown.one_sinusoid)
+        once = np.flatnonzero(moving & ~one_sinusoid & (np.minimum(up, down) < self._settings.least_strokes))
         found += [(j, f"it moves {up[j]} times up and {down[j]} times down") for j in once]
         if not found:
             return []

@@ -87,7 +87,7 @@ class ExternalContact(Effect):
                     "end_s": push.end,
                     "link": float(push.link or session.n),
                     "outward": push.outward,
-                    _run_key(push.run): 1.0,
+                    f"run {push.run}": 1.0,
                 }
             )
             for push in self.pushes
@@ -263,17 +263,13 @@ def _usual(leftover: Sequence[Float[Array, "t n"]]) -> Float[Array, " n"]:
     return np.sqrt(middle / 0.455) + 1e-12  # 0.455 is the median of χ² with one degree of freedom
 
 
-def _run_key(name: str) -> str:
-    return f"run {name}"
-
-
 def _push(run: RunContext, variant: Variant) -> Float[Array, "T n 3"]:
     """−Jᵀ for the three directions of the base frame, inside the window."""
     time = run.motion.time
     columns = np.zeros((len(time), run.n, 3))
     start, end = variant.shape["start_s"], variant.shape["end_s"]
     inside = np.flatnonzero((time > start) & (time < end))
-    if _run_key(run.motion.name) not in variant.shape or len(inside) == 0:
+    if f"run {run.motion.name}" not in variant.shape or len(inside) == 0:
         return columns
     edge = min(EDGE, (end - start) / 4)
     ramp = np.clip(np.minimum(time[inside] - start, end - time[inside]) / edge, 0.0, 1.0)

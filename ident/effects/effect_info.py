@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, Literal
 
 from ident.laws.carried import KINDS, TABLE
 
@@ -226,21 +226,12 @@ SHOWINGS: dict[str, Showing] = {family: Showing(family, **one) for family, one i
 KNOWN_MASS: str = TABLE["set_ups"]["known_mass"]
 
 
-class ShownBy(Protocol):
-    """What an effect says of the motions that show it: see `ident.effects.base.Effect`."""
-
-    id: ClassVar[str]
-    shown_by: ClassVar[str]
-    parted_by: ClassVar[Mapping[str, str]]
-    set_ups: ClassVar[Mapping[str, str]]
-
-
-def family_for(effects: Sequence[str], known: Iterable[ShownBy]) -> str:
+def family_for(effects: Sequence[str], known: Iterable[Any]) -> str:
     """The kind of motion that shows effects, or parts the first pair of them that has one of its own.
 
     Args:
         effects: Their ids.
-        known: The effects that there are; what is none of them has no motion of its own.
+        known: The effects (`Effect`) that there are; what is none of them has no motion of its own.
     """
     by_id = {effect.id: effect for effect in known}
     asked = [by_id[effect] for effect in effects if effect in by_id]
@@ -257,7 +248,7 @@ def describe_motion(family: str, joint: str) -> str:
     return SHOWINGS[family].words.format(joint=joint)
 
 
-def setup_for(effects: Sequence[str], known: Iterable[ShownBy]) -> str | None:
+def setup_for(effects: Sequence[str], known: Iterable[Any]) -> str | None:
     """The change of set-up that parts effects which no motion, or hardly any, can part; None where motion does."""
     by_id = {effect.id: effect for effect in known}
     for one, other in combinations(effects, 2):

@@ -179,12 +179,6 @@ FINE_EXPONENT_STEPS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 LEAST_EXPONENT = 0.05
 
 
-def _bend(exponent: float) -> float:
-    """How far u^e lies from the straight line u at most, for u from 0 to 1; e is not 1."""
-    at = exponent ** (1.0 / (1.0 - exponent))
-    return float(abs(at**exponent - at))
-
-
 class NonlinearViscousFriction(StatesEffect):
     """Friction that bends over speed: τ = c s |v|^α; α below one for grease, two for churning.
 
@@ -237,7 +231,9 @@ class NonlinearViscousFriction(StatesEffect):
         fastest = max(top_speed(session, joint), LEAST_TOP_SPEED)
         exponent = figures["exponent"].value
         # Beside a line only the bend counts: of a law that is nearly straight the line takes any part.
-        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * _bend(exponent))
+        at = exponent ** (1.0 / (1.0 - exponent))  # where u^e lies farthest from u
+        bend = abs(at**exponent - at)
+        most = LARGEST_TORQUE_SHARE * rated_torque(session, joint) / (fastest**exponent * bend)
         return {"coefficient": Range(0.0, most, "its bend takes more than the motor can spare")}
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
-from ident.effects.base import Effect, Interval, RunContext, SessionContext, Variant
+from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.intervals import delta_interval, drawn_interval, exactly, grid_interval
 from ident.effects.typical_sizes import coulomb_level, friction_level
 from ident.model.linearisation import stop_operator
@@ -63,23 +63,15 @@ class ThermalFriction(Effect):
         measured = _measured(session, joint)
         if measured is not None and _warms(measured):
             return (Variant(shape=_scale(measured)),)
-        longest = LONGEST_TIME_CONSTANT * max(_span(session), LEAST_SESSION)
-        found = []
-        for constant in TIME_CONSTANTS:
-            if constant <= longest or constant == TIME_CONSTANTS[0]:
-                warmth, starts = _warmth(session, joint, constant)
-                found.append(Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts))
-        return tuple(found)
+        longest = max(LONGEST_TIME_CONSTANT * max(_span(session), LEAST_SESSION), TIME_CONSTANTS[0])
+        return _of_constants(session, joint, [constant for constant in TIME_CONSTANTS if constant <= longest])
 
     def refined(self, session: SessionContext, joint: int, variant: Variant) -> Sequence[Variant]:
         if "time_constant_s" not in variant.inner:
             return (variant,)
-        found = []
-        for factor in FINE_TIME_FACTORS:
-            constant = factor * variant.inner["time_constant_s"]
-            warmth, starts = _warmth(session, joint, constant)
-            found.append(Variant({"time_constant_s": constant}, shape=_scale(warmth) | starts))
-        return tuple(found)
+        return _of_constants(
+            session, joint, [factor * variant.inner["time_constant_s"] for factor in FINE_TIME_FACTORS]
+        )
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
         measured = None if "time_constant_s" in variant.inner else _measured(session, joint)
@@ -280,6 +272,12 @@ def _warm_up(power: Array, keep: float, gain: float, start: float, out: Array) -
         out[k] = gain * power[k - 1] + keep * out[k - 1]
 
 
+def _of_constants(session: SessionContext, joint: int, constants: Sequence[float]) -> tuple[Variant, ...]:
+    """Points of the grid by their time constants."""
+    found = [(constant, *_warmth(session, joint, constant)) for constant in constants]
+    return tuple(Variant({"time_constant_s": one}, shape=_scale(warmth) | starts) for one, warmth, starts in found)
+
+
 def _span(session: SessionContext) -> float:
     """Time from the first sample of the session to the last [s]."""
     return float(session.runs[-1].motion.time[-1] - session.runs[0].motion.time[0])
@@ -323,20 +321,15 @@ def _warmth(
     """
     found, starts = [], {}
     level, last = 0.0, float(session.runs[0].motion.time[0])
-    for run in session.runs:
+    for run in session.runs:  # warmed by the modelled power of friction [W]
         start = float(run.motion.time[0])
         name = f"start_{start!r}"
         level = (known or {}).get(name, level * np.exp(-max(start - last, 0.0) / constant))
         starts[name] = level
-        found.append(warm_up(_friction_power(session, run, joint), run.interval, constant, level))
+        dq, friction = run.motion.dq[:, joint], run.friction[:, joint]
+        if not friction.any():  # none is modelled: that of a typical joint
+            coulomb, viscous = friction_level(session, joint)
+            friction = coulomb * run.direction[:, joint] + viscous * dq
+        found.append(warm_up(np.maximum(friction * dq, 0.0), run.interval, constant, level))
         level, last = float(found[-1][-1]), float(run.motion.time[-1])
     return found, starts
-
-
-def _friction_power(session: SessionContext, run: RunContext, joint: int) -> Float[Array, " T"]:
-    """Modelled power that friction turns into heat [W]; that of a typical joint where no friction is modelled."""
-    dq, friction = run.motion.dq[:, joint], run.friction[:, joint]
-    if not friction.any():
-        coulomb, viscous = friction_level(session, joint)
-        friction = coulomb * run.direction[:, joint] + viscous * dq
-    return np.maximum(friction * dq, 0.0)

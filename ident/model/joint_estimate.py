@@ -133,7 +133,11 @@ class JointProblem:
             bread = _inverse(self._with_prior(information))
             before, values = values, bread @ score
             if self.robust:
-                weight = self._robust_weights(values, effects)
+                weight = np.ones((len(self.run), self.n))
+                for j, effect in enumerate(effects):
+                    mean = np.sqrt(self._left(j, values, effect)[0] / np.maximum(self.rows[:, j], 1.0))
+                    usual = np.median(mean[self.rows[:, j] > 0]) if np.any(self.rows[:, j] > 0) else 1.0
+                    weight[:, j] = np.minimum(1.0, HUBER_KNEE * usual / np.maximum(mean, 1e-12))
                 sums = self._by_run(weight)
             noise, inflation = self._noise(values, bread, effects, weight)
             std = np.sqrt(np.diag(bread))
@@ -215,14 +219,6 @@ class JointProblem:
             worth = rows / inflation[j]
             noise[j] *= worth / max(worth - self.size / self.n, 0.1 * worth)
         return noise, inflation
-
-    def _robust_weights(self, values: Array, effects: list[RunEffect]) -> Float[Array, "b n"]:
-        weight = np.ones((len(self.run), self.n))
-        for j, effect in enumerate(effects):
-            mean = np.sqrt(self._left(j, values, effect)[0] / np.maximum(self.rows[:, j], 1.0))
-            usual = np.median(mean[self.rows[:, j] > 0]) if np.any(self.rows[:, j] > 0) else 1.0
-            weight[:, j] = np.minimum(1.0, HUBER_KNEE * usual / np.maximum(mean, 1e-12))
-        return weight
 
     def _result(
         self, sums: list[RunSums], weighted: Weighted, values: Array, noise: Array, inflation: Array

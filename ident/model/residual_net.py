@@ -138,7 +138,11 @@ class ResidualNet:
             weights = folder / "residual.safetensors"
             size = require_regular(weights, "fit the model again", ModelError)
             # A file's options decide how much memory a net takes: its weights must be there before they are believed.
-            if 4 * _count_weights(mean.shape[-1], len(scale), options) > size:
+            widths = [mean.shape[-1], *map(int, options.hidden), 1]
+            if min(widths) < 1 or options.members < 1:
+                raise ValueError(f"its layers are {options.hidden} wide")
+            nets = 1 if options.preset == "paper" else options.members * len(scale)
+            if 4 * nets * sum(a * b for a, b in pairwise(widths)) > size:
                 raise ValueError("its options speak of more weights than there are")
             from safetensors.numpy import load_file
 
@@ -180,15 +184,6 @@ def compute_features(
         return np.concatenate([q, dq, ddq], axis=1)
     near, far = (np.tanh(dq / scale) for scale in DIRECTION_SCALES)
     return np.stack([dq, ddq, near, far, rigid, np.hypot(rigid, LOAD_ROUNDING) * near], axis=-1)
-
-
-def _count_weights(inputs: int, joints: int, options: NetOptions) -> int:
-    """Fewest weights that a net of some options has: those of its widest layers."""
-    widths = [inputs, *map(int, options.hidden), 1]
-    if min(widths) < 1 or options.members < 1:
-        raise ValueError(f"its layers are {options.hidden} wide")
-    nets = 1 if options.preset == "paper" else options.members * joints
-    return nets * sum(a * b for a, b in pairwise(widths))
 
 
 def _save_arrays(arrays: dict[str, Array], path: Path) -> None:

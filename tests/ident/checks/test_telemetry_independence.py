@@ -94,6 +94,6 @@ def test_the_share_is_that_of_the_acceleration_alone() -> None:
         q = scale * 0.05 * (np.sin(t) + np.sin(2 * t))
         dq, ddq = scale * 0.05 * (np.cos(t) + 2 * np.cos(2 * t)), -scale * 0.05 * (np.sin(t) + 4 * np.sin(2 * t))
         found.take(q[:, None], dq[:, None], ddq[:, None])
-        shares.append(float(found.shown().share[0]))
+        shares.append(float(found.shown()[0][0]))
     # ddq = -2.5 q + 1.5 (sin t - sin 2t): the last part is 4.5 / 17 of the variance.
     np.testing.assert_allclose(shares, 2.25 / 8.5, rtol=0.02)
