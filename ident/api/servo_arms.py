@@ -9,8 +9,7 @@ from ident.errors import RecordingError
 from ident.provenance import Provenance, stamp_sessions
 from ident.recordings.joint_names import match_joints
 from ident.recordings.recording import Session
-from ident.servos.runs import load_goals, runs_of
-from ident.servos.servo_fit import ServoArm, fit_servos
+from ident.servos.servo_fit import ServoArm, fit_servos, load_goals, runs_of
 from ident.sessions import Robot, load_robot
 
 Goals = str | Path | Session

@@ -17,9 +17,9 @@ from typing import Any, Literal
 from ident.laws.carried import KINDS, TABLE
 
 Answer = Literal["yes", "approximate", "no"]
-# No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size and some degrees in phase
-# (95 %, from a development set of simulated arms whose laws are others than the catalogue's).
-LAW_SHARE, LAW_ANGLE = 0.15, 0.4
+# No arm obeys the catalogue's laws to the letter: its own differ by some per cent in size (95 %, from a
+# development set of simulated arms whose laws are others than the catalogue's).
+LAW_SHARE = 0.15
 # A parameter whose name begins with this is no estimate but the state at which the fitted law was evaluated for another
 # one: `bend_Nm` is torque of the law at `at_speed_rad_s`. Sentences and cards say these: no number in them is made by a
 # formula that is written a second time.

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.model.convex import is_consistent, pseudo_inertia, solve_bounded
-from ident.model.inertia import base_parameters, parameter_scale
+from ident.model.inertia import base_parameters, is_consistent, parameter_scale, pseudo_inertia, solve_bounded
 from ident.robot.arm import ArmModel
 
 # How much more the torques count than the numbers behind them, when bodies are sought.

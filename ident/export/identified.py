@@ -22,8 +22,8 @@ from ident.export.bodies import Links, lay_out, nearest_bodies
 from ident.laws.acting import BODIES, KNOWN, link_change, turned_gravity
 from ident.laws.acting import Effect as ModuleEffect
 from ident.laws.motion import Losses
-from ident.model.convex import is_consistent
 from ident.model.hybrid import HybridModel
+from ident.model.inertia import is_consistent
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.provenance import files_of
 from ident.robot.arm import ArmModel

@@ -26,7 +26,7 @@ from ident.export.mjcf_match import Match, match_file
 from ident.files import atomic_write
 from ident.laws.acting import payload_parameters
 from ident.laws.motion import Losses
-from ident.model.convex import is_consistent
+from ident.model.inertia import is_consistent
 from ident.robot.arm import ArmModel
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.

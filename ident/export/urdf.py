@@ -17,7 +17,7 @@ from ident.effects.rigid_body import UnknownPayload
 from ident.export.bodies import about_centre, moved
 from ident.export.identified import IdentifiedArm
 from ident.export.mjcf_joint import numbers
-from ident.model.convex import is_consistent
+from ident.model.inertia import is_consistent
 from ident.robot.urdf import link_of, matrix_to_rpy, read_vector, rotation_about, rpy_to_matrix
 
 NOTE = " written by `ident patch`; patch.json beside this file says what is in it and what is not "

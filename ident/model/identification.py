@@ -18,7 +18,6 @@ from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.laws.carried import NamedLaw, named_torque
 from ident.laws.motion import direction
 from ident.model.block_sums import FitColumns, sum_blocks
-from ident.model.convex import solve_bounded
 from ident.model.inertia import (
     PRIOR_SHARE,
     BaseParameters,
@@ -29,6 +28,7 @@ from ident.model.inertia import (
     compute_condition,
     free_of,
     parameter_scale,
+    solve_bounded,
 )
 from ident.model.joint_estimate import (
     JointEstimate,
@@ -49,8 +49,6 @@ from ident.robot.arm import ArmModel
 TIED = 0.95
 # Pairs that are told in words; all stand in the model.
 MOST_TIED = 4
-# A base parameter of whose prior variance the data take away less than this rests on the URDF.
-INFORMED = 0.5
 # An estimate this near to zero, in standard deviations, lies on its bound.
 ON_BOUND = 1e-3
 

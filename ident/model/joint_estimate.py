@@ -55,7 +55,6 @@ class JointEstimate:
         information, score: Weighted normal equations of the data alone, without prior.
         wandering: Variance of each figure that is left however many runs there are, as friction wanders over them.
         noise: Residual standard deviation of each joint, runs' changes taken out [N m].
-        inflation: Rows that one independent row is worth.
         spread: Relative spread of (viscous, Coulomb) friction from run to run, shape (n, 2).
         rank: Number r of base parameters.
         per_joint: Number p of loss figures a joint.
@@ -70,7 +69,6 @@ class JointEstimate:
     score: Float[Array, " m"]
     wandering: Float[Array, " m"]
     noise: Float[Array, " n"]
-    inflation: Float[Array, " n"]
     spread: Float[Array, "n 2"]
     rank: int
     per_joint: int
@@ -144,7 +142,7 @@ class JointProblem:
             if np.all(np.abs(values - before) <= SETTLED_SHARE * std):
                 break
         weighted = self._weigh(sums, values, noise * inflation, spread)
-        return self._result(sums, weighted, values, noise, inflation)
+        return self._result(sums, weighted, values, noise)
 
     def _first_noise(self) -> Float[Array, " n"]:
         """Variance of what each joint's own least squares leave [N² m²]."""
@@ -220,9 +218,7 @@ class JointProblem:
             noise[j] *= worth / max(worth - self.size / self.n, 0.1 * worth)
         return noise, inflation
 
-    def _result(
-        self, sums: list[RunSums], weighted: Weighted, values: Array, noise: Array, inflation: Array
-    ) -> JointEstimate:
+    def _result(self, sums: list[RunSums], weighted: Weighted, values: Array, noise: Array) -> JointEstimate:
         information, score, effects = weighted
         by_runs = np.zeros((self.size, self.size))
         for j, effect in enumerate(effects):
@@ -252,7 +248,6 @@ class JointProblem:
             score=score,
             wandering=walk,
             noise=np.sqrt(noise),
-            inflation=inflation,
             spread=np.array([effect.spread for effect in effects]),
             rank=self.rank,
             per_joint=self.per_joint,

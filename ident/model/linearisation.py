@@ -27,8 +27,7 @@ from ident.compiled import compiled
 from ident.errors import RecordingError
 from ident.laws.friction import bent
 from ident.laws.motion import direction, follow
-from ident.model.convex import solve_partly_non_negative
-from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale
+from ident.model.inertia import BaseParameters, base_parameters, lift_base, parameter_scale, solve_partly_non_negative
 from ident.model.loss import TRANSITION_GRID, LossParameters, loss_columns
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel

@@ -28,10 +28,9 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.errors import ModelError
 from ident.files import atomic_write
-from ident.model.joint_nets import JointNets, NetBounds
+from ident.model.joint_nets import JointNets, NetBounds, solve_net, width_of
 from ident.model.net_options import PRESETS, NetOptions, TrainingHistory
 from ident.model.net_shrinkage import JointGate, make_folds, shrink_net
-from ident.model.random_features import solve_net, width_of
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
 from ident.safe_read import read_json, require_regular

@@ -12,15 +12,97 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ident.arrays import Array, Bool, Float, Int
+from ident.errors import RecordingError
+from ident.motion.motion import Motion, prepare_run, session_noise
+from ident.motion.settings import USUAL_MOTION
+from ident.recordings.load import load_session
+from ident.recordings.recording import Session
 from ident.results import Result
 from ident.robot.arm import ArmModel
-from ident.servos.runs import GoalRun
+
+# Runs shorter than this in samples have no spectrum to speak of.
+LEAST_SAMPLES = 30
+# Share of the position's own spread by which a goal must differ from it to be one.
+SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRun:
+    """One run of a position-only arm.
+
+    Attributes:
+        motion: Its smoothed states; what the log says (`tau` elsewhere) is the measured position here.
+        time: Times of the goals [s].
+        goal: Goals [rad], shape (T, n), each held until the next one.
+        hold: How long a goal is held, the log's interval [s].
+    """
+
+    motion: Motion
+    time: Float[Array, " T"]
+    goal: Float[Array, "T n"]
+    hold: float
+
+    def goal_at(self, j: int, delay: float) -> Float[Array, " t"]:
+        """The goal that a joint followed at each instant of the grid, so much later than it was given.
+
+        A goal that is held until the next one is, at frequencies far below the log's, the straight line between goals
+        half an interval late.
+        """
+        late = delay + 0.5 * self.hold
+        return np.interp(self.motion.time - late, self.time, self.goal[:, j])
+
+
+def load_goals(path: str | Path | Session) -> Session:
+    """Reads a session that needs no torque.
+
+    Raises:
+        RecordingError: It can't be read, or logs no goal.
+    """
+    session = path if isinstance(path, Session) else load_session(path, with_effort=False)
+    where = str(session.path or session.name)
+    for run in session.runs:
+        if run.position_command is None:
+            what = f"{run.name} has no goal: no column <joint>/position_command of every joint"
+            raise RecordingError(where, what, "log the goal that each servo is given, or map it in [columns]")
+        # A goal that is the position itself was written by a logger that had none.
+        travel = np.ptp(run.position, axis=0)
+        same = np.abs(run.position_command - run.position).max(axis=0) <= SAME * np.maximum(travel, 1e-9)
+        if (same & (travel > 0.0)).any():
+            what = f"{run.name}: the goal of {run.joints[int(np.argmax(same & (travel > 0.0)))]} is its position"
+            raise RecordingError(
+                where, f"{what}, sample for sample", "log the goal that was sent, not the position read"
+            )
+    return session
+
+
+def runs_of(sessions: Sequence[Session], cutoff: float | None = None) -> tuple[GoalRun, ...]:
+    """All runs of some sessions that are long enough, smoothed.
+
+    Raises:
+        RecordingError: A session has none.
+    """
+    least, found = USUAL_MOTION.least_duration_s, []
+    for session in sessions:
+        long = [run for run in session.runs if run.duration >= least and len(run) >= LEAST_SAMPLES]
+        if not long:
+            what = f"no run lasts {least:g} s and {LEAST_SAMPLES} samples"
+            raise RecordingError(str(session.path or session.name), what, "record longer motions")
+        # Noise of positions is found as for other arms; the measured position stands where they have the torque.
+        as_log = [run.replace(effort=run.position) for run in long]
+        levels = session_noise(session.replace(runs=as_log))
+        for run in as_log:
+            assert run.position_command is not None
+            motion = prepare_run(run, levels, session.payload, cutoff)
+            found.append(GoalRun(motion, run.time, run.position_command, run.sample_interval))
+    return tuple(found)
+
 
 # Figure -> unit of what is reported.
 UNITS = {
@@ -119,7 +201,11 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
     open_ = np.flatnonzero(np.convolve(near, np.ones(3), mode="same") > 0.0)
     figures, untold = _linear(rows, [table[k] for k in open_], reach)
     if sure:
-        value = _between(delays, losses.sum(axis=1), best)
+        value = float(delays[best])
+        if 0 < best < len(delays) - 1:  # the lowest point of the parabola through the best delay and its neighbours
+            before, at, after = losses.sum(axis=1)[best - 1 : best + 2]
+            bend = before - 2.0 * at + after
+            value += float(0.5 * DELAY_STEP * (before - after) / bend) if bend > 0.0 else 0.0
         figures.append(ServoFigure("delay_s", value, max(low - DELAY_STEP, 0.0), high + DELAY_STEP))
     else:
         untold["delay_s"] = "a later goal and a slower joint are the same here: move it faster, with sudden starts"
@@ -129,15 +215,6 @@ def _fit_joint(runs: Sequence[GoalRun], gravity: Sequence[Array | None], j: int,
     after = np.sqrt(losses[best if sure else 0].sum() / len(rows.error))
     before = np.sqrt(np.mean(table[0].error ** 2))
     return ServoJoint(joint, tuple(figures), untold, float(before), float(after))
-
-
-def _between(delays: Float[Array, " D"], losses: Float[Array, " D"], best: int) -> float:
-    """The lowest point of the parabola through the best delay and its neighbours [s]."""
-    if not 0 < best < len(delays) - 1:
-        return float(delays[best])
-    before, at, after = losses[best - 1 : best + 2]
-    bend = before - 2.0 * at + after
-    return float(delays[best] + (0.5 * DELAY_STEP * (before - after) / bend if bend > 0.0 else 0.0))
 
 
 def _silent(joint: str, reason: str) -> ServoJoint:

@@ -22,7 +22,7 @@ from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
-from ident.effects.effect_info import LAW_ANGLE, LAW_SHARE
+from ident.effects.effect_info import LAW_SHARE
 from ident.effects.friction import STRIBECK_VELOCITIES
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, stribeck_on_1
@@ -154,7 +154,7 @@ def test_intervals_hold_what_laws_may_differ() -> None:
     assert wide.value == 2.0
     assert wide.high - wide.value == pytest.approx(np.hypot(0.01, LAW_SHARE * 2.0))
     assert widened(sharp, doubt.of("order", 2.0)) == sharp
-    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, LAW_ANGLE))
+    assert widened(sharp, doubt.of("phase_rad", 2.0)).high == pytest.approx(2.0 + np.hypot(0.01, 0.4))
 
 
 def test_a_figure_held_at_zero_by_its_sign_is_not_told_as_certain(short_arm: ArmModel) -> None:

@@ -26,8 +26,7 @@ from ident.export.urdf import write_urdf
 from ident.export.write import PATCH_FILES, write_patch
 from ident.laws.acting import acting_torque, link_change, point_mass
 from ident.laws.motion import Losses, MovingArm
-from ident.model.convex import is_consistent
-from ident.model.inertia import base_parameters, lift_base, parameter_scale
+from ident.model.inertia import base_parameters, is_consistent, lift_base, parameter_scale
 from ident.model.linearisation import stop_operator
 from ident.outputs import MARKER
 from ident.robot.arm import ArmModel

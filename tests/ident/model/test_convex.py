@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.model.convex import is_consistent, solve_bounded, solve_partly_non_negative
-from ident.model.inertia import parameter_scale
+from ident.model.inertia import is_consistent, parameter_scale, solve_bounded, solve_partly_non_negative
 from ident.robot.arm import ArmModel
 
 FREE = 12  # unknowns beside the links' numbers, the first few of them bounded

@@ -7,9 +7,8 @@ import pinocchio as pin
 import pytest
 
 from ident.arrays import Array, Float
-from ident.model.convex import is_consistent
 from ident.model.identification import HowToIdentify, Identified, identify
-from ident.model.inertia import Mode, base_parameters
+from ident.model.inertia import Mode, base_parameters, is_consistent
 from ident.model.loss import LossParameters
 from ident.motion.motion import Motion
 from ident.recordings.recording import Payload

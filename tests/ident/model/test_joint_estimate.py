@@ -11,9 +11,8 @@ from scipy.special import stdtrit
 from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
-from ident.model.convex import is_consistent, solve_bounded
 from ident.model.identification import HowToIdentify, Identified, identify
-from ident.model.inertia import base_parameters, parameter_scale
+from ident.model.inertia import base_parameters, is_consistent, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
 from ident.model.run_effects import USUAL_SPREAD, RunEffect, wandering
 from ident.motion.motion import Motion

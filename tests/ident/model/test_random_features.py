@@ -3,8 +3,7 @@
 import numpy as np
 
 from ident.arrays import Array
-from ident.model.joint_nets import silu
-from ident.model.random_features import DRAWN, SolvedNet, solve_net, width_of
+from ident.model.joint_nets import DRAWN, SolvedNet, silu, solve_net, width_of
 
 
 def _data(seed: int, samples: int = 1200) -> tuple[Array, Array, Array]:

@@ -11,8 +11,7 @@ import torch
 from ident.arrays import Array
 from ident.errors import ModelError
 from ident.model.dense_training import DenseNet
-from ident.model.joint_nets import JointNets
-from ident.model.random_features import width_of
+from ident.model.joint_nets import JointNets, width_of
 from ident.model.residual_net import PRESETS, NetOptions, ResidualNet, compute_features, fit_residual_net
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import multisine, two_joint_arm
