@@ -22,8 +22,7 @@ from ident.diagnosis.selection.refine import find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval
 from ident.effects.catalogue import find_effect
-from ident.effects.effect_info import LAW_SHARE
-from ident.effects.friction import STRIBECK_VELOCITIES
+from ident.effects.effect_info import LAW_SHARE, TABLE
 from ident.robot.arm import ArmModel
 from tests.ident.diagnosis.planted import analyse, at_joint, load_friction_on_2, stribeck_on_1
 
@@ -44,7 +43,8 @@ def test_a_finer_grid_fits_no_worse_and_comes_nearer(short_arm: ArmModel) -> Non
     assert gains[1] >= 0.999 * gains[0]
     assert fine.groups[0].variant.inner["stribeck_velocity_rad_s"] == pytest.approx(0.06, rel=0.2)
     assert fine.groups[0].key == groups[0].key
-    assert groups[0].variant.inner["stribeck_velocity_rad_s"] in STRIBECK_VELOCITIES
+    grid = TABLE["effects"]["stribeck_friction"]["grid"]
+    assert groups[0].variant.inner["stribeck_velocity_rad_s"] in grid["stribeck_velocity_rad_s"]
 
 
 def curved_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:

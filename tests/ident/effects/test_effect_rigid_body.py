@@ -145,16 +145,6 @@ def test_a_tilt_shows_on_a_vertical_joint(session: SessionContext) -> None:
     assert np.abs(slow[:, 0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["payload", "link_inertial_error"])
-def test_columns_depend_on_their_own_run_only(name: str, session: SessionContext) -> None:
-    """A run alone has the columns that it has among others."""
-    effect = find_effect(name)
-    second = replace(session, runs=session.runs[1:2])
-    for variant in effect.variants(session, 1):
-        alone, among = effect.columns(second, 1, variant)[0], effect.columns(session, 1, variant)[1]
-        np.testing.assert_array_equal(alone, among)
-
-
 def test_a_body_is_laid_out_about_the_place_that_tuning_tells(session: SessionContext) -> None:
     """Law: where tuning has put one body on a link, that is its place, and its column there is its torque, whole; what
     is usual of it beforehand does not hang on where it is laid out.

@@ -1,0 +1,452 @@
+"""Effects one by one: planted torques are found again with their parameters, and what can't show says why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from smooth_motion import COULOMB, VISCOUS, Recover, edit_runs, make_session
+
+from ident.arrays import Array
+from ident.effects.base import RunContext, SessionContext, Variant
+from ident.effects.catalogue import find_effect
+from ident.effects.sensing import share_of_steps
+from ident.effects.transmission import BENT
+from ident.effects.typical_sizes import joint_range, travel
+from ident.laws.acting import shifted
+from ident.robot.arm import ArmModel
+
+Torque = Callable[[RunContext], Array]
+
+
+def turn(run: RunContext, joint: int) -> Array:
+    """Direction of dry friction."""
+    return np.tanh(run.motion.dq[:, joint] / 0.01)
+
+
+def stribeck(size: float, speed: float, exponent: float, joint: int) -> Torque:
+    """Friction that fades with the speed."""
+    return lambda run: size * turn(run, joint) * np.exp(-(np.abs(run.motion.dq[:, joint] / speed) ** exponent))
+
+
+def power_law(exponent: float) -> Torque:
+    """4 N m at 1 rad/s."""
+    return lambda run: turn(run, 1) * 4.0 * np.abs(run.motion.dq[:, 1]) ** exponent
+
+
+def gear_loss(run: RunContext) -> Array:
+    """8 % of the load while driving, 5 % while backdriving."""
+    return np.where(run.link[:, 1] * run.motion.dq[:, 1] > 0, 0.08, 0.05) * turn(run, 1) * np.abs(run.link[:, 1])
+
+
+def lopsided(run: RunContext) -> Array:
+    """Friction of (9, 7) N m and (11, 9) N m s/rad in the two directions, less its mean."""
+    v, slip = run.motion.dq[:, 0], turn(run, 0)
+    return (9.0 * slip + 11.0 * v) * (v > 0) + (7.0 * slip + 9.0 * v) * (v <= 0) - 8.0 * slip - 10.0 * v
+
+
+def build_up(law: Callable[[float, float], float]) -> Torque:
+    """2 N m of a state in [-1, 1] that follows the path of joint 5, step by step."""
+
+    def torque(run: RunContext) -> Array:
+        state, values = 0.0, []
+        for step in np.diff(run.motion.q[:, 4], prepend=run.motion.q[0, 4]):
+            state = law(state, step)
+            values.append(2.0 * state)
+        return np.array(values)
+
+    return torque
+
+
+def dahl(state: float, step: float) -> float:
+    """Builds up as 1 − 2 exp(−x / 8 mrad)."""
+    goal = float(np.sign(step))
+    return goal + (state - goal) * float(np.exp(-abs(step) / 0.008))
+
+
+def shifted_zero(run: RunContext) -> Array:
+    """Every joint's torque where the angle of joint 2 is 12 mrad above the logged one."""
+    m = run.motion
+    return run.arm.inverse_dynamics(m.q + 0.012 * np.eye(6)[1], m.dq, m.ddq) - run.rigid
+
+
+# Effect, joint, its torque, and by parameter the value with its tolerance; without one it lies in the interval.
+PLANTED: dict[str, tuple[str, int, Torque, dict[str, tuple[float, ...]]]] = {
+    "Stribeck": ("stribeck_friction", 0, stribeck(3.0, 0.025, 2.0, 0),
+                 {"amplitude_Nm": (3.0,), "stribeck_velocity_rad_s": (0.025, 0.0), "exponent": (2.0, 0.0)}),
+    # The grid owns what it can't resolve.
+    "between two points": ("stribeck_friction", 2, stribeck(2.0, 0.04, 1.0, 2), {"stribeck_velocity_rad_s": (0.04,)}),
+    "root of speed": ("nonlinear_viscous_friction", 1, power_law(0.5), {"coefficient": (4.0,), "exponent": (0.5, 0.0)}),
+    "square of it": ("nonlinear_viscous_friction", 1, power_law(2.0), {"coefficient": (4.0,), "exponent": (2.0, 0.0)}),
+    "load": ("load_dependent_friction", 1, gear_loss, {"mu": (0.065, 0.002)}),
+    "position": ("position_dependent_friction", 3,
+                 lambda run: 1.5 * run.direction[:, 3] * np.cos(2 * (run.motion.q[:, 3] - 0.4)),
+                 {"order": (2.0, 0.0), "amplitude_Nm": (1.5,), "phase_rad": (0.8,)}),
+    "two directions": ("asymmetric_friction", 0, lopsided,
+                       {"coulomb_difference_Nm": (2.0, 0.04), "viscous_difference_Nms_rad": (2.0, 0.04)}),
+    # A sharp build-up counts as two thirds as long as it is.
+    "spring and slider": ("presliding_hysteresis", 4,
+                          build_up(lambda state, step: min(max(state + step / 0.004, -1.0), 1.0)),
+                          {"displacement_rad": (0.004,), "amplitude_Nm": (2.5, 0.4)}),
+    "smooth build-up": ("presliding_hysteresis", 4, build_up(dahl),
+                        {"amplitude_Nm": (2.0, 0.5), "displacement_rad": (0.008, 0.002)}),
+    "another joint": ("joint_coupling", 3,
+                      lambda run: 0.6 * run.direction[:, 4] + 0.9 * run.motion.dq[:, 4] + 0.05 * run.motion.ddq[:, 4],
+                      {"other_joint": (5.0, 0.0), "coulomb_Nm": (0.6, 0.012), "viscous_Nms_rad": (0.9, 0.018),
+                       "inertia_kgm2": (0.05, 0.001)}),
+    "sum of two joints": ("joint_coupling", 5,
+                          lambda run: 0.8 * np.tanh((run.motion.dq[:, 4] + run.motion.dq[:, 5]) / 0.01),
+                          {"other_joint": (5.0, 0.0), "coulomb_Nm": (0.8, 0.016)}),
+    "ripple": ("torque_ripple", 2, lambda run: 1.2 * np.cos(200 * run.motion.q[:, 2] - 0.7),
+               {"order": (2.0, 0.0), "amplitude_Nm": (1.2, 0.012), "phase_rad": (0.7, 0.01)}),
+    "spring": ("spring_torque", 0, lambda run: 5.0 * (run.motion.q[:, 0] - 0.3),
+               {"stiffness_Nm_rad": (5.0,), "rest_rad": (0.3,)}),
+    "spring of two rests": ("spring_torque", 0, lambda run: 2.5 * np.sin(2 * (run.motion.q[:, 0] - 0.3)),
+                            {"stiffness_Nm_rad": (5.0,), "rest_rad": (0.3,)}),
+    "zero": ("encoder_offset", 1, shifted_zero, {"offset_rad": (0.012, 2.4e-4)}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", PLANTED)
+def test_a_planted_torque_is_found_with_its_parameters(case: str, session: SessionContext, recover: Recover) -> None:
+    effect, joint, torque, expected = PLANTED[case]
+    found = recover(find_effect(effect), session, joint, [torque(run) for run in session.runs])
+    for name, (value, *tolerance) in expected.items():
+        if tolerance:
+            assert found[name].value == pytest.approx(value, abs=tolerance[0])
+        else:
+            assert found[name].low < value < found[name].high
+
+
+def edited(**changes: Callable[[RunContext], Any]) -> Callable[[SessionContext], SessionContext]:
+    """A session whose runs have other signals; those of the motion by their names."""
+
+    def change(run: RunContext) -> RunContext:
+        new = {name: make(run) for name, make in changes.items()}
+        own = {name: new.pop(name) for name in ("q", "dq", "std") if name in new}
+        return replace(run, motion=replace(run.motion, **own), **new)
+
+    return lambda session: edit_runs(session, change)
+
+
+def untimed(session: SessionContext) -> SessionContext:
+    return replace(session, common_clock=False)
+
+
+def short(seconds: float, runs: int, size: float = 1.0) -> Callable[[SessionContext], SessionContext]:
+    return lambda session: make_session(session.runs[0].arm, seconds, runs, size=size)
+
+
+def follows_the_first(run: RunContext) -> tuple[Array, Array]:
+    """Positions and speeds where joint 2 moves with joint 1, and the others stand."""
+    return tuple(np.where(np.arange(6) < 2, part[:, :1], 0.0) for part in (run.motion.q, run.motion.dq))
+
+
+mild = edited(temperature=lambda run: np.full_like(run.motion.q, 30.0))
+# Effect, joint, what the recordings are like, and what is said of them.
+UNTESTABLE: list[tuple[str, int, Callable[[SessionContext], SessionContext], str]] = [
+    ("asymmetric_friction", 0, edited(dq=lambda run: np.abs(run.motion.dq)), "joint_1 moves in one direction only"),
+    ("position_dependent_friction", 0, short(5.0, 1, 0.1), "covers"),
+    ("thermal_friction", 0, untimed, "no clock"),
+    ("thermal_friction", 0, short(5.0, 2), "lasts 12 s only"),
+    ("thermal_friction", 0, lambda session: untimed(mild(session)), "hardly varies, and the runs share no clock"),
+    ("presliding_hysteresis", 0,
+     edited(q=lambda run: np.cumsum(np.abs(run.motion.dq), axis=0) * run.interval), "reverses"),
+    ("presliding_hysteresis", 0, edited(std=lambda run: np.array([[0.02], [1e-3], [0.1]]) * np.ones(6)), "too noisy"),
+    ("torque_ripple", 0, edited(dq=lambda run: 3.0 + np.abs(run.motion.dq)), "never slow enough"),
+    ("torque_delay", 0, short(5.0, 4, 0.002), "torque changes too slowly in all joints"),
+    ("torque_saturation", 5, short(5.0, 1, 0.3), "of its rated torque"),
+    ("encoder_offset", 0, lambda session: session, "no torque depends on the angle of joint_1"),
+    ("joint_coupling", 0, edited(q=lambda run: follows_the_first(run)[0], dq=lambda run: follows_the_first(run)[1]),
+     "move only together with joint_1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("effect", "joint", "change", "words"), UNTESTABLE)
+def test_what_can_not_show_says_why(
+    effect: str, joint: int, change: Callable[[SessionContext], SessionContext], words: str, session: SessionContext
+) -> None:
+    assert words in str(find_effect(effect).untestable(change(session), joint))
+
+
+def test_a_ripple_of_the_load_is_told_at_typical_load(session: SessionContext, recover: Recover) -> None:
+    """Two per cent of the load, whatever its sign."""
+    load = np.concatenate([run.link[:, 1] for run in session.runs])
+    torque = [0.02 * run.link[:, 1] * np.sin(100 * run.motion.q[:, 1]) for run in session.runs]
+    found = recover(find_effect("torque_ripple"), session, 1, torque)
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 0.02 * np.sqrt(np.mean(load**2)), rtol=0.01)
+    np.testing.assert_allclose(found["phase_rad"].value, np.pi / 2, atol=0.01)
+
+
+def test_a_gain_is_found_with_its_sign(session: SessionContext, recover: Recover) -> None:
+    """A log that reads 5 % high reads so of rigid torque, friction and rotor inertia."""
+
+    def with_rotor(run: RunContext) -> RunContext:
+        return replace(run, rotor=0.6 * run.motion.ddq)
+
+    whole = edit_runs(session, with_rotor)
+    torque = [
+        0.05 * (run.rigid + COULOMB * np.tanh(run.motion.dq / 0.01) + VISCOUS * run.motion.dq + 0.6 * run.motion.ddq)
+        for run in session.runs
+    ]
+    found = recover(find_effect("torque_gain_error"), whole, 2, [values[:, 2] for values in torque])["gain"]
+    assert found.low < 0.05 < found.high
+
+
+def test_an_offset_is_found_with_its_drift(session: SessionContext, recover: Recover) -> None:
+    """0.4 N m in the middle of the session, rising by 2 mN m a second; the interval holds what it was at the start."""
+    middle = (session.runs[0].motion.time[0] + session.runs[-1].motion.time[-1]) / 2
+    torque = [0.4 + 0.002 * (run.motion.time - middle) for run in session.runs]
+    found = recover(find_effect("torque_offset"), session, 0, torque)
+    first = 0.4 - 0.002 * (middle - session.runs[0].motion.time[0])
+    assert (found["offset_Nm"].low, found["offset_Nm"].high) == pytest.approx((first, 0.8 - first), abs=1e-3)
+    assert found["drift_Nm_s"].low < 0.002 < found["drift_Nm_s"].high
+
+
+def test_warmth_follows_the_friction_power_where_the_sensor_stays_cold(session: SessionContext) -> None:
+    """A sensor on the housing that never warms says nothing of the gear: its work does."""
+    effect, cold = find_effect("thermal_friction"), mild(session)
+    for one, other in zip(effect.variants(cold, 0), effect.variants(session, 0), strict=True):
+        np.testing.assert_array_equal(effect.columns(cold, 0, one)[0], effect.columns(session, 0, other)[0])
+
+
+def test_a_gain_error_is_no_load_friction(session: SessionContext) -> None:
+    """With coefficients that aren't negative, torque that scales with the load leaves most of itself unexplained."""
+    from scipy.optimize import nnls
+
+    effect = find_effect("load_dependent_friction")
+    columns = np.concatenate(effect.columns(session, 1, effect.variants(session, 1)[0]))
+    load = np.concatenate([run.link[:, 1] for run in session.runs])
+    _, left = nnls(columns, load)
+    assert left > 0.9 * np.linalg.norm(load)
+
+
+def test_warmth_is_found_with_its_time_constant(arm: ArmModel, recover: Recover) -> None:
+    """Viscous friction that falls by 40 % as heat builds up by θ' = P − θ/30 s, pauses included."""
+    session = make_session(arm, seconds=20.0, runs=5, pause=15.0)
+    warmth, heat = [], 0.0
+    for run in session.runs:
+        values = []
+        for v in run.motion.dq[:, 1]:
+            values.append(heat)
+            power = COULOMB[1] * v * np.tanh(v / 0.01) + VISCOUS[1] * v * v
+            heat += run.interval * (power - heat / 30.0)
+        warmth.append(np.array(values))
+        heat *= np.exp(-(15.0 + run.interval) / 30.0)
+    top = max(values.max() for values in warmth)
+    mean = float(np.mean(np.concatenate(warmth))) / top
+    # The baseline knows the friction of the mean warmth; cold friction is what it and the change imply.
+    cold = VISCOUS[1] / (1 - 0.4 * mean)
+    torque = [
+        -0.4 * cold * run.motion.dq[:, 1] * values / top for run, values in zip(session.runs, warmth, strict=True)
+    ]
+    found = recover(find_effect("thermal_friction"), session, 1, torque)
+    assert found["time_constant_s"].value == 30.0
+    np.testing.assert_allclose(found["viscous_change"].value, -0.4, atol=0.01)
+    np.testing.assert_allclose(found["coulomb_change"].value, 0.0, atol=0.01)
+
+
+def test_measured_temperature_stands_in_for_the_heat(session: SessionContext, recover: Recover) -> None:
+    """With a temperature no clock is needed, and no time constant is told."""
+
+    def warm(run: RunContext) -> RunContext:
+        rise = 20.0 + 0.1 * run.motion.time[:, None] + np.zeros((1, run.n))
+        return replace(run, temperature=rise)
+
+    warmed = replace(edit_runs(session, warm), common_clock=False)
+    torque = [0.8 * run.direction[:, 1] * (run.motion.time / warmed.runs[-1].motion.time[-1]) for run in warmed.runs]
+    found = recover(find_effect("thermal_friction"), warmed, 1, torque)
+    assert set(found) == {"viscous_change", "coulomb_change"}
+    # 0.8 N m on top of a cold level of 8 − 0.8/2.
+    np.testing.assert_allclose(found["coulomb_change"].value, 0.8 / 7.6, rtol=0.03)
+
+
+def test_hysteresis_is_full_friction_far_from_reversals(session: SessionContext) -> None:
+    """Beyond 60 mrad of travel in one direction a stop operator says no more than Coulomb friction."""
+    effect = find_effect("presliding_hysteresis")
+    q = session.runs[0].motion.q[:, 0]
+    stretch = int(np.argmax(np.abs(session.runs[0].motion.dq[:, 0])))
+    heading = np.sign(q[stretch] - q[stretch - 1])
+    assert abs(q[stretch] - q[stretch - 20]) > 0.06
+    for variant in effect.variants(session, 0):
+        np.testing.assert_allclose(effect.columns(session, 0, variant)[0][stretch], heading)
+
+
+def test_what_is_dry_friction_as_well_is_the_joints() -> None:
+    """Law: nothing is lost; what is left adds up to the amplitude that is reported of all ranges; the longest ranges
+    stay as they were; ranges that make a smooth build-up are all kept.
+    """
+    effect = find_effect("presliding_hysteresis")
+    variant = Variant(shape={"range_0_rad": 0.0006, "range_1_rad": 0.002, "range_2_rad": 0.018})
+    parts = np.array([3.0, 5.0, 9.0])
+    kept, dry = effect.without_dry_friction(parts, variant)
+    assert kept.sum() + dry == pytest.approx(17.0)
+    sizes = np.array(list(variant.shape.values()))
+    assert kept.sum() == pytest.approx((parts @ sizes) ** 2 / (2.0 / 3.0 * (parts @ sizes**2)))
+    assert 0.0 < kept[0] < 3.0
+    assert list(kept[1:]) == [5.0, 9.0]
+    bend = Variant(shape={"range_0_rad": 0.006, "range_1_rad": 0.012, "range_2_rad": 0.018})
+    whole, none = effect.without_dry_friction(np.array([1.0, 1.0, 1.0]), bend)
+    np.testing.assert_array_equal(whole, 1.0)
+    assert none == 0.0
+
+
+@pytest.mark.parametrize("mix", [1.0, -1.0])
+def test_friction_of_a_sum_is_none_where_the_sum_stands_still(session: SessionContext, mix: float) -> None:
+    """Law: whatever each of two joints does, what rubs with their sum (difference) feels that alone."""
+
+    def against(run: RunContext) -> RunContext:
+        dq = run.motion.dq.copy()
+        dq[:, 5] = -mix * dq[:, 4]
+        return replace(run, motion=replace(run.motion, dq=dq))
+
+    effect = find_effect("joint_coupling")
+    variant = next(one for one in effect.variants(session, 5) if one.other == 4 and one.shape["mix"] == mix)
+    for columns in effect.columns(edit_runs(session, against), 5, variant):
+        np.testing.assert_allclose(columns, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("turns", [37.3, 161.0])
+def test_ripple_of_an_unknown_gear_is_found_over_the_angle(
+    session: SessionContext, recover: Recover, turns: float
+) -> None:
+    """Law: 0.6 N m of ripple beside 1 N m of noise stands out at its cycles a turn, once refined to a tenth of what the
+
+    joint's travel tells apart; noise alone shows no line.
+    """
+    effect, unknown, rng = find_effect("torque_ripple"), replace(session, gear_ratios=None), np.random.default_rng(0)
+    for ratios in (None, np.ones(6)):  # URDFs hold a reduction of one where nobody knew it
+        assert not effect.variants(replace(session, gear_ratios=ratios), 2)
+    noise = [rng.normal(size=(run.motion.filtered_length, 6)) for run in session.runs]
+    ripple = [0.6 * np.cos(turns * run.motion.q[:, 2] - 0.7) for run in session.runs]
+    left = [one.copy() for one in noise]
+    for run, values, torque in zip(session.runs, left, ripple, strict=True):
+        values[:, 2] += run.motion.filtered(torque)
+    assert not any(effect.screened(unknown, noise).lines)
+    lines = [effect.screened(unknown, left).lines[j] for j in range(6)]
+    assert [len(one) for one in lines] == [0, 0, 1, 0, 0, 0]
+    low = min(run.motion.q[:, 2].min() for run in session.runs)
+    high = max(run.motion.q[:, 2].max() for run in session.runs)
+    screened = effect.screened(unknown, left)
+    finer = screened.refined(unknown, 2, screened.variants(unknown, 2)[0])
+    nearest = min(abs(one.inner["order"] - turns) for one in finer)
+    assert nearest < 0.1 * 2 * np.pi / (high - low)
+    found = recover(screened, unknown, 2, ripple)
+    np.testing.assert_allclose(found["amplitude_Nm"].value, 0.6, rtol=0.15)
+
+
+def test_a_bent_spring_that_rests_out_of_reach_pulls_though_its_stiffness_there_is_unsure(
+    session: SessionContext,
+) -> None:
+    """Law: of a cubic without a zero within a range's width the rest is told up to as far as the joint could be turned,
+    the stiffness there not below zero by more than rounding; one that has a zero is told as before.
+    """
+    effect = find_effect("spring_torque")
+    bent = next(one for one in effect.variants(session, 1) if one.shape["law"] == BENT)
+    cells = np.diag([0.03, 0.03, 0.07, 0.3]) ** 2
+    outside = effect.parameters(session, 1, bent, np.array([1.5, -40.0, 0.0, 0.1]), cells)
+    assert outside["stiffness_Nm_rad"].low == 0.0
+    low, high = joint_range(session, 1, travel(session, 1))
+    assert outside["rest_rad"].high == pytest.approx(high + np.pi)
+    assert outside["rest_rad"].low > low - np.pi
+    inside = effect.parameters(session, 1, bent, np.array([1.5, -0.3, 0.0, 0.0]), cells)
+    assert inside["rest_rad"].high - inside["rest_rad"].low < 0.2
+
+
+def test_without_a_clock_there_is_no_drift(session: SessionContext) -> None:
+    """One column, the constant."""
+    effect, torn = find_effect("torque_offset"), replace(session, common_clock=False)
+    variant = effect.variants(torn, 0)[0]
+    np.testing.assert_array_equal(effect.columns(torn, 0, variant)[0], np.ones((len(torn.runs[0].motion.time), 1)))
+    assert effect.parameters(torn, 0, variant, np.array([0.2]), np.eye(1))["drift_Nm_s"].value == 0.0
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.005, 0.013, 0.025])
+def test_a_delay_is_found_on_and_off_the_grid(arm: ArmModel, recover: Recover, delay: float) -> None:
+    """The torque of the same motion, computed late instead of shifted: the figure is within 3 %."""
+    session, late = make_session(arm, 10.0, 2), make_session(arm, 10.0, 2, late=delay)
+    torque = [b.total - a.total for a, b in zip(session.runs, late.runs, strict=True)]
+    found = recover(find_effect("torque_delay"), session, 0, torque)["delay_s"]
+    np.testing.assert_allclose(found.value, delay, rtol=0.03)
+
+
+def test_a_secant_stands_for_what_is_near_it() -> None:
+    """A coefficient of a third of a millisecond is no delay of 20 ms, whatever that point of the grid explains."""
+    delay, shift = find_effect("torque_delay"), find_effect("encoder_offset")
+    points = {ms: Variant(shape={"delay_s": 1e-3 * ms}) for ms in (2, 8, 20)}
+    for true in (3.5e-4, 2e-3, 4.5e-3, 12e-3, 30e-3):
+        assert any(delay.stands_for(point, np.array([true])) for point in points.values())
+    assert not delay.stands_for(points[20], np.array([3.5e-4]))
+    assert not delay.stands_for(points[2], np.array([12e-3]))
+    secant = Variant(shape={"about_rad": -0.25})
+    assert shift.stands_for(secant, np.array([-0.3]))
+    assert not shift.stands_for(secant, np.array([0.3]))
+
+
+def test_torque_that_steps_leaves_a_delay_open_by_half_an_interval(session: SessionContext) -> None:
+    """Smooth torque does not: what it is late by is known below the log's interval."""
+
+    def in_steps(run: RunContext) -> RunContext:
+        held = 25 * (np.arange(len(run.rigid)) // 25)
+        return replace(slow(run), rigid=run.rigid[held])
+
+    def slow(run: RunContext) -> RunContext:
+        still = np.zeros_like(run.rigid)
+        return replace(run, friction=still, rotor=still, motion=replace(run.motion, log_interval=0.02))
+
+    effect, point = find_effect("torque_delay"), Variant(shape={"delay_s": 0.008})
+    smooth, stepped = edit_runs(session, slow), edit_runs(session, in_steps)
+    assert share_of_steps(smooth) < 0.2 < 0.4 < share_of_steps(stepped) <= 1.0
+    for one in (smooth, stepped):
+        told = effect.parameters(one, 0, point, np.array([0.006]), np.zeros((1, 1)))["delay_s"]
+        assert told.high - told.value == pytest.approx(0.01 * share_of_steps(one))
+
+
+def test_a_shift_by_whole_samples_is_exact_and_by_parts_is_cubic() -> None:
+    """Three samples late is the value three samples ago; a cubic is shifted by any part exactly."""
+    t = np.arange(40.0)
+    values = np.stack([np.sin(t), 1 + t - 0.1 * t**2 + 0.01 * t**3], axis=1)
+    np.testing.assert_allclose(shifted(values, 3.0, 1.0)[3:], values[:-3])
+    late = t - 2.3
+    np.testing.assert_allclose(shifted(values, 2.3, 1.0)[5:, 1], (1 + late - 0.1 * late**2 + 0.01 * late**3)[5:])
+
+
+def test_flat_tops_are_found_with_their_limit(session: SessionContext, recover: Recover) -> None:
+    """Torque clipped at 80 % of its largest is found there; below the limit nothing is said."""
+    effect = find_effect("torque_saturation")
+    whole = np.concatenate([run.total[:, 1] for run in session.runs])
+    limit = 0.8 * np.quantile(np.abs(whole), 0.999)
+    torque = [np.clip(run.total[:, 1], -limit, limit) - run.total[:, 1] for run in session.runs]
+    found = recover(effect, session, 1, torque)["limit_Nm"]
+    np.testing.assert_allclose(found.value, limit, rtol=1e-3)
+    assert found.low < limit < found.high
+    variant = effect.variants(session, 1)[0]
+    run = session.runs[0]
+    low = np.abs(run.total[:, 1]) < variant.shape["knee_Nm"]
+    assert not effect.columns(session, 1, variant)[0][low].any()
+    assert np.all(effect.columns(session, 1, variant)[0][:, 0] * run.total[:, 1] <= 0.0)
+
+
+@pytest.mark.parametrize("shift", [0.3, -0.45])
+def test_a_zero_that_is_far_off_is_found_by_its_secant(session: SessionContext, shift: float) -> None:
+    """Law: the columns about an offset, times the offset, are the torque that it makes; the slope leaves 4 % of it
+
+    or more. Both signs and offsets up to half a radian are among the points of the finer grid, within a fifth.
+    """
+    effect, joint = find_effect("encoder_offset"), 1
+    exact = [
+        run.arm.inverse_dynamics(run.motion.q + shift * np.eye(6)[joint], run.motion.dq, run.motion.ddq) - run.rigid
+        for run in session.runs
+    ]
+    grid = effect.refined(session, joint, effect.variants(session, joint)[0])
+    nearest = min((one.shape["about_rad"] for one in grid), key=lambda about: abs(about - shift))
+    assert abs(nearest - shift) < 0.2 * abs(shift)
+    secant = effect.columns(session, joint, Variant(shape={"about_rad": shift}))
+    slope = effect.columns(session, joint, Variant(shape={"about_rad": 0.0}))
+    for column, straight, torque in zip(secant, slope, exact, strict=True):
+        np.testing.assert_allclose(shift * column[:, :, 0], torque, atol=1e-9)
+        left = torque - shift * straight[:, :, 0]
+        assert np.sqrt(np.mean(left**2)) > 0.04 * np.sqrt(np.mean(torque**2))
