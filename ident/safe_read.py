@@ -24,7 +24,7 @@ LARGEST_TOML = 1 << 24
 DEEPEST = 64
 # The time that the reader of TOML takes for a dotted key grows with the square of its parts.
 LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
-# Beyond these no figure of an arm lies; integers beyond become infinite or raise errors in arithmetic.
+# Beyond these no number of an arm lies; integers beyond become infinite or raise errors in arithmetic.
 LARGEST_INTEGER = 2**63
 # Recorded floats pack to a third at best; a constant channel to a thousandth, but that is not all of a recording.
 LARGEST_PACKING = 100

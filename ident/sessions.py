@@ -131,7 +131,7 @@ def inspect_sources(
         accept: Names of issues whose refusal is overruled.
         settings: What recordings are refused by.
         in_parts: Whether what is too long to be held may come in parts.
-        told: Issues that are told by what comes next, not refused.
+        told: Issues that are reported by what comes next, not refused.
 
     Raises:
         InputError: Recordings or robot can't be used, or an issue that can't be accepted.

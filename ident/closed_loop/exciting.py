@@ -33,7 +33,7 @@ KIND_OF = {
     "free": "spline",
     "jointwise": "jointwise",
 }
-# One path there and back at two speeds belongs to every round: a check that only sees what was asked for flatters.
+# One path there and back at two speeds belongs to every round: a check that only sees what was chosen flatters.
 ALWAYS = 4
 # Rough duration of a run [s].
 RUN_S = 8.0

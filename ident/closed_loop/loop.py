@@ -1,6 +1,6 @@
 """The loop: record, check the last model on what it never saw, diagnose all that was recorded, and again.
 
-Every round's recordings first judge the model of the round before, and only then teach the next one: the gap that ends
+Every round's recordings first test the model of the round before, and only then teach the next one: the gap that ends
 the loop is always one on runs that the model never saw. `ident` owns the loop, because a user who has an arm and no
 planner closes the gap too; who moves the arm and who chooses the motion are given from outside.
 """

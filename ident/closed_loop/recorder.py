@@ -1,4 +1,4 @@
-"""Who records: an arm that is told motions and gives back what its log says of them."""
+"""Who records: an arm that is given motions and returns what its log says of them."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ EVEN, NEARLY_ALL = 3.0, 0.99
 SAME_MOTION = 0.9
 # Steps over which a derivative is taken: noise of encoders weighs less over several samples.
 STRIDE = 5
-# Position, its derivative, and what follows the model: without names there is no telling of fewer.
+# Position, its derivative, and what follows the model: without names fewer can't be made out.
 FEWEST_CHANNELS = 3
 # Two torques of which the model explains nearly the same share are the same one, commanded and measured.
 AS_GOOD = 0.05
@@ -60,8 +60,8 @@ def guess_by_data(table: ForeignTable, arm: ArmModel) -> Signals:
         raise RecordingError(table.source, what, HINT)
     position, velocity, match = pair
     reasons = [] if clock is None else [Reason("time", f"column {names[clock]}", "the first column that rises evenly")]
-    told = f"columns {_span(names, blocks[velocity])} are their derivative (correlation {match:.3f})"
-    reasons.append(Reason("position", f"columns {_span(names, blocks[position])}", told))
+    seen = f"columns {_span(names, blocks[velocity])} are their derivative (correlation {match:.3f})"
+    reasons.append(Reason("position", f"columns {_span(names, blocks[position])}", seen))
     rest = [k for k in range(count) if k not in (position, velocity)]
     torque, channel, why = _find_torque(values, blocks, rest, (position, velocity), time, arm)
     if torque is None:

@@ -58,7 +58,7 @@ class Reason(Record):
     Attributes:
         what: Channel, or key of session.toml.
         guess: What was guessed, in words.
-        evidence: What was seen, with figures.
+        evidence: What was seen, with numbers.
     """
 
     what: str
@@ -112,7 +112,7 @@ class Guess:
     Attributes:
         columns: Foreign name -> native name.
         settings: Keys of session.toml beside `[columns]`.
-        reasons: Why, in the order in which it is told.
+        reasons: Why, in the order in which they are reported.
         left_out: What is not used, in words.
     """
 

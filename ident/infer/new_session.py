@@ -109,10 +109,10 @@ def require_own_guess(path: Path) -> None:
         return
     text = path.read_text(encoding="utf-8", errors="replace")
     head, seal, rest = text.partition(SEAL)
-    told, _, body = rest.partition("\n")
+    digest, _, body = rest.partition("\n")
     if not head.startswith(HEAD):
         raise InputError(path, "is a file that armgap did not write", ELSEWHERE)
-    if not seal or told.strip() != _digest(body):
+    if not seal or digest.strip() != _digest(body):
         raise InputError(path, "was corrected since armgap guessed it", "remove it first if it is to be guessed again")
 
 
@@ -125,7 +125,7 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
         robot: How the user names it.
 
     Raises:
-        RecordingError: No table there, or none that can be told from its names or numbers.
+        RecordingError: No table there, or none that can be made out from its names or numbers.
     """
     table = read_foreign(_largest(path))
     signals = guess_by_name(table, arm) if table.has_names else None
@@ -142,7 +142,7 @@ def guess_session(path: Path, arm: ArmModel | None, robot: str | None) -> NewSes
 
 
 def _largest(path: Path) -> Path:
-    """The run by which columns are told: the largest file of a folder."""
+    """The run by which columns are made out: the largest file of a folder."""
     if path.is_file() or is_dataset(path) or (path / METADATA).is_file():
         return path
     if not path.is_dir():
@@ -174,9 +174,9 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         joints, order = joint_order(signals, time, angle, arm)
         known = tuple(name for name in arm.joint_names if name in joints)
         states = states_of(signals, time, angle, arm, joints)
-        channel, tables, told = torque_settings(signals, states, known, nominal)
+        channel, tables, seen = torque_settings(signals, states, known, nominal)
         settings |= tables
-        reasons += [order, *told]
+        reasons += [order, *seen]
     elif nominal == "current":
         settings[GAINS] = dict.fromkeys(joints, 1.0)
         reasons.append(Reason(GAINS, "1", "without a robot nothing tells it: give the figures"))
@@ -223,10 +223,10 @@ def write_text(guess: Guess) -> str:
     for name, native in guess.columns.items():
         own = native.rpartition("/")[2]
         if own != channel:
-            told = [
+            why_so = [
                 reason for reason in guess.reasons if reason.what == own or (own, reason.what) == ("current", "effort")
             ]
-            lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in told]
+            lines += [f"# {own}: {_comment(f'{reason.guess}; {reason.evidence}')}" for reason in why_so]
             channel = own
         lines.append(f"{toml_key(name)} = {json.dumps(native, ensure_ascii=False)}")
     for key in (GAINS, "effort_sign"):

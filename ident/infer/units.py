@@ -52,8 +52,8 @@ def time_unit(signals: Signals) -> Unit:
     fitting = [unit for unit, factor in TIME_UNITS.items() if FASTEST_S <= step * factor <= SLOWEST_S]
     unit = next(iter([*(one for one in named if one in fitting), *fitting]), "s")
     factor = TIME_UNITS[unit]
-    told = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
-    return Unit(unit, factor, Reason("time_unit", unit, told))
+    seen = f"the median step is {step:.6g}, so {1.0 / max(step * factor, 1e-300):.4g} Hz"
+    return Unit(unit, factor, Reason("time_unit", unit, seen))
 
 
 def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
@@ -72,18 +72,18 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     largest = far[turning].max(initial=0.0)
     if not beyond.any():
         within = "the robot's limits" if arm is not None else "three turns"
-        told = f"the largest angle is {largest:.3g}, within {within} in radians"
-        return Unit("rad", 1.0, Reason("angle_unit", "rad", told))
+        seen = f"the largest angle is {largest:.3g}, within {within} in radians"
+        return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
     span = float(np.ptp(signals.tables["position"], axis=0)[turning].max())
     if span < LEAST_SPAN_DEG and largest < FARTHEST_RAD:
         outside = ", ".join(name for name, far_off in zip(signals.joints, beyond, strict=True) if far_off)
-        told = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
-        return Unit("rad", 1.0, Reason("angle_unit", "rad", told))
+        seen = f"as degrees no joint turns by more than {span:.2g}; {outside}: beyond the URDF's limits, then"
+        return Unit("rad", 1.0, Reason("angle_unit", "rad", seen))
     j = int(np.argmax(np.where(beyond, far / reach, 0.0)))
-    told = (
+    seen = (
         f"{signals.joints[j]} goes to {far[j]:.4g}; its limit is {reach[j]:.3g} rad or {math.degrees(reach[j]):.4g} deg"
     )
-    return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", told))
+    return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", seen))
 
 
 def check_velocity(signals: Signals, time: Unit, angle: Unit) -> tuple[Signals, Reason | None, str | None]:
@@ -95,10 +95,10 @@ def check_velocity(signals: Signals, time: Unit, angle: Unit) -> tuple[Signals, 
     if found is None or not found.moving.any():
         return signals, None, None
     slope, match = (float(np.median(one[found.moving])) for one in (found.slope, found.correlation))
-    told = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
+    seen = f"{slope:.3g} times the positions' derivative, correlation {match:.3f}"
     if abs(slope - 1.0) < SLOPE_OFF and match > SAME_SIGNAL:
-        return signals, Reason("velocity", "in the positions' unit per second", told), None
-    return signals.without("velocity"), None, f"not used: {told}; position is differentiated instead"
+        return signals, Reason("velocity", "in the positions' unit per second", seen), None
+    return signals.without("velocity"), None, f"not used: {seen}; position is differentiated instead"
 
 
 def sample_rate(signals: Signals, stated: float | None, angle: Unit) -> tuple[float | None, Reason | None]:
@@ -137,9 +137,9 @@ def joint_order(signals: Signals, time: Unit, angle: Unit, arm: ArmModel) -> tup
     for order in orders:
         states = states_of(signals, time, angle, arm, order)
         shares.append(0.0 if states is None else follow(states)[0])
-    told = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
+    seen = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
     best = orders[1] if shares[1] > shares[0] + CLEARLY_MORE else orders[0]
-    return best, Reason("joints", ", ".join(best), told)
+    return best, Reason("joints", ", ".join(best), seen)
 
 
 def torque_settings(
@@ -147,11 +147,11 @@ def torque_settings(
 ) -> tuple[str, dict[str, dict[str, Any]], list[Reason]]:
     """Sign and scale of each joint's torque, by what gravity, inertia and friction of the model explain.
 
-    Inertia tells no gain: what a motor feels beside the URDF's links is its own rotor.
+    No gain follows from inertia: what a motor feels beside the URDF's links is its own rotor.
 
     Args:
         signals: The columns.
-        states: Filtered motion, joints in the robot's order; None where it is too short to tell.
+        states: Filtered motion, joints in the robot's order; None where it is too short.
         joints: Names of the states' joints.
         nominal: `effort` or `current`: what the columns' names say.
 

@@ -1,1 +1,1 @@
-"""Arms through time: figures of each session in a store, alarms whose false rate holds, pages of arm and fleet."""
+"""Arms through time: estimates of each session in a store, alarms whose false rate holds, pages of arm and fleet."""

@@ -19,17 +19,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
-from ident.monitor.e_process import ChangeBets
+from ident.monitor.e_process import EProcess
 from ident.monitor.estimates import UNITS, ParameterEstimate
 from ident.records import Record
 
 # Chance of any false alarm in an arm's life.
 LEVEL = 0.05
-# Evidence of one figure alone from which on it is told as a hint, no alarm yet: of arms in which nothing changes, one
-# look in twenty has one (32 figures, normal days, 1 to 40 sessions).
+# Evidence of one parameter alone from which on it is a hint, no alarm yet: of arms in which nothing changes, one
+# look in twenty has one (32 parameters, normal days, 1 to 40 sessions).
 HINT = 10.0
-# A session that tells a figure this many times worse than is usual says nothing about day-to-day spread: it is passed
-# over. Whether it is follows from its motions alone, not from what they gave.
+# A session whose estimate is this many times less certain than is usual says nothing about day-to-day spread: it is
+# passed over. Whether it is follows from its motions alone, not from what they gave.
 WORST_ERROR = 2.0
 # Parameters that follow the torque's scale.
 SCALED = ("gain", "rotor", "viscous", "coulomb")
@@ -47,18 +47,18 @@ class Point(ParameterEstimate):
 
 @dataclass(frozen=True)
 class Alarm(Record):
-    """A figure of an arm that has changed.
+    """A parameter of an arm that has changed.
 
     Attributes:
         arm, joint, figure: What.
-        session: After which session that was told.
-        since: The first session after the change, as far as that can be told.
-        evidence: Of this figure: how many times better a change explains its values than none.
+        session: After which session that was found.
+        since: The first session after the change, as far as that can be known.
+        evidence: Of this parameter: how many times better a change explains its values than none.
         probability: That something of the arm changed, where a change was as likely as none before.
-        before, after: Mean of the figure.
+        before, after: Mean of its estimates.
         low, high: 95 % interval of the change.
         spread: Day-to-day standard deviation before the change.
-        scale, scale_low, scale_high: Factor by which all figures of the joint changed alike, if they did.
+        scale, scale_low, scale_high: Factor by which all parameters of the joint changed alike, if they did.
     """
 
     arm: str
@@ -83,7 +83,7 @@ class _Stream:
 
     def __init__(self) -> None:
         self.points: list[Point] = []
-        self.bets = ChangeBets()
+        self.bets = EProcess()
         self.taken = 1.0  # what was taken away at alarms of other parameters
 
     @property
@@ -106,15 +106,15 @@ def find_changes(
 
     Args:
         arm: Its name.
-        history: (joint, figure) -> its points.
+        history: (joint, parameter) -> its points.
         order: Names of the sessions in order of time.
         level: Chance of any false alarm in the arm's life.
 
     Returns:
-        The alarms; the figure that speaks most for a change that is none yet, if one does.
+        The alarms; the parameter that speaks most for a change that is none yet, if one does.
     """
     streams = {key: _Stream() for key in history}
-    # All that the joints could have: a figure that first appears later must not change what was told before.
+    # All that the joints could have: one that first appears later must not change what was reported before.
     count = max(len(streams), len({joint for joint, _ in history}) * len(UNITS))
     by_session: dict[str, list[tuple[tuple[str, str], Point]]] = {name: [] for name in order}
     for key, points in history.items():
@@ -128,7 +128,7 @@ def find_changes(
         evidence = (sum(stream.evidence for stream in streams.values()) + count - len(streams)) / max(count, 1)
         if evidence < 1.0 / level:
             continue
-        # The figure with most evidence, and every other that would have been enough alone.
+        # The parameter with most evidence, and every other that would have been enough alone.
         ranked = sorted(streams, key=lambda key: -streams[key].evidence)
         enough = count / level
         named = [key for i, key in enumerate(ranked) if i == 0 or streams[key].evidence >= enough]
@@ -160,7 +160,7 @@ def _describe(
     for (joint, name), other in streams.items():
         for point in other.points if joint == key[0] else ():
             (before if point.session in past else after).setdefault(name, []).append(point.value)
-    scale = common_scale(before, after)
+    scale = gain_change(before, after)
     return Alarm(
         arm=arm,
         joint=key[0],
@@ -178,7 +178,7 @@ def _describe(
     )
 
 
-def common_scale(
+def gain_change(
     before: Mapping[str, Sequence[float]], after: Mapping[str, Sequence[float]]
 ) -> tuple[float, float, float] | None:
     """The factor on a joint's torque with its 95 % interval; None where its parameters did not change alike.
@@ -191,7 +191,7 @@ def common_scale(
         early, late = (np.array(values.get(name, ())) for values in (before, after))
         if len(early) < 2 or len(late) < 2 or early.mean() <= 0.0 or late.mean() <= 0.0:
             continue
-        # Days differ as much after the change as before: both tell the spread.
+        # Days differ as much after the change as before: both show the spread.
         square = ((early - early.mean()) ** 2).sum() + ((late - late.mean()) ** 2).sum()
         variance = square * (1 / len(early) / early.mean() ** 2 + 1 / len(late) / late.mean() ** 2)
         ratios.append(np.log(late.mean() / early.mean()))

@@ -1,6 +1,6 @@
-"""Has a figure changed from some session on? Evidence that may be looked at after every session.
+"""Has a parameter changed from some session on? Evidence that may be looked at after every session.
 
-Null hypothesis: the values x₁, x₂, … of a figure are independent draws of one normal distribution, whose mean and
+Null hypothesis: the values x₁, x₂, … of a parameter are independent draws of one normal distribution, whose mean and
 spread (that of one day from the next, errors of measurement included) nobody knows. Alternative: from session k + 1
 on the mean is shifted by δ times the spread, δ ~ N(0, c²). With the right Haar prior on mean and spread, under both,
 the Bayes factor of the first m values depends on their maximal invariant alone, whose law is the same for every mean
@@ -31,15 +31,16 @@ import numpy as np
 
 from ident.arrays import Array, Float, Int
 
-# Sessions before the first change that is looked for: three tell a mean and a spread.
+# Sessions before the first change that is looked for: three give a mean and a spread.
 LEAST_BEFORE = 3
 # Prior spread of a change, in day-to-day spreads: changes that matter are one to five of them.
 CHANGE_SIZE = 2.0
 # Half of all weight lies on changes within so many sessions after the first ones: half a year of weekly sessions.
 HALF_WEIGHT = 30.0
-# Most that one session may multiply the evidence with. In arm-years of 34 figures, level 5 %, it gave an alarm to none
-# of 100 with normal days, none of 100 with Student's t of three degrees of freedom, and 10 of 160 with lognormal days
-# (`tests/bench/bench_watch.py`); without a cut one figure of such t-distributed days in twelve reaches an arm's alarm.
+# Most that one session may multiply the evidence with. In arm-years of 34 parameters, level 5 %, it gave an alarm to
+# none of 100 with normal days, none of 100 with Student's t of three degrees of freedom, and 10 of 160 with lognormal
+# days (`tests/bench/bench_watch.py`); without a cut one parameter in twelve of such t-distributed days reaches an arm's
+# alarm.
 MOST_GROWTH = 20.0
 # Differences below this share of the values are rounding.
 ROUNDING = 1e-12
@@ -51,8 +52,8 @@ def prior_weight(before: Float[Array, " k"] | Array) -> Float[Array, " k"]:
     return HALF_WEIGHT / ((place + HALF_WEIGHT) * (place + HALF_WEIGHT + 1.0))
 
 
-class ChangeBets:
-    """The evidence of a change in one figure, value by value."""
+class EProcess:
+    """The evidence of a change in one parameter, value by value."""
 
     def __init__(self) -> None:
         self._origin = 0.0
@@ -65,7 +66,7 @@ class ChangeBets:
         self.before = 0
 
     def add(self, value: float) -> float:
-        """Takes one more value; `before` tells how many lie before the change that fits best.
+        """Takes one more value; `before` says how many lie before the change that fits best.
 
         Returns:
             The evidence after it.
@@ -95,6 +96,6 @@ class ChangeBets:
         after = m - before
         length = before * after / m
         along = total - np.array(self._sums)[before - 1] - after * total / m
-        told = CHANGE_SIZE**2 * along**2 / (1.0 + CHANGE_SIZE**2 * length)
-        left = np.maximum(spread - told, ROUNDING * spread)
+        explained = CHANGE_SIZE**2 * along**2 / (1.0 + CHANGE_SIZE**2 * length)
+        left = np.maximum(spread - explained, ROUNDING * spread)
         return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(CHANGE_SIZE**2 * length)

@@ -5,7 +5,7 @@
 clear of reversals and through the common filter; the rigid torque is that of the reference arm (the URDF, or a model
 fitted once). The gain is estimated where gravity moves the joint: elsewhere nothing parts it from the rotor's inertia.
 What these leave is the gap. A reference that is wrong shifts an estimate by the same amount every day, as long as the
-motions are the same; other motions every day widen the day-to-day spread, by which every change is judged.
+motions are the same; other motions every day widen the day-to-day spread, against which every change is tested.
 """
 
 from __future__ import annotations

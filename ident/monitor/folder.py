@@ -114,15 +114,15 @@ def date_of(session: FoundSession, first: float | None) -> str:
         first: Its first stamp [s].
     """
     own = session.path / NAME
-    told = load_session_file(own).metadata.get("date") if own.is_file() else None
-    if told is not None:
+    written = load_session_file(own).metadata.get("date") if own.is_file() else None
+    if written is not None:
         try:
-            moment = told if isinstance(told, date) else datetime.fromisoformat(told)
+            moment = written if isinstance(written, date) else datetime.fromisoformat(written)
             if isinstance(moment, datetime) and moment.tzinfo is not None:
                 moment = moment.astimezone(UTC).replace(tzinfo=None)  # so that all dates can be put in order
             return moment.isoformat()
         except (ValueError, TypeError, OverflowError):
-            raise InputError(own, f"date = {told!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
+            raise InputError(own, f"date = {written!r}", "write it as 2026-05-03 or 2026-05-03T14:00:00") from None
     for match in DATES.finditer(session.name):
         try:
             return date(int(match[1] or 2000 + int(match[2])), int(match[4]), int(match[5])).isoformat()

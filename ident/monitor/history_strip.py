@@ -1,4 +1,4 @@
-"""A figure over the sessions as a small inline SVG: points, their intervals, and where a change began.
+"""A parameter over the sessions as a small inline SVG: points, their intervals, and where a change began.
 
 Drawn by hand: a page of an arm holds dozens, for which a plotting library takes minutes.
 """
@@ -20,7 +20,7 @@ WIDEST = 1.0
 
 
 def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str) -> Markup:
-    """One figure over time.
+    """One parameter over time.
 
     Args:
         points: In order of time.

@@ -1,8 +1,8 @@
-"""Sessions that stand out: one figure far from all its other days, as when a tool was left on. No alarm, a hint.
+"""Outliers: sessions in which one parameter is far from all its other days, as when a tool was left on.
 
-Each value is held against the mean and spread of the figure's other sessions since its last change (deleted residual,
-Student's t); the level is shared between all values of the arm (Bonferroni). So a look at normal days has a false hint
-with that chance; unlike an alarm's, it is one look's, not that of all looks together.
+No alarm, a hint. Each estimate is held against the mean and spread of the parameter's other sessions since its last
+change (deleted residual, Student's t); the level is shared between all estimates of the arm (Bonferroni). So a look at
+normal days has a false hint with that chance; unlike an alarm's, it is one look's, not that of all looks together.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from ident.records import Record
 
 # Chance of a false hint in one look at an arm.
 LEVEL = 0.05
-# Other sessions that tell what is usual.
+# Other sessions by which the usual is known.
 LEAST_OTHERS = 4
 
 
 @dataclass(frozen=True)
-class OddSession(Record):
-    """A figure that one session alone has.
+class Outlier(Record):
+    """An estimate that one session alone has.
 
     Attributes:
         arm, joint, figure, session: What.
-        value: The figure there.
+        value: The estimate there.
         usual, spread: Mean and standard deviation of the other sessions.
         p_value: Of a value so far off, before it is shared.
     """
@@ -44,19 +44,19 @@ class OddSession(Record):
     p_value: float
 
 
-def find_odd_sessions(
+def find_outliers(
     arm: str, history: Mapping[tuple[str, str], Sequence[Point]], alarms: Sequence[Alarm], level: float = LEVEL
-) -> tuple[OddSession, ...]:
-    """The oddest figure of each session that stands out.
+) -> tuple[Outlier, ...]:
+    """The most extreme estimate of each session that stands out.
 
     Args:
         arm: Its name.
-        history: (joint, figure) -> its points, in order of time.
+        history: (joint, parameter) -> its points, in order of time.
         alarms: What has changed: days before and after are not compared.
         level: Chance of a false hint.
     """
     tests = sum(len(points) for points in history.values())
-    found: dict[str, OddSession] = {}
+    found: dict[str, Outlier] = {}
     for (joint, figure), points in history.items():
         starts = {alarm.since for alarm in alarms if (alarm.joint, alarm.figure) == (joint, figure)}
         stretch = list(accumulate(point.session in starts for point in points))
@@ -70,5 +70,5 @@ def find_odd_sessions(
             p = 2.0 * float(stdtr(len(others) - 1, -abs(point.value - usual) / scale))
             known = found.get(point.session)
             if p * tests < level and (known is None or p < known.p_value):
-                found[point.session] = OddSession(arm, joint, figure, point.session, point.value, usual, spread, p)
+                found[point.session] = Outlier(arm, joint, figure, point.session, point.value, usual, spread, p)
     return tuple(found.values())

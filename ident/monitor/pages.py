@@ -12,13 +12,13 @@ from ident.monitor.alarms import Alarm
 from ident.monitor.estimates import unit_of
 from ident.monitor.history_strip import draw_strip
 from ident.monitor.store import Store
-from ident.monitor.watch import ArmHistory, Watch, tell_odd
+from ident.monitor.watch import ArmHistory, Watch, outlier_line
 from ident.show.report.numbers import significant
 from ident.show.report.page import FilledSection, Section, write_report
 from ident.show.report.provenance import FactsSection
 from ident.show.report.words import effect_name
 
-# What a person at the cell does about a figure that has changed.
+# What a person at the cell does about a parameter that has changed.
 ACTIONS = {
     "gain": "check the drive's current scale and firmware, and what the arm carries",
     "rotor": "check coupling and gear: the motor turns another inertia",
@@ -104,7 +104,7 @@ def arm_verdict(arm: ArmHistory, level: float) -> Section:
             f"to 1 for one of {plural(len(arm.figures), 'figure')} that are watched, too little for an alarm: record "
             "another session or two."
         )
-    odd = [tell_odd(one).removeprefix(f"{arm.arm}: ") for one in arm.odd]
+    odd = [outlier_line(one).removeprefix(f"{arm.arm}: ") for one in arm.odd]
     return verdict_section(headline, reversed(arm.alarms), odd, hint=hint, level=level, fleet=False)
 
 
@@ -118,7 +118,7 @@ def fleet_verdict(found: Watch) -> Section:
     else:
         who = "The arm has not" if len(found.arms) == 1 else f"None of {len(found.arms)} arms has"
         headline = f"{who} changed beyond what days differ by."
-    odd = [tell_odd(one) for arm in found.arms for one in arm.odd]
+    odd = [outlier_line(one) for arm in found.arms for one in arm.odd]
     return verdict_section(headline, alarms, odd, level=found.level, fleet=True)
 
 

@@ -26,7 +26,7 @@ LEVEL = 0.95
 HABIT = 0.30
 # Parameters of which a share makes sense; a torque offset has no scale of its own.
 SCALED = ("gain", "rotor", "viscous", "coulomb")
-# Held-out days need so many others to tell a spread from.
+# Held-out days need so many others to estimate a spread from.
 LEAST_DAYS = 3
 
 

@@ -50,7 +50,7 @@ SCHEMAS: dict[str, dict[str, pa.DataType]] = {
 DONE = "sessions"
 # Names of files have 255 bytes at the most; an ending and a temporary name's beginning need some.
 LONGEST_NAME = 180
-# Whatever else is missing in a row, without these it says nothing; a fit session's figures have all their numbers.
+# Whatever else is missing in a row, without these it says nothing; a fit session's estimates have all their numbers.
 NEEDED = ("arm", "session", "date", "joint", "figure", "status", "effect", "value", "low", "high", "std")
 
 

@@ -14,7 +14,7 @@ from ident.errors import plural
 from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
 from ident.monitor.estimates import UNITS, unit_of
 from ident.monitor.folder import STORE_KIND, find_sessions
-from ident.monitor.outliers import OddSession, find_odd_sessions
+from ident.monitor.outliers import Outlier, find_outliers
 from ident.monitor.session_work import WatchOptions, examine_session
 from ident.monitor.store import Store, write_rows
 from ident.outputs import begin_folder
@@ -31,7 +31,7 @@ class ArmHistory:
     Attributes:
         arm: Its name.
         sessions: Rows of its sessions, in order of time.
-        figures: (joint, figure) -> its points, in order of time.
+        figures: (joint, parameter) -> its points, in order of time.
         effects: Rows of the effects that diagnoses named.
         alarms: What has changed.
         odd: Sessions that stand out.
@@ -43,7 +43,7 @@ class ArmHistory:
     figures: dict[tuple[str, str], list[Point]]
     effects: tuple[dict[str, Any], ...] = ()
     alarms: tuple[Alarm, ...] = ()
-    odd: tuple[OddSession, ...] = ()
+    odd: tuple[Outlier, ...] = ()
     hint: Alarm | None = None
 
     def record(self) -> dict[str, Any]:
@@ -111,17 +111,17 @@ class Watch(Result):
         unfit = [row for arm in self.arms for row in arm.sessions if row["status"] != "done"]
         lines += [f"{row['arm']}/{row['session']}: {row['status']}: {row['reason']}" for row in unfit]
         lines += [f"{name}: waits: it was written to a moment ago (--settle says how long)" for name in self.waiting]
-        lines += [tell_odd(one) for arm in self.arms for one in arm.odd]
-        lines += [tell_alarm(alarm) for alarm in self.alarms]
+        lines += [outlier_line(one) for arm in self.arms for one in arm.odd]
+        lines += [alarm_line(alarm) for alarm in self.alarms]
         lines += [] if self.alarms else ["no alarm"]
-        lines += [f"no alarm yet, but perhaps: {tell_alarm(arm.hint)}" for arm in self.arms if arm.hint is not None]
+        lines += [f"no alarm yet, but perhaps: {alarm_line(arm.hint)}" for arm in self.arms if arm.hint is not None]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.summary())}</pre>"
 
 
-def tell_alarm(alarm: Alarm) -> str:
+def alarm_line(alarm: Alarm) -> str:
     """An alarm in one line."""
     if alarm.scale is not None and alarm.scale_low is not None and alarm.scale_high is not None:
         low, high = 100.0 * (alarm.scale_low - 1.0), 100.0 * (alarm.scale_high - 1.0)
@@ -132,7 +132,7 @@ def tell_alarm(alarm: Alarm) -> str:
     return f"{alarm.arm}: {alarm.joint} {alarm.figure} changed by {change} {past}"
 
 
-def tell_odd(one: OddSession) -> str:
+def outlier_line(one: Outlier) -> str:
     """A session that stands out, in one line."""
     return (
         f"{one.arm}: {one.session} stands out: {one.joint} {one.figure} is {one.value:.3g}{unit_of(one.figure)}, "
@@ -213,6 +213,6 @@ def make_history(
     for own in points.values():
         own.sort(key=lambda point: place[point.session])
     alarms, hint = find_changes(arm, points, order, level)
-    odd = find_odd_sessions(arm, points, alarms)
+    odd = find_outliers(arm, points, alarms)
     named = tuple(row for row in effects if row["session"] in place)
     return ArmHistory(arm, ordered, dict(points), named, alarms, odd, hint)

@@ -39,7 +39,7 @@ class TelemetryIssue(Record):
         issue: Identifier, one of the contract's list (``position_wraps``, ``jitter``, …).
         joints: Names of the joints concerned; empty where the whole run is.
         severity: ``note`` was mended or is harmless, ``warning`` weakens results, ``fatal`` forbids a fit.
-        evidence: What was seen, with figures and the run's name.
+        evidence: What was seen, with numbers and the run's name.
         remedy: What the user can do.
     """
 

@@ -119,7 +119,7 @@ def _decimal(rows: list[tuple[int, str]], separator: str) -> str:
 def ends_within_cell(path: Path, layout: TextLayout) -> bool:
     """Whether the file's last cell is surely cut short although it is still a number.
 
-    Told by a missing line end and fewer decimals than all rows before: only tables of fixed decimals can tell.
+    Seen by a missing line end and fewer decimals than all rows before: only tables of fixed decimals show it.
     """
     with path.open("rb") as stream:
         stream.seek(0, 2)

@@ -57,7 +57,7 @@ class LumpedParameters:
 
 
 def lumped_parameters(arm: ArmModel) -> LumpedParameters:
-    """The paper's figures from an arm's first three joints and the masses beyond them.
+    """The paper's parameters from an arm's first three joints and the masses beyond them.
 
     Raises:
         RobotError: The arm is not of the paper's kind: joint 1 vertical, joints 2 and 3 horizontal and parallel.

@@ -37,7 +37,7 @@ def gripper_joints(root: ET.Element) -> list[str]:
 
     At a fork the arm goes on in the branch that is as long as an arm (more than `MOST_FINGER_JOINTS` joints one after
     the other). Where no branch is, or the joints before the fork are an arm already, they are fingers. Empty where
-    there is no telling which branch is the arm: several are long enough, or none is and they begin at the base.
+    which branch is the arm can't be known: several are long enough, or none is and they begin at the base.
     """
     children: dict[str, list[ET.Element]] = {}
     for joint in root.findall("joint"):

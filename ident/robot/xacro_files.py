@@ -58,7 +58,7 @@ def expand(path: Path) -> str:
         with _ONE_AT_A_TIME:
             return str(_Expansion(path).text())
     except ImportError:
-        raise  # of an extra: told where all of them are
+        raise  # of an extra: reported where all of them are
     except Exception as error:  # the XML parser, the expressions and the package each raise their own
         reason = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error).strip()
         reason = (reason.splitlines() or [type(error).__name__])[0]

@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 from ident.checks.report import JointEffort
 from ident.infer.guess import Reason
 from ident.monitor.alarms import Alarm
-from ident.monitor.outliers import OddSession
+from ident.monitor.outliers import Outlier
 from ident.recordings.recording import TelemetryIssue
 from ident.schemas.diagnosis import ArmRecord, DiagnosisRecord, OriginRecord
 
@@ -196,7 +196,7 @@ class WatchRecord(OriginRecord):
     alarms: list[Alarm]
     fresh: NotRequired[list[str]]
     waiting: NotRequired[list[str]]
-    odd: NotRequired[list[OddSession]]
+    odd: NotRequired[list[Outlier]]
 
 
 class RoundRecord(TypedDict):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.monitor.alarms import HINT, Alarm, Point, common_scale, find_changes
-from ident.monitor.outliers import find_odd_sessions
+from ident.monitor.alarms import HINT, Alarm, Point, find_changes, gain_change
+from ident.monitor.outliers import find_outliers
 
 KEYS = [(f"joint_{j}", figure) for j in (1, 2) for figure in ("viscous", "coulomb", "gap")]
 NAMES = [f"s{i:03}" for i in range(60)]
@@ -90,7 +90,7 @@ def test_one_odd_session_stands_out_and_is_no_alarm() -> None:
     odd = points[key][place]
     points[key][place] = Point(25.0, 24.8, 25.2, 0.1, odd.session, odd.date)
     alarms = find_changes("arm", points, NAMES)[0]
-    (found,) = find_odd_sessions("arm", points, alarms)
+    (found,) = find_outliers("arm", points, alarms)
     assert (found.joint, found.figure, found.session) == (*key, NAMES[place])
     assert 9.0 < found.usual < 11.0
     assert {(alarm.joint, alarm.figure) for alarm in alarms} == {("joint_2", "viscous")}
@@ -107,9 +107,9 @@ def test_figures_that_change_alike_are_the_torques_scale() -> None:
             for name, mean in means.items()
         }
 
-    scale = common_scale(days({}, 8), days(dict.fromkeys(means, 1.08), 6))
+    scale = gain_change(days({}, 8), days(dict.fromkeys(means, 1.08), 6))
     assert scale is not None
     assert scale[1] < 1.08 < scale[2]
     assert scale[2] - scale[1] < 0.03
-    assert common_scale(days({}, 8), days({"coulomb": 1.08}, 6)) is None
-    assert common_scale(days({}, 8), days({}, 6)) is None
+    assert gain_change(days({}, 8), days({"coulomb": 1.08}, 6)) is None
+    assert gain_change(days({}, 8), days({}, 6)) is None

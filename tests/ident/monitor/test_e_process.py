@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.monitor.e_process import LEAST_BEFORE, MOST_GROWTH, ChangeBets, prior_weight
+from ident.monitor.e_process import LEAST_BEFORE, MOST_GROWTH, EProcess, prior_weight
 
 
 def evidence(values: np.ndarray) -> np.ndarray:
-    bets = ChangeBets()
+    bets = EProcess()
     return np.array([bets.add(float(value)) for value in values])
 
 
@@ -37,7 +37,7 @@ def test_however_often_one_looks_false_alarms_stay_below_the_level() -> None:
 def test_a_change_is_told_and_dated() -> None:
     """Five spreads after 20 sessions: beyond any level in use within ten sessions, dated to the session."""
     rng = np.random.default_rng(2)
-    bets = ChangeBets()
+    bets = EProcess()
     for value in [*rng.standard_normal(20), *(5.0 + rng.standard_normal(10))]:
         bets.add(float(value))
     assert bets.evidence > 1e4
