@@ -52,7 +52,7 @@ def oracle_accuracy(simulation: Simulation, seed: int = 0) -> float | None:
             shown = meter.show(cause, scene, size, seed, true.view, true.needs_all)
         except InputError:  # the arm can't move with it: it is not what happened
             continue
-        level = shown.level(floor)
+        level = float((shown.rms / floor).max())
         if level > LEAST_SHOWN:
             signatures.append(shown.torque / level)
     stack = np.stack(signatures, axis=2)

@@ -18,9 +18,6 @@ from ident.errors import InputError
 from ident.files import atomic_write
 from ident.safe_read import read_json
 
-SCHEMA = "ident.answer/1"
-ENVELOPE_SCHEMA = "ident.envelope/1"
-ANSWER_NAME = "answer.json"
 ENVELOPE_NAME = "envelope.json"
 # Answers are padded to a multiple of this length: the length of the envelope tells nothing.
 PADDING = 4096
@@ -28,47 +25,29 @@ PADDING = 4096
 
 @dataclass(frozen=True)
 class TrueEffect:
-    """One thing that was wrong.
+    """One thing that was wrong."""
 
-    Attributes:
-        effect: Id, of the catalogue or outside it.
-        in_catalogue: Which of the two.
-        joints: The joint, or none for the whole arm.
-        size: Size in the unit of `parameter`.
-        parameter: Name of the size.
-        parameters: True parameters, by the contract's names where they exist there.
-        visible_Nm: Visible amplitude at each joint; empty where it was not measured.
-    """
-
-    effect: str
-    in_catalogue: bool
-    joints: tuple[str, ...]
-    size: float
-    parameter: str
-    parameters: dict[str, float | str]
-    visible_Nm: dict[str, float] = field(default_factory=dict)
+    effect: str  # id, of the catalogue or outside it
+    in_catalogue: bool  # which of the two
+    joints: tuple[str, ...]  # the joint, or none for the whole arm
+    size: float  # in the unit of `parameter`
+    parameter: str  # name of the size
+    parameters: dict[str, float | str]  # true parameters, by the contract's names where they exist there
+    visible_Nm: dict[str, float] = field(default_factory=dict)  # visible amplitude at each joint; empty if not measured
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What happened in a session.
-
-    Attributes:
-        robot: Name of the robot.
-        seed: Seed of the session.
-        effects: What was wrong.
-        decoys: Decoys.
-        noise_floor_Nm: What the best model leaves at each joint: the torque's noise, and what else its world adds.
-        world: The world that it was drawn in; empty without one.
-        losses: Rotor inertia, viscous and dry friction of each joint; empty without a world.
-    """
+    """What happened in a session."""
 
     robot: str
     seed: int
-    effects: tuple[TrueEffect, ...]
+    effects: tuple[TrueEffect, ...]  # what was wrong
     decoys: tuple[str, ...]
+    # What the best model leaves at each joint: the torque's noise, and what else its world adds.
     noise_floor_Nm: dict[str, float]
-    world: dict[str, Any] = field(default_factory=dict)
+    world: dict[str, Any] = field(default_factory=dict)  # that it was drawn in; empty without one
+    # Rotor inertia, viscous and dry friction of each joint; empty without a world.
     losses: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,7 +56,7 @@ class Answer:
         for name in ("world", "losses"):
             if not values[name]:
                 del values[name]
-        return {"schema": SCHEMA, **values}
+        return {"schema": "ident.answer/1", **values}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Answer:
@@ -87,55 +66,23 @@ class Answer:
         return cls(values["robot"], values["seed"], effects, tuple(values["decoys"]), values["noise_floor_Nm"], *rest)
 
 
-def write_answer(answer: Answer, folder: Path) -> Path:
-    """Writes the answer in plain text."""
-    path = folder / ANSWER_NAME
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(answer.to_dict(), indent=1) + "\n", encoding="utf-8")
-    return path
-
-
-def read_answer(path: Path) -> Answer:
-    """Reads an answer in plain text.
-
-    Raises:
-        InputError: Not an answer.
-    """
-    try:
-        return Answer.from_dict(read_json(path, "give the answer.json of a session"))
-    except (AttributeError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            path, f"no answer can be read from it ({error})", "give the answer.json of a session"
-        ) from None
-
-
 def seal(answer: Answer, folder: Path, key: bytes) -> str:
-    """Writes the answer into an envelope.
+    """Writes the answer into an envelope in the session's folder; returns the envelope's SHA-256.
 
-    Args:
-        answer: What happened.
-        folder: The session's folder.
-        key: Secret of 16 bytes or more, not used for another envelope.
-
-    Returns:
-        SHA-256 of the envelope.
+    The key is a secret of 16 bytes or more, not used for another envelope.
     """
     plain = json.dumps(answer.to_dict()).encode()
     padded = plain.ljust(-(-(len(plain) + 1) // PADDING) * PADDING)
     text = _cipher(padded, key)
     tag = hmac.new(_derive(key, b"tag"), text, hashlib.sha256).hexdigest()
-    envelope = json.dumps({"schema": ENVELOPE_SCHEMA, "tag": tag, "text": text.hex()}) + "\n"
+    envelope = json.dumps({"schema": "ident.envelope/1", "tag": tag, "text": text.hex()}) + "\n"
     with atomic_write(folder / ENVELOPE_NAME) as temporary:
         temporary.write_text(envelope, encoding="utf-8")
     return hashlib.sha256(envelope.encode()).hexdigest()
 
 
 def open_envelope(path: Path, key: bytes) -> Answer:
-    """Opens an envelope.
-
-    Args:
-        path: The session's folder, or the envelope in it.
-        key: The key that it was sealed with.
+    """Opens an envelope (the file, or the session's folder that holds it) with the key that it was sealed with.
 
     Raises:
         InputError: Not an envelope, changed since it was sealed, or another key.

@@ -14,20 +14,13 @@ from ident.arrays import Array
 
 
 class Contact(NamedTuple):
-    """One push.
+    """One push."""
 
-    Attributes:
-        body: MuJoCo's number of the link's body; 0 for none.
-        start, end: Begin and end, since the start of the run [s].
-        force: Force in the base frame [N], shape (3,).
-        point: Where it acts, in the link's frame [m], shape (3,).
-    """
-
-    body: int
-    start: float
+    body: int  # MuJoCo's number of the link's body; 0 for none
+    start: float  # begin and end, since the start of the run [s]
     end: float
-    force: Array
-    point: Array
+    force: Array  # in the base frame [N], shape (3,)
+    point: Array  # where it acts, in the link's frame [m], shape (3,)
 
 
 def no_contact() -> Contact:

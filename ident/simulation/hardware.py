@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
 from ident.simulation.contact import Contact, no_contact
@@ -15,47 +15,30 @@ from ident.simulation.friction import plain_friction
 from ident.simulation.laws import Law, change_law, make_law
 from ident.simulation.mjcf import Bodies, nominal_bodies
 from ident.simulation.outside import OUTSIDE
-from ident.simulation.sensing import Sensing, ideal_sensing
+from ident.simulation.sensing import Sensing
 from ident.simulation.thermal import heat_law
 from ident.simulation.transmission import rigid_drive
-
-# Controller's bandwidth and damping ratio.
-BANDWIDTH_RAD_S = 80.0
-DAMPING_RATIO = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Hardware:
-    """One individual arm with all that the URDF does not say.
+    """One individual arm with all that the URDF does not say."""
 
-    Attributes:
-        arm: The nominal model, known to everybody.
-        bodies: Its real links.
-        friction, drive, heat, outside, contact: Its laws.
-        sensing: Its sensors.
-        bandwidth, damping_ratio: Of its controller, against the nominal inertia [rad/s], [1].
-        friction_spread: Relative change of the friction from run to run.
-        contact_run: Number of the run in which the contact happens; -1 for all.
-        friction_path: Factors on dry and viscous friction of each run, shape (R, 2, n), instead of a spread.
-        feed_forward: What its controller adds: gravity (`none`), the `rigid` model, or that and `friction`.
-        loop_noise: Share of rated torque that encoder noise becomes in the loop at most; no bound if None.
-    """
-
-    arm: ArmModel
-    bodies: Bodies
-    friction: Law
+    arm: ArmModel  # the nominal model, known to everybody
+    bodies: Bodies  # its real links
+    friction: Law  # its laws
     drive: Law
     heat: Law
     outside: Law
     contact: Contact
-    sensing: Sensing
-    bandwidth: float = BANDWIDTH_RAD_S
-    damping_ratio: float = DAMPING_RATIO
-    friction_spread: float = 0.01
-    contact_run: int = -1
-    friction_path: Array | None = None
-    feed_forward: str = "rigid"
-    loop_noise: float | None = None
+    sensing: Sensing  # its sensors
+    bandwidth: float = 80.0  # of its controller, against the nominal inertia [rad/s]
+    damping_ratio: float = 0.8
+    friction_spread: float = 0.01  # relative change of the friction from run to run
+    contact_run: int = -1  # number of the run in which the contact happens; -1 for all
+    friction_path: Array | None = None  # factors on dry and viscous friction of each run, (R, 2, n); else the spread
+    feed_forward: str = "rigid"  # what its controller adds: gravity (`none`), the `rigid` model, or that and `friction`
+    loop_noise: float | None = None  # share of rated torque that encoder noise becomes in the loop at most
 
     @property
     def n(self) -> int:
@@ -73,29 +56,6 @@ class Hardware:
             **values: New values by the law's column.
         """
         return self.replace(**{part: change_law(getattr(self, part), joint, **values)})
-
-
-def gear_ratio(arm: ArmModel) -> Float[Array, " n"]:
-    """Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have."""
-    scale = rated_torque(arm)
-    return np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
-
-
-def nominal_hardware(arm: ArmModel) -> Hardware:
-    """The arm exactly as its URDF says, without friction, rotors or noise."""
-    n, scale = arm.n, rated_torque(arm)
-    zero = np.zeros(n)
-    return Hardware(
-        arm=arm,
-        bodies=nominal_bodies(n).replace(gravity=np.array(arm.model.gravity.linear)),
-        friction=plain_friction(zero, zero, np.ones(n)),
-        drive=rigid_drive(zero, scale),
-        heat=heat_law(np.ones(n)),
-        outside=make_law(OUTSIDE, n),
-        contact=no_contact(),
-        sensing=ideal_sensing(n),
-        friction_spread=0.0,
-    )
 
 
 def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float = 0.03) -> Hardware:
@@ -124,7 +84,8 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         gravity=np.array(arm.model.gravity.linear),
     )
     rated_loss = coulomb * 0.6 + viscous * 0.6**2
-    ratio = gear_ratio(arm)
+    # Gear ratios: 100 at the strong joints, 80 at the weak ones, as strain-wave gears of these sizes have.
+    ratio = np.where(scale > 0.5 * scale.max(), 100.0, 80.0)
     drive = change_law(rigid_drive(rotor, scale), ripple_order=2.0 * ratio)
     return Hardware(
         arm=arm,

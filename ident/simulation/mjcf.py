@@ -24,68 +24,42 @@ def as_point(values: Sequence[float] | Array) -> Point:
 
 @dataclass(frozen=True)
 class AddedBody:
-    """A rigid body fixed to a link.
+    """A rigid body fixed to a link."""
 
-    Attributes:
-        link: Name of the link.
-        mass: Mass [kg]; a negative one takes material away from the link.
-        com: Centre of mass in the link's frame [m].
-        radius: Radius of gyration, the same about every axis [m].
-    """
-
-    link: str
-    mass: float
-    com: Point
-    radius: float = 0.0
+    link: str  # name of the link
+    mass: float  # [kg]; a negative one takes material away from the link
+    com: Point  # centre of mass in the link's frame [m]
+    radius: float = 0.0  # radius of gyration, the same about every axis [m]
 
 
 @dataclass(frozen=True)
 class Slosh:
-    """Liquid in a vessel on the last link: a mass on springs, free in three directions (outside the catalogue).
+    """Liquid in a vessel on the last link: a mass on springs, free in three directions (outside the catalogue)."""
 
-    Attributes:
-        mass: Moving mass [kg].
-        place: Its rest in the last link's frame [m].
-        frequency: Of its oscillation [Hz].
-        damping_ratio: Share of critical damping.
-    """
-
-    mass: float
-    place: Point
-    frequency: float = 2.0
-    damping_ratio: float = 0.08
+    mass: float  # moving mass [kg]
+    place: Point  # its rest in the last link's frame [m]
+    frequency: float = 2.0  # of its oscillation [Hz]
+    damping_ratio: float = 0.08  # share of critical damping
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """How the real links differ from the URDF's; the n joints' arrays are read-only.
+    """How the real links differ from the URDF's; the n joints' arrays are read-only."""
 
-    Attributes:
-        mass_scale: Factor on each link's mass and inertia, shape (n,).
-        inertia_scale: Further factor on the inertia about the centre of mass, shape (n,).
-        com_shift: Shift of the centres of mass [m], shape (n, 3).
-        geometry_shift: Shift of the joint frames in their parents [m], shape (n, 3).
-        gravity: In the base frame [m/s²], shape (3,).
-        added: Bodies fixed to links.
-        slosh: A swinging load, or None.
-        joint_inertia: Inertia that the joint itself adds (its rotor, where it is rigid) [kg m²], shape (n,).
-        tied: Rotors that two joints turn: (joint, other joint, ratio, inertia [kg m²]).
-    """
-
-    mass_scale: Float[Array, " n"]
-    inertia_scale: Float[Array, " n"]
-    com_shift: Float[Array, "n 3"]
-    geometry_shift: Float[Array, "n 3"]
-    joint_inertia: Float[Array, " n"]
-    gravity: Float[Array, " 3"]
-    added: tuple[AddedBody, ...] = ()
-    slosh: Slosh | None = None
-    tied: tuple[tuple[str, str, float, float], ...] = ()
+    mass_scale: Float[Array, " n"]  # factor on each link's mass and inertia
+    inertia_scale: Float[Array, " n"]  # further factor on the inertia about the centre of mass
+    com_shift: Float[Array, "n 3"]  # shift of the centres of mass [m]
+    geometry_shift: Float[Array, "n 3"]  # shift of the joint frames in their parents [m]
+    joint_inertia: Float[Array, " n"]  # that the joint itself adds (its rotor, where it is rigid) [kg m²]
+    gravity: Float[Array, " 3"]  # in the base frame [m/s²]
+    added: tuple[AddedBody, ...] = ()  # bodies fixed to links
+    slosh: Slosh | None = None  # a swinging load
+    tied: tuple[tuple[str, str, float, float], ...] = ()  # rotors of two joints: joint, other, ratio, inertia [kg m²]
 
     def __post_init__(self) -> None:
-        names = ("mass_scale", "inertia_scale", "com_shift", "geometry_shift", "joint_inertia", "gravity")
-        for name in names:
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, freeze(value))
 
     def replace(self, **changes: Any) -> Bodies:
         return replace(self, **changes)
@@ -113,12 +87,12 @@ def build_model(
     Returns:
         mujoco.MjModel, the n joints first, then those of a swinging load.
     """
-    spec = mujoco.MjSpec.from_string(_without_geometry(urdf))
+    spec = mujoco.MjSpec.from_string(without_geometry(urdf))
     # Fixed links (tool mounts, cameras) become part of the link that carries them; the perturbations then act on all.
     fixed = spec.compile()
     spec = _as_chain(fixed, joints, bodies)
     for body in bodies.added:
-        _add_body(spec, joints[links.index(body.link)], body)
+        _add_body(spec.body(joints[links.index(body.link)]), body)
     if bodies.slosh is not None:
         _add_slosh(spec, joints[-1], bodies.slosh)
     for joint, other, ratio, inertia in bodies.tied:
@@ -131,7 +105,8 @@ def build_model(
     return model
 
 
-def _without_geometry(urdf: str) -> str:
+def without_geometry(urdf: str) -> str:
+    """A URDF's text without what its links look like and collide with."""
     root = ET.fromstring(urdf)
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
@@ -169,9 +144,8 @@ def _as_chain(fixed: Any, joints: tuple[str, ...], bodies: Bodies) -> Any:
     return spec
 
 
-def _add_body(spec: Any, link: str, added: AddedBody) -> None:
+def _add_body(body: Any, added: AddedBody) -> None:
     """Fixes a body to a link, or takes one away: masses, first and second moments add."""
-    body = spec.body(link)
     mass = body.mass + added.mass
     old, com = np.array(body.ipos), np.array(added.com)
     centre = (body.mass * old + added.mass * com) / mass

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.errors import InputError
-from ident.files import atomic_folder
+from ident.files import atomic_folder, write_record
 from ident.outputs import SESSION_KIND, require_own_folder
 from ident.recordings.save import fill_session
-from ident.simulation.answer import seal, write_answer
+from ident.simulation.answer import seal
 from ident.simulation.record import Progress, no_progress
 from ident.simulation.simulate import Simulation, SimulationOptions, simulate
 from ident.trajectories.reference import ReferenceMotion
@@ -19,15 +19,7 @@ from ident.trajectories.reference import ReferenceMotion
 
 @dataclass(frozen=True)
 class WrittenSession:
-    """What was written.
-
-    Attributes:
-        folder: The session's folder.
-        runs, samples, duration_s: Its size.
-        robot, joints: Their names.
-        sha256: Of the envelope; empty without one.
-        key: Hexadecimal key that opens the envelope; kept nowhere else.
-    """
+    """What was written."""
 
     folder: Path
     runs: int
@@ -35,8 +27,8 @@ class WrittenSession:
     duration_s: float
     robot: str
     joints: tuple[str, ...]
-    sha256: str = ""
-    key: str = ""
+    sha256: str = ""  # of the envelope; empty without one
+    key: str = ""  # hexadecimal key that opens the envelope; kept nowhere else
 
 
 def write_simulation(
@@ -58,19 +50,17 @@ def write_simulation(
     Raises:
         InputError: Both an open and a sealed answer were asked for, or the folder holds something else.
     """
-    if answer and sealed:
-        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
-    target = Path(folder)
+    _choose_one(answer, sealed)
     session, digest, secret = simulation.session, "", key or secrets.token_bytes(16)
-    with atomic_folder(target, SESSION_KIND) as temporary:
+    with atomic_folder(Path(folder), SESSION_KIND) as temporary:
         fill_session(session, temporary)
         if answer:
-            write_answer(simulation.answer, temporary)
+            write_record(temporary / "answer.json", simulation.answer.to_dict())
         if sealed:
             digest = seal(simulation.answer, temporary, secret)
     size = len(session.runs), session.samples, session.duration
     key_text = secret.hex() if sealed else ""
-    return WrittenSession(target, *size, session.robot or "", session.joints, digest, key_text)
+    return WrittenSession(Path(folder), *size, session.robot or "", session.joints, digest, key_text)
 
 
 def simulate_to(
@@ -93,8 +83,12 @@ def simulate_to(
     Raises:
         InputError: As `simulate` and `write_simulation`.
     """
-    if answer and sealed:
-        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")
+    _choose_one(answer, sealed)
     require_own_folder(Path(folder), SESSION_KIND)
     simulation = simulate(options, name=Path(folder).name, progress=progress, motions=motions)
     return write_simulation(simulation, folder, answer, sealed)
+
+
+def _choose_one(answer: bool, sealed: bool) -> None:
+    if answer and sealed:
+        raise InputError("--sealed", "an answer in plain text beside a sealed one", "choose --answer or --sealed")

@@ -26,28 +26,17 @@ def no_progress() -> None:
 
 @dataclass(frozen=True)
 class Channels:
-    """What is logged.
+    """What is logged."""
 
-    Attributes:
-        rate: Log rate [Hz].
-        velocity: Whether the drives' velocities are logged.
-        commands: Whether commanded positions and velocities are.
-        temperature: Whether housing temperatures are.
-        velocity_kind: The controller's `estimate`, that estimate `filtered` again, `differenced` readings of the
-            logged position, or the `true` velocity.
-        velocity_delay: How late the filter is [s].
-        jitter: Largest deviation of a sample's instant from the even grid, as a share of the interval.
-        lost: Share of samples that are missing.
-    """
-
-    rate: float = 250.0
-    velocity: bool = True
-    commands: bool = True
-    temperature: bool = False
+    rate: float = 250.0  # log rate [Hz]
+    velocity: bool = True  # whether the drives' velocities are logged
+    commands: bool = True  # whether commanded positions and velocities are
+    temperature: bool = False  # whether housing temperatures are
+    # The controller's `estimate`, that `filtered` again, `differenced` readings of the position, or the `true` one.
     velocity_kind: str = "estimate"
-    velocity_delay: float = 0.0
-    jitter: float = 0.0
-    lost: float = 0.0
+    velocity_delay: float = 0.0  # how late the filter is [s]
+    jitter: float = 0.0  # largest deviation of a sample's instant from the even grid, as a share of the interval
+    lost: float = 0.0  # share of samples that are missing
 
 
 def draw_pauses(runs: int, bounds: tuple[float, float], rng: np.random.Generator) -> list[float]:

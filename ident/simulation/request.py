@@ -11,23 +11,17 @@ from ident.robot.arm import ArmModel
 from ident.simulation.causes import Cause, find_cause
 
 WHOLE_ARM = ("", "arm", "all", "-")
+_SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")
 
 
 @dataclass(frozen=True)
 class EffectRequest:
-    """One effect, asked for as ID:JOINT:SIZE.
+    """One effect, requested as ID:JOINT:SIZE."""
 
-    Attributes:
-        effect: Id, of the catalogue or outside it.
-        joint: Joint's name or number from 1; empty for an effect of the whole arm.
-        size: Physical size in the effect's unit; None for a typical one.
-        amplitude: Visible amplitude in multiples of the noise floor instead of a size; None for none.
-    """
-
-    effect: str
-    joint: str = ""
-    size: float | None = None
-    amplitude: float | None = None
+    effect: str  # id, of the catalogue or outside it
+    joint: str = ""  # joint's name or number from 1; empty for an effect of the whole arm
+    size: float | None = None  # physical size in the effect's unit; None for a typical one
+    amplitude: float | None = None  # visible amplitude in multiples of the noise floor instead of a size
 
     @property
     def cause(self) -> Cause:
@@ -47,16 +41,9 @@ def parse_effect(text: str) -> EffectRequest:
     if len(parts) == 2 and cause.whole_arm and _SIZE.fullmatch(parts[1]):
         parts.insert(1, "")
     joint = parts[1] if len(parts) > 1 else ""
-    size, amplitude = _parse_size(parts[2] if len(parts) > 2 else "", text)
-    return EffectRequest(cause.id, joint, size, amplitude)
-
-
-_SIZE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?x?")
-
-
-def _parse_size(size: str, text: str) -> tuple[float | None, float | None]:
+    size = parts[2] if len(parts) > 2 else ""
     if not size:
-        return None, None
+        return EffectRequest(cause.id, joint)
     if not _SIZE.fullmatch(size):
         raise InputError(
             "--effect",
@@ -64,11 +51,10 @@ def _parse_size(size: str, text: str) -> tuple[float | None, float | None]:
             "give a number in SI units, or one that ends in x: multiples of the noise floor",
         )
     if not size.endswith("x"):
-        return float(size), None
-    amplitude = float(size[:-1])
-    if amplitude <= 0.0:
+        return EffectRequest(cause.id, joint, float(size))
+    if float(size[:-1]) <= 0.0:
         raise InputError("--effect", f"{text!r}: a visible amplitude of {size}", "choose more than 0x")
-    return None, amplitude
+    return EffectRequest(cause.id, joint, amplitude=float(size[:-1]))
 
 
 def parse_payload(text: str) -> Payload:

@@ -20,43 +20,25 @@ TEMPERATURE_STEP_K = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """Sensors of n joints; arrays of shape (n,).
+    """Sensors of n joints; arrays of shape (n,)."""
 
-    Attributes:
-        white, coloured: Standard deviations of the torque's white and coloured noise [N m].
-        corner_hz: Corner of the coloured part.
-        load_growth: Relative growth of the noise from no torque to rated torque.
-        rated: Rated torque [N m].
-        count: Encoder resolution at the joint [rad].
-        count_noise: Standard deviation of the encoder's reading [counts].
-        encoder_offset: What the encoder reads at zero [rad].
-        gain: Torque reading's gain, 1 for true.
-        offset, drift, wander: Torque reading's offset [N m], its trend [N m/s], and the standard deviation that it
-            wanders in a minute [N m].
-        delay: Age of the torque reading [s].
-        limit: Torque that the reading can't exceed [N m].
-        sag: Relative rise of the reading when all drives together draw `sag_power` (outside the catalogue).
-        sag_power: [W].
-        link_side: Whether the logged position is that of the link, not of the motor.
-    """
-
-    white: Float[Array, " n"]
+    white: Float[Array, " n"]  # standard deviations of the torque's white and coloured noise [N m]
     coloured: Float[Array, " n"]
-    corner_hz: float
-    load_growth: float
-    rated: Float[Array, " n"]
-    count: Float[Array, " n"]
-    count_noise: float | Float[Array, " n"]
-    encoder_offset: Float[Array, " n"]
-    gain: Float[Array, " n"]
-    offset: Float[Array, " n"]
+    corner_hz: float  # corner of the coloured part
+    load_growth: float  # relative growth of the noise from no torque to rated torque
+    rated: Float[Array, " n"]  # rated torque [N m]
+    count: Float[Array, " n"]  # encoder resolution at the joint [rad]
+    count_noise: float | Float[Array, " n"]  # standard deviation of the encoder's reading [counts]
+    encoder_offset: Float[Array, " n"]  # what the encoder reads at zero [rad]
+    gain: Float[Array, " n"]  # torque reading's gain, 1 for true
+    offset: Float[Array, " n"]  # its offset [N m], its trend [N m/s], standard deviation of its wandering in a minute
     drift: Float[Array, " n"]
     wander: Float[Array, " n"]
-    delay: float
-    limit: Float[Array, " n"]
-    sag: Float[Array, " n"]
-    sag_power: float = 150.0
-    link_side: bool = False
+    delay: float  # age of the torque reading [s]
+    limit: Float[Array, " n"]  # torque that the reading can't exceed [N m]
+    sag: Float[Array, " n"]  # relative rise of the reading when all drives draw `sag_power` (outside the catalogue)
+    sag_power: float = 150.0  # [W]
+    link_side: bool = False  # whether the logged position is that of the link, not of the motor
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from ident.errors import InputError
 from ident.recordings.recording import Payload, Session
 from ident.robot.arm import ArmModel
@@ -35,51 +34,29 @@ ORIGIN = {"origin": "simulated by ident.simulation; not measured on hardware"}
 
 @dataclass(frozen=True)
 class SimulationOptions:
-    """A session to be simulated.
+    """A session to be simulated."""
 
-    Attributes:
-        robot: URDF path or name.
-        effects: What is wrong, each ID:JOINT:SIZE.
-        seed: Of everything: arm, motions, noise.
-        arm_seed: Of the individual arm, if it is to be the same in several sessions; as `seed` if None.
-        motions: Kinds of motion, in turn.
-        runs: Number of runs.
-        duration: Rough duration of a run [s].
-        rate: Log rate [Hz].
-        velocity, commands, temperature: Whether these channels are logged.
-        payload: A known body at the flange.
-        decoys: Names of decoys.
-        pause: Bounds of the standstill between runs [s].
-        inertia_error: Standard deviation of the relative error of the URDF's inertias.
-        friction_spread: Relative change of the friction from run to run.
-        noise: Factor on the noise of torque and encoders.
-        measure: Whether the visible amplitude of every effect is measured for the answer.
-        coarse: Whether it is measured on the whole session in longer steps, not on half of it in short ones.
-        world: What the arm, its sensors and its log are like; see `in_world`. As the plant's own if None.
-        friction_factors: Factors on dry and viscous friction of each joint, as after a service; none if empty.
-    """
-
-    robot: str = "tm5-900"
-    effects: tuple[str | EffectRequest, ...] = ()
-    seed: int = 0
-    arm_seed: int | None = None
-    motions: tuple[str, ...] = RICH
-    runs: int = 10
-    duration: float = 8.0
-    rate: float = 250.0
-    velocity: bool = True
+    robot: str = "tm5-900"  # URDF path or name
+    effects: tuple[str | EffectRequest, ...] = ()  # what is wrong, each ID:JOINT:SIZE
+    seed: int = 0  # of everything: arm, motions, noise
+    arm_seed: int | None = None  # of the individual arm, if it is to be the same in several sessions; else as `seed`
+    motions: tuple[str, ...] = RICH  # kinds of motion, in turn
+    runs: int = 10  # number of runs
+    duration: float = 8.0  # rough duration of a run [s]
+    rate: float = 250.0  # log rate [Hz]
+    velocity: bool = True  # whether these channels are logged
     commands: bool = True
     temperature: bool = False
-    payload: Payload | None = None
-    decoys: tuple[str, ...] = ()
-    pause: tuple[float, float] = (4.0, 12.0)
-    inertia_error: float = 0.03
-    friction_spread: float = 0.01
-    noise: float = 1.0
-    measure: bool = False
-    coarse: bool = False
-    world: World | None = None
-    friction_factors: tuple[float, ...] = ()
+    payload: Payload | None = None  # a known body at the flange
+    decoys: tuple[str, ...] = ()  # names of decoys
+    pause: tuple[float, float] = (4.0, 12.0)  # bounds of the standstill between runs [s]
+    inertia_error: float = 0.03  # standard deviation of the relative error of the URDF's inertias
+    friction_spread: float = 0.01  # relative change of the friction from run to run
+    noise: float = 1.0  # factor on the noise of torque and encoders
+    measure: bool = False  # whether the visible amplitude of every effect is measured for the answer
+    coarse: bool = False  # whether it is measured on the whole session in longer steps, not on half of it in short ones
+    world: World | None = None  # what the arm, its sensors and its log are like (`in_world`); the plant's own if None
+    friction_factors: tuple[float, ...] = ()  # on the friction of each joint, as after a service; none if empty
 
     def in_world(self, world: World) -> SimulationOptions:
         """These options in a world: what both speak of is the world's."""
@@ -98,25 +75,15 @@ class SimulationOptions:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What a simulation gives.
+    """What a simulation gives."""
 
-    Attributes:
-        session: As it would be recorded.
-        answer: What was wrong.
-        hardware: The hidden arm, for tests.
-        motions: What it was asked to do.
-        options: What was wanted.
-        meter: What measures how much causes show, on the arm without any.
-        seeds: Of the other parameters of each effect.
-    """
-
-    session: Session
-    answer: Answer
-    hardware: Hardware
-    motions: tuple[ReferenceMotion, ...]
-    options: SimulationOptions = SimulationOptions()
-    meter: VisibilityMeter | None = None
-    seeds: tuple[int, ...] = ()
+    session: Session  # as it would be recorded
+    answer: Answer  # what was wrong
+    hardware: Hardware  # the hidden arm
+    motions: tuple[ReferenceMotion, ...]  # what it was asked to do
+    options: SimulationOptions  # what was wanted
+    meter: VisibilityMeter  # what measures how much causes show, on the arm without any
+    seeds: tuple[int, ...]  # of the other parameters of each effect
 
 
 def simulate(
@@ -141,17 +108,21 @@ def simulate(
     requests = [parse_effect(one) if isinstance(one, str) else one for one in options.effects]
     joints = [find_joint(request, arm) for request in requests]
     plan_rng, effect_rng, run_rng, decoy_rng = np.random.default_rng(options.seed).spawn(4)
-    plans = (
-        tuple(motions)
-        if motions is not None
-        else plan_motions(arm, options.motions, options.runs, options.duration, plan_rng)
-    )
-    if motions is None and options.world:
-        plans = tuple(stepped(motion, options.world.reference) for motion in plans)
+    world = options.world
+    if motions is None:
+        motions = plan_motions(arm, options.motions, options.runs, options.duration, plan_rng)
+        motions = [stepped(motion, world.reference) for motion in motions] if world else motions
+    plans = tuple(motions)
     healthy = _healthy(arm, options, decoy_rng)
     clock_rng, record_rng = run_rng.spawn(2)
     pauses = draw_pauses(len(plans), options.pause, clock_rng)
-    healthy, channels, floors, band = _surroundings(healthy, options, plans, pauses)
+    channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
+    floors, band = healthy.sensing.noise_floor, None
+    if world is not None:
+        path = friction_path(world, healthy.n, plans, pauses, np.random.default_rng([options.seed, 2]))
+        healthy = healthy.replace(friction_path=path)
+        channels = channels_of(world, options.commands, options.temperature)
+        floors, band = noise_floor(healthy, world, plans), usable_band(healthy, world)
     meter = VisibilityMeter(healthy, plans, pauses, options.seed, options.coarse, floors, band)
     hardware, effects = healthy, []
     seeds = tuple(int(effect_rng.integers(2**63)) for _ in requests)
@@ -159,12 +130,10 @@ def simulate(
         hardware, effect = _add_effect(request, joint, hardware, meter, seed, options)
         effects.append(effect)
     runs, _ = record_runs(hardware, plans, channels, record_rng, pauses, progress, meter.feeds)
-    payload = options.payload
-    session = Session(name, tuple(runs), payload=payload, robot=options.robot, metadata=dict(ORIGIN))
+    session = Session(name, tuple(runs), payload=options.payload, robot=options.robot, metadata=dict(ORIGIN))
     floor = dict(zip(arm.joint_names, map(float, floors), strict=True))
-    world = options.world.to_dict() if options.world else {}
-    losses = true_losses(healthy) if options.world else {}
-    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, world, losses)
+    of_world = (world.to_dict(), true_losses(healthy)) if world else ()
+    answer = Answer(options.robot, options.seed, tuple(effects), tuple(options.decoys), floor, *of_world)
     return Simulation(session, answer, hardware, plans, options, meter, seeds)
 
 
@@ -187,29 +156,12 @@ def _check(options: SimulationOptions) -> None:
         raise InputError("pause", f"{options.pause[0]:g} to {options.pause[1]:g} s", "give bounds in order, from 0 s")
 
 
-def _surroundings(
-    healthy: Hardware, options: SimulationOptions, plans: Sequence[ReferenceMotion], pauses: Sequence[float]
-) -> tuple[Hardware, Channels, Float[Array, " n"], Float[Array, " n"] | None]:
-    """The arm with its friction of each run, its log's channels, and each joint's noise floor [N m] and band [Hz]."""
-    world = options.world
-    if world is None:
-        channels = Channels(options.rate, options.velocity, options.commands, options.temperature)
-        return healthy, channels, healthy.sensing.noise_floor, None
-    path = friction_path(world, healthy.n, plans, pauses, np.random.default_rng([options.seed, 2]))
-    healthy = healthy.replace(friction_path=path)
-    channels = channels_of(world, options.commands, options.temperature)
-    return healthy, channels, noise_floor(healthy, world, plans), usable_band(healthy, world)
-
-
 def true_losses(hardware: Hardware) -> dict[str, dict[str, float]]:
-    """Rotor inertia, viscous and dry friction of each joint, as a diagnosis tells them."""
+    """Rotor inertia, viscous and dry friction of each joint, as a diagnosis reports them."""
     law = hardware.friction
-    figures = (hardware.drive.rotor_inertia, law.viscous, law.coulomb)
+    rows = zip(hardware.arm.joint_names, hardware.drive.rotor_inertia, law.viscous, law.coulomb, strict=True)
     keys = ("motor_inertia_kgm2", "viscous_Nms_rad", "coulomb_Nm")
-    return {
-        joint: {key: float(values[j]) for key, values in zip(keys, figures, strict=True)}
-        for j, joint in enumerate(hardware.arm.joint_names)
-    }
+    return {joint: dict(zip(keys, map(float, values), strict=True)) for joint, *values in rows}
 
 
 def _healthy(arm: ArmModel, options: SimulationOptions, decoy_rng: np.random.Generator) -> Hardware:
@@ -252,9 +204,8 @@ def _add_effect(
         size = cause.typical(alone) if request.size is None else request.size
     size = cause.checked(alone, float(size))
     names = hardware.arm.joint_names
-    visible: Float[Array, " n"] | tuple[()] = ()
-    if options.measure or request.amplitude is not None:
-        visible = meter.measure(cause, alone, size, seed)
+    measured = options.measure or request.amplitude is not None
+    visible = meter.measure(cause, alone, size, seed) if measured else ()
     changed, parameters = cause.apply(replace(alone, hardware=hardware), size)
     return changed, TrueEffect(
         effect=cause.id,

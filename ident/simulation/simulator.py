@@ -37,17 +37,11 @@ APPROACH_S, SETTLE_S, ASIDE_RAD = 0.5, 0.4, 0.03
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The truth of one run at the controller's ticks.
+    """The truth of one run at the controller's ticks."""
 
-    Attributes:
-        motion: What was asked for.
-        start: Session clock at its first tick [s].
-        log: What happened, K ticks.
-    """
-
-    motion: ReferenceMotion
-    start: float
-    log: Log
+    motion: ReferenceMotion  # what was asked for
+    start: float  # session clock at its first tick [s]
+    log: Log  # what happened, K ticks
 
     @property
     def times(self) -> Float[Array, " K"]:
@@ -75,7 +69,18 @@ class Simulator:
         self.model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, self.step, first_order)
         self.data = mujoco.MjData(self.model)
         self.state = fresh_state(arm.n)
-        self.control = self._control()
+        gains = controller_gains(hardware)
+        filter_rad_s, resolution, self._loop_noise = _feedback(hardware, gains[1])
+        self.control = make_law(
+            CONTROL,
+            arm.n,
+            stiffness=gains[0],
+            damping=gains[1],
+            limit=drive.effort_limit,
+            resolution=resolution,
+            offset=hardware.sensing.encoder_offset,
+            smoothing=-np.expm1(-filter_rad_s * TICK_S),
+        )
 
     def run(
         self,
@@ -98,18 +103,13 @@ class Simulator:
         traces, clock = [], 0.0
         for number, (motion, pause) in enumerate(zip(motions, pauses, strict=True)):
             clock += pause
-            self._cool(pause)
+            rise = np.column_stack([self.state["lubricant_rise"], self.state["housing_rise"]])
+            self.state["lubricant_rise"], self.state["housing_rise"] = cool_down(self.hardware.heat, rise, pause).T
             feed = feed_forward(self.hardware, motion) if feeds is None else feeds[number]
             traces.append(self._run_one(number, motion, clock, feed))
             clock += motion.duration
             progress()
         return traces
-
-    def _cool(self, pause: float) -> None:
-        """Lets the joints cool for a while [s]."""
-        rise = np.column_stack([self.state["lubricant_rise"], self.state["housing_rise"]])
-        cooled = cool_down(self.hardware.heat, rise, pause)
-        self.state["lubricant_rise"], self.state["housing_rise"] = cooled.T
 
     def _run_one(self, number: int, motion: ReferenceMotion, clock: float, feed: Float[Array, "K n"]) -> Trace:
         laws = self._laws(number)
@@ -133,25 +133,8 @@ class Simulator:
             spread = h.friction_path[number % len(h.friction_path)]
         law = h.friction
         friction = change_law(law, coulomb=law.coulomb * spread[0], viscous=law.viscous * spread[1])
-        here = h.contact_run in (-1, number)
-        contact = h.contact if here else no_contact()
+        contact = h.contact if h.contact_run in (-1, number) else no_contact()
         return Laws(friction, h.drive, h.heat, h.outside, contact)
-
-    def _control(self) -> Array:
-        h = self.hardware
-        gains = controller_gains(h)
-        filter_rad_s, resolution, self._loop_noise = _feedback(h, gains[1])
-        stiffness, damping = gains
-        return make_law(
-            CONTROL,
-            h.n,
-            stiffness=stiffness,
-            damping=damping,
-            limit=h.drive.effort_limit,
-            resolution=resolution,
-            offset=h.sensing.encoder_offset,
-            smoothing=-np.expm1(-filter_rad_s * TICK_S),
-        )
 
     def _approach(self, goal: Float[Array, " n"]) -> ReferenceMotion:
         """From a little aside to the start of a run, so that the joints stick as they do on a real arm."""
@@ -210,12 +193,7 @@ def _feedback(hardware: Hardware, damping: Float[Array, " n"]) -> tuple[float, A
 
 
 def choose_step(hardware: Hardware, coarse: bool = False) -> float:
-    """Step of the simulation [s]: half a tick, or the next power of two that resolves every spring.
-
-    Args:
-        hardware: The arm.
-        coarse: Whether twice as long a step is good enough.
-    """
+    """Step of the simulation [s]: half a tick (a tick if coarse), or a power of two less that resolves the springs."""
     longer = COARSER if coarse else 1.0
     step = LARGEST_STEP_S * longer
     drive = hardware.drive

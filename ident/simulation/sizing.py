@@ -9,7 +9,6 @@ Source: Dowell and Jarratt 1971 (the Illinois method).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,100 +17,63 @@ MOST_TRIALS = 12
 LONGEST_STEP = 30.0
 # Exponents of the power law that two trials on one side may suggest.
 LEAST_POWER, GREATEST_POWER = 0.3, 4.0
-# Relative difference below which two sizes are one: they are told with four digits.
+# Relative difference below which two sizes are one: they are reported with four digits.
 SAME = 1e-3
-
-
-@dataclass(frozen=True)
-class SizeTrial:
-    """One size, and how much it shows as a multiple of what is wanted; both as logarithms."""
-
-    size: float
-    shown: float
-
-
-class SizeSearch:
-    """Proposes sizes one after the other, each from how much the ones before showed.
-
-    Args:
-        start: Size to begin with.
-        small, large: The sizes that show least and most; where a smaller size shows more, `small` is the larger.
-    """
-
-    def __init__(self, start: float, small: float, large: float) -> None:
-        self._ends = np.log(small), np.log(large)
-        self._below: SizeTrial | None = None
-        self._above: SizeTrial | None = None
-        self._last: SizeTrial | None = None
-        self._power = -1.0 if large < small else 1.0
-        self.size = start
-
-    def tell(self, shown: float) -> bool:
-        """Takes in what the present size shows, in multiples of what is wanted, and moves on to the next size.
-
-        Returns:
-            Whether there is one: not where even the bound shows too little or too much, nor between equal sizes.
-        """
-        with np.errstate(divide="ignore"):
-            trial = SizeTrial(float(np.log(self.size)), float(np.log(shown)))
-        end = self._ends[shown < 1.0]
-        if np.isclose(trial.size, end, rtol=0.0, atol=SAME):
-            return False
-        if shown < 1.0:
-            self._below, self._above = trial, self._eased(self._above, self._last is self._below)
-        else:
-            self._above, self._below = trial, self._eased(self._below, self._last is self._above)
-        guess = self._guess(trial)
-        self._last = trial
-        self.size = float(np.exp(guess))
-        return abs(guess - trial.size) > SAME
-
-    @staticmethod
-    def _eased(other: SizeTrial | None, again: bool) -> SizeTrial | None:
-        """The trial on the far side; told as half as far off where the near side moved twice running."""
-        return SizeTrial(other.size, 0.5 * other.shown) if other is not None and again else other
-
-    def _guess(self, trial: SizeTrial) -> float:
-        low, high = self._below, self._above
-        if low is not None and high is not None:
-            if np.isfinite(low.shown) and np.isfinite(high.shown):
-                share = low.shown / (low.shown - high.shown)
-                return low.size + share * (high.size - low.size)
-            return 0.5 * (low.size + high.size)
-        return float(np.clip(trial.size + self._step(trial), min(self._ends), max(self._ends)))
-
-    def _step(self, trial: SizeTrial) -> float:
-        """Step of a search that has seen one side only, along the power law of the last two trials."""
-        power, last = self._power, self._last
-        if last is not None and np.isfinite(last.shown) and np.isfinite(trial.shown):
-            slope = (trial.shown - last.shown) / (trial.size - last.size)
-            power = np.sign(power) * np.clip(abs(slope), LEAST_POWER, GREATEST_POWER)
-        longest = np.log(LONGEST_STEP)
-        return float(np.clip(-trial.shown, -longest, longest) / power)
+# Logarithms of a size, and of how much it shows as a multiple of what is wanted.
+Trial = tuple[float, float]
 
 
 def find_size(
-    shown: Callable[[float], float], wanted: float, search: SizeSearch, tolerance: float
+    shown: Callable[[float], float], wanted: float, start: float, ends: tuple[float, float], tolerance: float
 ) -> tuple[float, float]:
-    """Tries sizes until one shows what is wanted.
+    """Tries sizes until one shows what is wanted, or a bound shows too little or too much.
 
     Args:
-        shown: How much a size shows; called with sizes of four digits, as they are told.
+        shown: How much a size shows; called with sizes of four digits, as they are reported.
         wanted: How much is wanted.
-        search: Where to begin, and within which bounds.
+        start: Size to begin with.
+        ends: The sizes that show least and most; the first is the larger where a smaller size shows more.
         tolerance: Relative error of what is shown at which to stop.
 
     Returns:
         The best size that was tried, and what it shows.
     """
-    best, off = (np.nan, np.nan), np.inf
+    best, off, size = (np.nan, np.nan), np.inf, start
+    below: Trial | None = None
+    above: Trial | None = None
+    last: Trial | None = None
     for _ in range(MOST_TRIALS):
-        search.size = float(f"{search.size:.4g}")  # the last digits depend on the machine's linear algebra
-        seen = shown(search.size)
+        size = float(f"{size:.4g}")  # the last digits depend on the machine's linear algebra
+        seen = shown(size)
         with np.errstate(divide="ignore"):
-            error = abs(float(np.log(seen / wanted)))
-        if error <= off:
-            best, off = (search.size, seen), error
-        if off < tolerance or not search.tell(seen / wanted):
+            trial = float(np.log(size)), float(np.log(seen / wanted))
+        if abs(trial[1]) <= off:
+            best, off = (size, seen), abs(trial[1])
+        too_little = seen / wanted < 1.0
+        at_end = np.isclose(trial[0], np.log(ends[too_little]), rtol=0.0, atol=SAME)
+        if off < tolerance or at_end:
+            break
+        # The far side counts as half as far off where the near side moved twice running.
+        if too_little:
+            below, above = trial, (above[0], 0.5 * above[1]) if above and last is below else above
+        else:
+            above, below = trial, (below[0], 0.5 * below[1]) if below and last is above else below
+        if below and above:
+            finite = np.isfinite(below[1]) and np.isfinite(above[1])
+            share = below[1] / (below[1] - above[1]) if finite else 0.5
+            guess = below[0] + share * (above[0] - below[0])
+        else:
+            guess = float(np.clip(trial[0] + _step(trial, last, ends), *sorted(np.log(ends))))
+        last, size = trial, float(np.exp(guess))
+        if abs(guess - trial[0]) <= SAME:
             break
     return best
+
+
+def _step(trial: Trial, last: Trial | None, ends: tuple[float, float]) -> float:
+    """Step of a search that has seen one side only, along the power law of the last two trials."""
+    power = 1.0
+    if last and np.isfinite(last[1]) and np.isfinite(trial[1]):
+        power = np.clip(abs((trial[1] - last[1]) / (trial[0] - last[0])), LEAST_POWER, GREATEST_POWER)
+    longest = np.log(LONGEST_STEP)
+    return float(np.clip(-trial[1], -longest, longest) / (power if ends[0] <= ends[1] else -power))

@@ -22,7 +22,7 @@ from ident.simulation.contact import Contact
 from ident.simulation.hardware import Hardware
 from ident.simulation.sensing import read_torque, sample
 from ident.simulation.simulator import Simulator, Trace, choose_step, feed_forward
-from ident.simulation.sizing import SAME, SizeSearch, find_size
+from ident.simulation.sizing import SAME, find_size
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 STRIDE_S = 0.02
@@ -42,33 +42,22 @@ _SLOW = butter(4, WHOLE_BAND_HZ, fs=1.0 / TICK_S, output="sos")
 
 @dataclass(frozen=True, eq=False)
 class VisibleRows:
-    """Samples of all runs of an arm without noise, stacked.
+    """Samples of all runs of an arm without noise, stacked."""
 
-    Attributes:
-        columns: What the ordinary model can explain, shape (T, n, m).
-        torque: Torque as the drives read it [N m], shape (T, n).
-        known: Share of it that the model is not free to change [N m], shape (T, n).
-        moving: Whether each joint moves, shape (T, n).
-        speed: Of the joints [rad/s], shape (T, n).
-        run, time: Number of the run, and time since its start [s], shape (T,).
-    """
-
-    columns: Float[Array, "T n m"]
-    torque: Float[Array, "T n"]
-    known: Float[Array, "T n"]
-    moving: Array
-    speed: Float[Array, "T n"]
-    run: Array
-    time: Float[Array, " T"]
+    columns: Float[Array, "T n m"]  # what the ordinary model can explain
+    torque: Float[Array, "T n"]  # as the drives read it [N m]
+    known: Float[Array, "T n"]  # share of it that the model is not free to change [N m]
+    moving: Array  # whether each joint moves, shape (T, n)
+    speed: Float[Array, "T n"]  # of the joints [rad/s]
+    run: Array  # number of the run, shape (T,)
+    time: Float[Array, " T"]  # since its start [s]
 
 
 def gather(hardware: Hardware, traces: Sequence[Trace], view: View) -> VisibleRows:
     """Samples of all runs with the columns of a view."""
     parts = [_rows_of(hardware, trace, number, view) for number, trace in enumerate(traces)]
-    stacked = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in VisibleRows.__dataclass_fields__
-    }
-    return VisibleRows(**stacked)
+    names = [field.name for field in fields(VisibleRows)]
+    return VisibleRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> VisibleRows:
@@ -84,9 +73,8 @@ def _rows_of(hardware: Hardware, trace: Trace, number: int, view: View) -> Visib
     if view == "refit":
         columns.insert(0, arm.regressor(q, dq, ddq))
     known = np.zeros_like(q) if view == "refit" else arm.inverse_dynamics(q, dq, ddq)
-    count = np.full(len(times), number)
-    torque = _reading(hardware, trace)
-    return VisibleRows(np.concatenate(columns, axis=2), torque, known, np.abs(dq) > STILL_RAD_S, dq, count, times)
+    moving, torque = np.abs(dq) > STILL_RAD_S, _reading(hardware, trace)
+    return VisibleRows(np.concatenate(columns, axis=2), torque, known, moving, dq, np.full(len(times), number), times)
 
 
 def _sample_times(trace: Trace) -> Float[Array, " T"]:
@@ -125,23 +113,28 @@ def remainder(rows: VisibleRows) -> Float[Array, "T n"]:
     return rest.reshape(rows.torque.shape)
 
 
-def amplitude(
-    after: VisibleRows, before: VisibleRows, window: Array | None = None, band: Float[Array, " n"] | None = None
-) -> Float[Array, " n"]:
-    """RMS of the difference of two remainders where both move [N m].
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a cause leaves over time after the best ordinary model."""
 
-    Args:
-        after, before: With a cause and without.
-        window: Samples that count; all if None.
-        band: Frequency up to which each joint can be seen [Hz]; without bound if None.
-    """
+    torque: Float[Array, "T n"]  # [N m]; zero where a joint stands still
+    moving: Array  # whether each joint moves, shape (T, n)
+    run: Array  # number of each sample's run, shape (T,)
+    speed: Float[Array, "T n"]  # of the joints without the cause [rad/s]
+    share: float = 1.0  # of the session's runs that were simulated
+
+    @property
+    def rms(self) -> Float[Array, " n"]:
+        """Of each joint where it moves [N m]."""
+        return np.sqrt((self.torque**2).sum(axis=0) / np.maximum(self.moving.sum(axis=0), 1))
+
+
+def compare(after: VisibleRows, before: VisibleRows, window: Array | None = None) -> Shown:
+    """Difference of two remainders, with a cause and without, where both move; in a window of samples if given."""
     both = after.moving & before.moving
     if window is not None:
         both = both & window[:, None]
-    difference = np.where(both, remainder(after) - remainder(before), 0.0)
-    if band is not None:
-        difference = in_band(difference, after.run, band)
-    return np.sqrt((difference**2).sum(axis=0) / np.maximum(both.sum(axis=0), 1))
+    return Shown(np.where(both, remainder(after) - remainder(before), 0.0), both, before.run, before.speed)
 
 
 def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -> Float[Array, "T n"]:
@@ -156,40 +149,11 @@ def in_band(values: Float[Array, "T n"], run: Array, band: Float[Array, " n"]) -
     return kept
 
 
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """What a cause leaves over time after the best ordinary model.
-
-    Attributes:
-        torque: [N m], shape (T, n); zero where a joint stands still.
-        moving: Whether each joint moves, shape (T, n).
-        run: Number of each sample's run, shape (T,).
-        speed: Of the joints without the cause [rad/s], shape (T, n).
-        share: Share of the session's runs that were simulated.
-    """
-
-    torque: Float[Array, "T n"]
-    moving: Array
-    run: Array
-    speed: Float[Array, "T n"]
-    share: float
-
-    def level(self, floor: Float[Array, " n"]) -> float:
-        """Visible amplitude over the noise floor at the joint where that is largest."""
-        counts = np.maximum(self.moving.sum(axis=0), 1)
-        return float((np.sqrt((self.torque**2).sum(axis=0) / counts) / floor).max())
-
-
 class Way(NamedTuple):
-    """How runs are simulated to be compared.
+    """How runs are simulated to be compared."""
 
-    Attributes:
-        all_runs: Whether all of them, or evenly chosen ones of about `ENOUGH_S` together.
-        coarse_step: Step of a coarse simulation [s]; None for a fine one.
-    """
-
-    all_runs: bool
-    coarse_step: float | None
+    all_runs: bool  # or evenly chosen ones of about `ENOUGH_S` together
+    coarse_step: float | None  # step of a coarse simulation [s]; None for a fine one
 
 
 class VisibilityMeter:
@@ -217,22 +181,15 @@ class VisibilityMeter:
         floor: Float[Array, " n"] | None = None,
         band: Float[Array, " n"] | None = None,
     ) -> None:
-        self.band = band
+        self.band, self.coarse = band, coarse
         self.floor = hardware.sensing.noise_floor if floor is None else floor
         self.hardware, self.motions, self.pauses, self.seed = hardware, motions, pauses, seed
-        self.coarse = coarse
-        self._feeds: list[Float[Array, "K n"]] = []
+        # Feed-forward torque of each motion [N m], worked out once for all simulations of the session.
+        self.feeds = [feed_forward(hardware, motion) for motion in motions]
         self._plain_traces: dict[Way, list[Trace]] = {}
-        self._plain_rows: dict[tuple[Way, View], VisibleRows] = {}
-        self._beside: dict[tuple[str, int, Way, View], VisibleRows] = {}
+        # What causes are compared with: the arm as it is, or an arm of the cause's own at a joint.
+        self._rows: dict[tuple[str, int, Way, View], VisibleRows] = {}
         self._seen: dict[tuple[str, int, float, int], Float[Array, " n"]] = {}
-
-    @property
-    def feeds(self) -> list[Float[Array, "K n"]]:
-        """Feed-forward torque of each motion [N m], worked out once for all simulations of the session."""
-        if not self._feeds:
-            self._feeds = [feed_forward(self.hardware, motion) for motion in self.motions]
-        return self._feeds
 
     def measure(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> Float[Array, " n"]:
         """Visible amplitude of a cause of a given size at each joint [N m]; measured once.
@@ -248,9 +205,11 @@ class VisibilityMeter:
             hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
             way = Way(cause.needs_all or self.coarse, choose_step(hardware, coarse=True) if self.coarse else None)
             before = self._without(cause, scene, way, cause.view)
-            after = self._changed(hardware, way, cause.view)
-            window = _window(hardware.contact, hardware.contact_run, after)
-            self._seen[key] = freeze(amplitude(after, before, window, self.band))
+            after = self._with(hardware, way, cause.view)
+            shown = compare(after, before, _window(hardware.contact, hardware.contact_run, after))
+            if self.band is not None:
+                shown = replace(shown, torque=in_band(shown.torque, after.run, self.band))
+            self._seen[key] = freeze(shown.rms)
         return self._seen[key]
 
     def show(self, cause: Cause, scene: Circumstances, size: float, seed: int, view: View, all_runs: bool) -> Shown:
@@ -263,36 +222,33 @@ class VisibilityMeter:
         """
         hardware, _ = cause.apply(replace(scene, rng=np.random.default_rng(seed)), size)
         elastic = bool(hardware.drive.elastic.any())
-        step = choose_step(hardware if elastic else self.hardware, coarse=True)
-        way = Way(all_runs, step)
-        before, after = self._without(cause, scene, way, view), self._changed(hardware, way, view)
-        both = after.moving & before.moving
-        left = np.where(both, remainder(after) - remainder(before), 0.0)
-        used = len(self.motions[:: self._skip(way)]) / len(self.motions)
-        return Shown(left, both, before.run, before.speed, used)
+        way = Way(all_runs, choose_step(hardware if elastic else self.hardware, coarse=True))
+        before, after = self._without(cause, scene, way, view), self._with(hardware, way, view)
+        return replace(compare(after, before), share=len(self.motions[:: self._skip(way)]) / len(self.motions))
 
     def _without(self, cause: Cause, scene: Circumstances, way: Way, view: View) -> VisibleRows:
         """What a cause is compared with: mostly the arm as it is."""
         if cause.beside is None:
             return self._plain(way, view)
         key = cause.id, scene.joint, way, view
-        if key not in self._beside:
-            self._beside[key] = self._changed(cause.beside(scene), way, view)
-        return self._beside[key]
+        if key not in self._rows:
+            self._rows[key] = self._with(cause.beside(scene), way, view)
+        return self._rows[key]
 
     def _plain(self, way: Way, view: View) -> VisibleRows:
         """The arm without a cause."""
-        if (way, view) not in self._plain_rows:
+        key = "", 0, way, view
+        if key not in self._rows:
             if way not in self._plain_traces:
                 self._plain_traces[way] = self._traces(self.hardware, way)
-            self._plain_rows[way, view] = gather(self.hardware, self._plain_traces[way], view)
-        return self._plain_rows[way, view]
+            self._rows[key] = gather(self.hardware, self._plain_traces[way], view)
+        return self._rows[key]
 
-    def _changed(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
+    def _with(self, hardware: Hardware, way: Way, view: View) -> VisibleRows:
         """The arm with a cause; where only the reading of the torque differs, nothing need be simulated anew."""
         if moves_alike(hardware, self.hardware):
             readings = [_reading(hardware, trace) for trace in self._plain_traces[way]]
-            return replace(self._plain_rows[way, view], torque=np.concatenate(readings))
+            return replace(self._plain(way, view), torque=np.concatenate(readings))
         return gather(hardware, self._traces(hardware, way), view)
 
     def _traces(self, hardware: Hardware, way: Way) -> list[Trace]:
@@ -320,9 +276,15 @@ class VisibilityMeter:
         """
         low, high = cause.bounds(scene)
         low, high = max(low, 1e-6 * high) * (1.0 + SAME), high * (1.0 - SAME)
-        small, large = (high, low) if cause.inverse else (low, high)
-        search = SizeSearch(float(np.clip(cause.typical(scene), low, high)), small, large)
-        size, seen = find_size(lambda one: self._share_or_inf(cause, scene, one, seed), wanted, search, TOLERANCE)
+
+        def shown(size: float) -> float:
+            try:
+                return self.share(cause, scene, size, seed)
+            except InputError:  # a size at which the arm can't move any more shows without limit
+                return np.inf
+
+        start, ends = float(np.clip(cause.typical(scene), low, high)), (high, low) if cause.inverse else (low, high)
+        size, seen = find_size(shown, wanted, start, ends, TOLERANCE)
         least, most = ACCEPTED
         if not least * wanted <= seen <= most * wanted:
             raise InputError(
@@ -331,13 +293,6 @@ class VisibilityMeter:
                 "choose another amplitude, joint or motion",
             )
         return size
-
-    def _share_or_inf(self, cause: Cause, scene: Circumstances, size: float, seed: int) -> float:
-        """As `share`; a size at which the arm can't move any more shows without limit."""
-        try:
-            return self.share(cause, scene, size, seed)
-        except InputError:
-            return np.inf
 
 
 def _window(contact: Contact, run: int, rows: VisibleRows) -> Array | None:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from ident.errors import InputError
+from ident.records import Record
 from ident.safe_read import read_toml
 
 EncoderSide = Literal["motor", "link"]
@@ -24,77 +25,41 @@ ReferenceShape = Literal["smooth", "jerk", "acceleration"]
 
 
 @dataclass(frozen=True)
-class World:
-    """One world.
+class World(Record):
+    """One world."""
 
-    Attributes:
-        name: Of the range that it was drawn from.
-        robot: URDF path or name.
-        encoder_noise_rad: Standard deviation of a position reading before it is rounded [rad at the joint].
-        encoder_bits: A turn of the encoder has two to this many counts.
-        encoder_at: Whether the encoder that is logged sits on the motor or on the link.
-        rate_hz: Log rate [Hz].
-        jitter: Largest deviation of a sample's instant from the even grid, as a share of the interval.
-        lost: Share of samples that are missing.
-        torque_noise: Standard deviation of an unloaded joint's torque reading, as a share of rated torque.
-        coloured_share: Share of that variance which is coloured; the rest is white.
-        corner_hz: Corner frequency of the coloured part [Hz].
-        load_growth: Relative growth of the noise from no torque to rated torque.
-        friction_spread: Standard deviation of the relative change of friction from run to run.
-        friction_drift: Standard deviation of the relative change of friction that has gathered by the session's end.
-        velocity: Velocity channel: none, differences of the logged positions, the firmware's filter, or the truth.
-        velocity_delay_s: How late the firmware's filter is [s].
-        bandwidth_hz: Of the position loop [Hz].
-        feed_forward: What the controller adds: gravity alone (`none`), the rigid model, or that and friction.
-        reference: Whether the reference is smooth, or has steps of jerk or of acceleration.
-        friction_scale, rotor_scale, gear_scale: Factors on what an arm of this size usually has.
-        runs: Number of runs.
-        duration_s: Of all of them together, roughly [s].
-        link_error: Standard deviation of the relative error of the URDF's masses and inertias.
-        com_error_m: Root mean square distance of the centres of mass from the URDF's [m].
-        copied_link: Whether one link of the URDF has the mass of its neighbour.
-    """
-
-    name: str
-    robot: str
-    encoder_noise_rad: float
-    encoder_bits: int
-    encoder_at: EncoderSide
-    rate_hz: float
-    jitter: float
-    lost: float
-    torque_noise: float
-    coloured_share: float
-    corner_hz: float
-    load_growth: float
-    friction_spread: float
-    friction_drift: float
-    velocity: VelocityChannel
-    velocity_delay_s: float
-    bandwidth_hz: float
-    feed_forward: FeedForward
-    reference: ReferenceShape
-    friction_scale: float
+    name: str  # of the range that it was drawn from
+    robot: str  # URDF path or name
+    encoder_noise_rad: float  # standard deviation of a position reading before it is rounded [rad at the joint]
+    encoder_bits: int  # a turn of the encoder has two to this many counts
+    encoder_at: EncoderSide  # whether the encoder that is logged sits on the motor or on the link
+    rate_hz: float  # log rate [Hz]
+    jitter: float  # largest deviation of a sample's instant from the even grid, as a share of the interval
+    lost: float  # share of samples that are missing
+    torque_noise: float  # standard deviation of an unloaded joint's torque reading, as a share of rated torque
+    coloured_share: float  # share of that variance which is coloured; the rest is white
+    corner_hz: float  # corner frequency of the coloured part [Hz]
+    load_growth: float  # relative growth of the noise from no torque to rated torque
+    friction_spread: float  # standard deviation of the relative change of friction from run to run
+    friction_drift: float  # standard deviation of its relative change that has gathered by the session's end
+    velocity: VelocityChannel  # none, differences of the logged positions, the firmware's filter, or the truth
+    velocity_delay_s: float  # how late the firmware's filter is [s]
+    bandwidth_hz: float  # of the position loop [Hz]
+    feed_forward: FeedForward  # what the controller adds: gravity alone (`none`), the rigid model, or that and friction
+    reference: ReferenceShape  # whether the reference is smooth, or has steps of jerk or of acceleration
+    friction_scale: float  # factors on what an arm of this size usually has
     rotor_scale: float
     gear_scale: float
-    runs: int
-    duration_s: float
-    link_error: float
-    com_error_m: float
-    copied_link: bool
+    runs: int  # number of runs
+    duration_s: float  # of all of them together, roughly [s]
+    link_error: float  # standard deviation of the relative error of the URDF's masses and inertias
+    com_error_m: float  # root mean square distance of the centres of mass from the URDF's [m]
+    copied_link: bool  # whether one link of the URDF has the mass of its neighbour
 
     @property
     def run_duration_s(self) -> float:
         """Rough duration of a run [s]."""
         return max(self.duration_s / max(self.runs, 1), SHORTEST_RUN_S)
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> World:
-        """Inverse of `to_dict` after a passage through JSON."""
-        return cls(**values)
 
 
 SHORTEST_RUN_S = 3.0
@@ -108,17 +73,11 @@ FULL: dict[str, tuple[Any, ...]] = {key: tuple(values) for key, values in _TABLE
 
 @dataclass(frozen=True)
 class WorldRange:
-    """Where worlds are drawn from.
-
-    Attributes:
-        name: Of the range.
-        about: One line for a person.
-        values: By field of `World`, two bounds of a number (equal ones fix it) or what is chosen from.
-    """
+    """Where worlds are drawn from."""
 
     name: str
-    about: str
-    values: Mapping[str, tuple[Any, ...]]
+    about: str  # one line for a person
+    values: Mapping[str, tuple[Any, ...]]  # by field of `World`, two bounds of a number or what is chosen from
 
     def draw(self, rng: np.random.Generator) -> World:
         """Draws a world. The same generator draws the same place of every range, whatever the others."""
@@ -251,22 +210,13 @@ def settle(
     rate: float | None = None,
     velocity: bool | None = None,
 ) -> World:
-    """Draws the world of one session; what the user asks for beside it holds.
-
-    Args:
-        worlds: Where from.
-        seed: Of the session.
-        robot, runs, rate: Instead of the world's own, where given; the rate in Hz.
-        run_duration: Rough duration of a run [s].
-        velocity: Whether there is a velocity channel.
+    """Draws the world of one session; what the user asks for beside it holds: the robot, the number of runs, their
+    rough duration [s], the log rate [Hz], and whether there is a velocity channel.
     """
     world = worlds.draw(np.random.default_rng([seed, 6]))
-    world = replace(
-        world,
-        robot=world.robot if robot is None else robot,
-        runs=world.runs if runs is None else runs,
-        rate_hz=world.rate_hz if rate is None else rate,
-    )
+    given = {"robot": robot, "runs": runs, "rate_hz": rate}
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    world = replace(world, **chosen)
     if run_duration is not None:
         world = replace(world, duration_s=run_duration * world.runs)
     if velocity is not None:

@@ -186,7 +186,6 @@ def _records(folder: Path, arm: ArmModel) -> None:
     (folder / "question.json").write_text(json.dumps({**asked, "gap": gap, "not_testable": untold}))
     (folder / "commands.csv").write_text(_commands(arm))
     (folder / "plan.json").write_text(json.dumps(_plan(arm)))
-    (folder / "answer.json").write_text(json.dumps(_answer(arm).to_dict()))
     (folder / "sealed").mkdir()
     seal(_answer(arm), folder / "sealed", KEY)
 

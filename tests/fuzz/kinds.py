@@ -32,7 +32,7 @@ from ident.recordings.recording import Session
 from ident.recordings.session_toml import load_session_file
 from ident.robot.arm import ArmModel
 from ident.show.report.page import render_page
-from ident.simulation.answer import ENVELOPE_NAME, open_envelope, read_answer
+from ident.simulation.answer import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
 from ident.trajectories.command_files import read_commands
 from ident.trajectories.plan_files import read_plan
@@ -318,6 +318,5 @@ def records(folder: Path, arm: ArmModel) -> list[Kind]:
         Kind("question.json", folder / "question.json", question, check_question),
         Kind("commands.csv", folder / "commands.csv", lambda path: read_commands(path, arm), check_motions),
         Kind("plan.json", folder / "plan.json", lambda path: read_plan(path, arm), check_motions),
-        Kind("answer.json", folder / "answer.json", read_answer),
         Kind("envelope", folder / "sealed" / ENVELOPE_NAME, sealed),
     ]

@@ -18,19 +18,12 @@ Parameters = dict[str, float | str]
 
 @dataclass(frozen=True, eq=False)
 class Circumstances:
-    """Where a cause acts.
+    """Where a cause acts."""
 
-    Attributes:
-        hardware: The arm before it.
-        joint: Index of the joint; of an effect of the whole arm, the last.
-        motions: What the arm is going to do.
-        rng: Source of the cause's other parameters; the same for every size that is tried.
-    """
-
-    hardware: Hardware
-    joint: int
-    motions: Sequence[ReferenceMotion]
-    rng: np.random.Generator
+    hardware: Hardware  # the arm before it
+    joint: int  # index of the joint; of an effect of the whole arm, the last
+    motions: Sequence[ReferenceMotion]  # what the arm is going to do
+    rng: np.random.Generator  # source of the cause's other parameters; the same for every size that is tried
 
     @property
     def coulomb(self) -> float:
@@ -65,32 +58,20 @@ class Circumstances:
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that may be wrong.
+    """One thing that may be wrong."""
 
-    Attributes:
-        id: The catalogue's id, or one outside it.
-        parameter: What its size is, by the contract's name with the unit.
-        typical: A typical size.
-        bounds: Smallest and largest size that physics or the session allows.
-        apply: The hardware with it, and its true parameters.
-        whole_arm: Whether it belongs to the arm, not to a joint.
-        view: What a fit may absorb before the rest counts as visible: `refit`: link inertias, rotor, linear
-            friction, bias; `loss`: rotor, linear friction, bias; `raw`: rotor, linear friction.
-        inverse: Whether a smaller size shows more.
-        beside: The hardware that it is compared with, if not the arm without it: play lies in a gear that also twists,
-            and that twist is no play.
-        needs_all: Whether its amplitude needs the whole session (a trend, one event), not a part of the runs.
-    """
-
-    id: str
-    parameter: str
-    typical: Callable[[Circumstances], float]
-    bounds: Callable[[Circumstances], tuple[float, float]]
-    apply: Callable[[Circumstances, float], tuple[Hardware, Parameters]]
-    whole_arm: bool = False
+    id: str  # the catalogue's id, or one outside it
+    parameter: str  # what its size is, by the contract's name with the unit
+    typical: Callable[[Circumstances], float]  # a typical size
+    bounds: Callable[[Circumstances], tuple[float, float]]  # smallest and largest size that physics or motion allows
+    apply: Callable[[Circumstances, float], tuple[Hardware, Parameters]]  # the hardware with it, and what is true
+    whole_arm: bool = False  # whether it belongs to the arm, not to a joint
+    # What a fit may absorb before the rest counts as visible: rotor and linear friction in all views; beside these,
+    # bias in `loss`; bias and link inertias in `refit`.
     view: View = "refit"
-    inverse: bool = False
-    needs_all: bool = False
+    inverse: bool = False  # whether a smaller size shows more
+    needs_all: bool = False  # whether its amplitude needs the whole session (a trend, one event), not some of the runs
+    # The hardware that it is compared with, if not the arm without it: play lies in a gear that also twists.
     beside: Callable[[Circumstances], Hardware] | None = None
 
     def checked(self, scene: Circumstances, size: float) -> float:

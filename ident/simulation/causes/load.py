@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.simulation.causes.base import Cause, Circumstances, Parameters, between
@@ -10,17 +11,26 @@ from ident.simulation.contact import Contact
 from ident.simulation.hardware import Hardware
 from ident.simulation.mjcf import AddedBody, as_point
 
-AXES = ("x", "y", "z")
+
+def vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
+    """A parameter for each axis."""
+    return {f"{name}_{axis}_{unit}": float(value) for axis, value in zip("xyz", values, strict=True)}
 
 
-def _vector(name: str, values: Float[Array, " 3"], unit: str) -> Parameters:
-    return {f"{name}_{axis}_{unit}": float(value) for axis, value in zip(AXES, values, strict=True)}
+def length_of(model: pin.Model) -> float:
+    """Rough length of an arm [m]."""
+    return float(sum(np.linalg.norm(one.translation) for one in list(model.jointPlacements)[1:])) + 1e-3
 
 
 def reach(hardware: Hardware) -> float:
     """Rough length of the arm [m]."""
-    placements = list(hardware.arm.model.jointPlacements)[1:]
-    return float(sum(np.linalg.norm(placement.translation) for placement in placements)) + 1e-3
+    return length_of(hardware.arm.model)
+
+
+def tilted(gravity: Float[Array, " 3"], axis: Float[Array, " 3"], angle: float) -> Float[Array, " 3"]:
+    """Gravity, turned about an axis of the base (Rodrigues)."""
+    turned = gravity * np.cos(angle) + np.cross(axis, gravity) * np.sin(angle)
+    return turned + axis * (axis @ gravity) * (1.0 - np.cos(angle))
 
 
 def _payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -29,7 +39,7 @@ def _payload(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     com = 0.06 * reach(h) * scene.rng.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
     body = AddedBody(h.arm.links[-1], size, as_point(com), radius=0.03 * reach(h))
     hardware = h.replace(bodies=h.bodies.replace(added=(*h.bodies.added, body)))
-    return hardware, {"mass_kg": size, **_vector("com", com, "m")}
+    return hardware, {"mass_kg": size, **vector("com", com, "m")}
 
 
 def _payload_bounds(scene: Circumstances) -> tuple[float, float]:
@@ -48,7 +58,7 @@ def _link_inertia(scene: Circumstances, size: float) -> tuple[Hardware, Paramete
     place = place if size > 0.0 else np.array(nominal.lever) * scene.rng.uniform(0.9, 1.1)
     body = AddedBody(h.arm.links[j], float(mass), as_point(place), radius=0.02 * reach(h) * (size > 0.0))
     hardware = h.replace(bodies=h.bodies.replace(added=(*h.bodies.added, body)))
-    return hardware, {"mass_change_kg": float(mass), **_vector("moment_change", mass * place, "kgm")}
+    return hardware, {"mass_change_kg": float(mass), **vector("moment_change", mass * place, "kgm")}
 
 
 def _tilt(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -56,12 +66,8 @@ def _tilt(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     h = scene.hardware
     heading = float(scene.rng.uniform(-np.pi, np.pi))
     tilt = size * np.array([np.cos(heading), np.sin(heading)])
-    gravity = np.array(h.bodies.gravity)
     axis = np.array([tilt[0], tilt[1], 0.0]) / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
-    turned = (
-        gravity * np.cos(size) + np.cross(axis, gravity) * np.sin(size) + axis * (axis @ gravity) * (1.0 - np.cos(size))
-    )
-    hardware = h.replace(bodies=h.bodies.replace(gravity=turned))
+    hardware = h.replace(bodies=h.bodies.replace(gravity=tilted(np.array(h.bodies.gravity), axis, size)))
     return hardware, {"tilt_x_rad": float(tilt[0]), "tilt_y_rad": float(tilt[1]), "tilt_rad": size}
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,8 @@ LAST = ("torque_gain_error", "torque_delay", "torque_saturation", "encoder_offse
 LEAST_PARTS = 6
 
 
-@dataclass(frozen=True)
-class CaseDraw:
-    """What is asked for: the kind of case and, for each effect, its id and visible size [noise]."""
+class CaseDraw(NamedTuple):
+    """What is requested: the kind of case and, for each effect, its id and visible size [noise]."""
 
     name: str
     kind: str
@@ -165,9 +164,25 @@ def sized(
     for j in (joints * DRAWS)[:DRAWS]:
         found = _scaled(arm, law, j, wanted, int(rng.integers(2**32)))
         if found is not None:
-            change, seen, size = found
-            return change, _entry(arm, effect, law, j, change, seen, (wanted, size))
-    return None
+            break
+    else:
+        return None
+    (change, seen, size), names = found, arm.source.joints
+    shown = [name for name, one in zip(names, seen, strict=True) if one >= SHOWN * seen.max()]
+    own = [] if law.whole_arm else [names[j]]
+    others = [str(change.parameters["other_joint"])] if effect == "joint_coupling" else []
+    return change, {
+        "effect": effect,
+        "in_catalogue": effect in EFFECTS,
+        "joints": own or shown,
+        "may_stand_at": sorted({*own, *others, *(shown if law.whole_arm or effect == "external_contact" else [])}),
+        "parameters": change.parameters,
+        "size": size,
+        "asked": wanted,
+        "view": law.view,
+        "visible": {name: round(float(one), 3) for name, one in zip(names, seen, strict=True)},
+        "by": "urdf" if change.urdf else "recording",
+    }
 
 
 def _scaled(
@@ -186,33 +201,6 @@ def _scaled(
             return None
         size = min(size * float(np.clip(wanted / max(largest, 1e-9), 0.01, 5.0)), most)
     return None
-
-
-def _entry(
-    arm: MovedArm,
-    effect: str,
-    law: Planted,
-    j: int,
-    change: PlantedChange,
-    seen: Float[Array, " n"],
-    sizes: tuple[float, float],
-) -> dict[str, Any]:
-    names = arm.source.joints
-    shown = [name for name, one in zip(names, seen, strict=True) if one >= SHOWN * seen.max()]
-    own = [] if law.whole_arm else [names[j]]
-    others = [str(change.parameters["other_joint"])] if effect == "joint_coupling" else []
-    return {
-        "effect": effect,
-        "in_catalogue": effect in EFFECTS,
-        "joints": own or shown,
-        "may_stand_at": sorted({*own, *others, *(shown if law.whole_arm or effect == "external_contact" else [])}),
-        "parameters": change.parameters,
-        "size": sizes[1],
-        "asked": sizes[0],
-        "view": law.view,
-        "visible": {name: round(float(one), 3) for name, one in zip(names, seen, strict=True)},
-        "by": "urdf" if change.urdf else "recording",
-    }
 
 
 def _answer(kind: str, source: Source, effects: Sequence[dict[str, Any]], noise: Array | None = None) -> dict[str, Any]:

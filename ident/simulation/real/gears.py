@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
-from ident.arrays import Array, Float
+from ident.arrays import Array
 from ident.simulation.real.moved_arm import MovedArm
 
 # Share of an oscillation's phase that a step of the integration may take; fastest and slowest step [s].
@@ -18,33 +18,19 @@ PHASE, STEPS = 0.25, (5e-5, 1e-3)
 States = tuple[Array, Array, Array]
 
 
-def twist_of(arm: MovedArm, j: int, stiffness: float, ratio: float) -> tuple[States, float]:
-    """Twist of a springy gear with its first two derivatives, and its damping [N m s/rad]."""
-    inertia = _inertia(arm, j)
-    damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
-    return _integrated(arm, j, inertia, stiffness, damping, 0.0), damping
-
-
-def play_of(arm: MovedArm, j: int, stiffness: float, gap: float, ratio: float) -> States:
-    """The same of a gear with play of full width `gap` [rad]."""
-    inertia = _inertia(arm, j)
-    damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
-    return _integrated(arm, j, inertia, stiffness, damping, 0.5 * gap)
-
-
-def _inertia(arm: MovedArm, j: int) -> Float[Array, " N"]:
-    """What the joint moves [kg m^2], every tenth sample and between."""
+def twist_of(arm: MovedArm, j: int, stiffness: float, ratio: float, gap: float = 0.0) -> tuple[States, float]:
+    """Twist of a springy gear with play of full width `gap` [rad], its first two derivatives, and its damping
+    [N m s/rad], a share `ratio` of the critical one.
+    """
+    # What the joint moves [kg m^2], every tenth sample and between.
     some, data = np.arange(0, len(arm.q), 10), arm.model.createData()
-    values = [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some]
-    return np.interp(np.arange(len(arm.q)), some, values)
-
-
-def _integrated(arm: MovedArm, j: int, inertia: Array, stiffness: float, damping: float, half: float) -> States:
+    inertia = np.interp(np.arange(len(arm.q)), some, [pin.crba(arm.model, data, arm.q[k])[j, j] for k in some])
+    damping = 2.0 * ratio * float(np.sqrt(stiffness * np.median(inertia)))
     step = float(np.clip(PHASE * np.sqrt(inertia.min() / stiffness), *STEPS))
     states = np.zeros((3, len(arm.q)))
-    gear = np.array([stiffness, damping, half, step])
+    gear = np.array([stiffness, damping, 0.5 * gap, step])
     _follow(np.ascontiguousarray(arm.rigid[:, j]), inertia, arm.steps, gear, states)
-    return states[0], states[1], states[2]
+    return (states[0], states[1], states[2]), damping
 
 
 @njit(cache=True)

@@ -44,23 +44,15 @@ def rigid_torque(
 
 @dataclass(frozen=True, eq=False)
 class MovedArm:
-    """All runs of a session, one after the other in N rows of n joints.
+    """All runs of a session, one after the other in N rows of n joints."""
 
-    Attributes:
-        source: Where they come from.
-        t: Session clock [s], shape (N,).
-        runs: Rows of each run.
-        q, v, a: Smoothed motion.
-        tau: Recorded torque [N m].
-    """
-
-    source: Source
-    t: Float[Array, " N"]
-    runs: tuple[slice, ...]
-    q: Float[Array, "N n"]
+    source: Source  # where they come from
+    t: Float[Array, " N"]  # session clock [s]
+    runs: tuple[slice, ...]  # rows of each run
+    q: Float[Array, "N n"]  # smoothed motion
     v: Float[Array, "N n"]
     a: Float[Array, "N n"]
-    tau: Float[Array, "N n"]
+    tau: Float[Array, "N n"]  # recorded torque [N m]
 
     @classmethod
     def of(cls, source: Source) -> MovedArm:

@@ -13,8 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
+from ident.simulation.causes.load import length_of, tilted, vector
 from ident.simulation.real.bodies import with_body
-from ident.simulation.real.gears import play_of, twist_of
+from ident.simulation.real.gears import twist_of
 from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque
 
 Parameters = dict[str, float | str]
@@ -25,21 +26,13 @@ BRISTLE = 3e-4
 
 @dataclass(frozen=True, eq=False)
 class PlantedChange:
-    """What a planted effect does to a session.
+    """What a planted effect does to a session."""
 
-    Attributes:
-        parameters: What is true, by the catalogue's names and units.
-        torque: Added to the recorded torque [N m], shape (N, n).
-        shift: Added to the recorded positions [rad].
-        urdf: What the arm is told to be, if that changes; then the bodies' torque is `unseen`.
-        unseen: Torque that the told model lacks [N m].
-    """
-
-    parameters: Parameters
-    torque: Float[Array, "N n"]
-    shift: Float[Array, " n"]
-    urdf: str | None = None
-    unseen: Array | float = 0.0
+    parameters: Parameters  # what is true, by the catalogue's names and units
+    torque: Float[Array, "N n"]  # added to the recorded torque [N m]
+    shift: Float[Array, " n"] | float = 0.0  # added to the recorded positions [rad]
+    urdf: str | None = None  # the URDF that is given, if that changes; then the bodies' torque is `unseen`
+    unseen: Array | float = 0.0  # torque that the given model lacks [N m]
 
     @property
     def felt(self) -> Float[Array, "N n"]:
@@ -49,27 +42,19 @@ class PlantedChange:
 
 @dataclass(frozen=True)
 class Planted:
-    """An effect that can be planted.
+    """An effect that can be planted."""
 
-    Attributes:
-        change: Its physics.
-        most: Largest size that an arm has.
-        view: What a refit may absorb before the rest counts as visible.
-        whole_arm: Whether it is named of the arm, not of a joint.
-        local: Whether it acts for a while only, and is measured then.
-    """
-
-    change: Callable[[MovedArm, int, float, Draw], PlantedChange]
-    most: Callable[[MovedArm, int], float]
-    view: View = "refit"
-    whole_arm: bool = False
-    local: bool = False
+    change: Callable[[MovedArm, int, float, Draw], PlantedChange]  # its physics
+    most: Callable[[MovedArm, int], float]  # largest size that an arm has
+    view: View = "refit"  # what a refit may absorb before the rest counts as visible
+    whole_arm: bool = False  # whether it is named of the arm, not of a joint
+    local: bool = False  # whether it acts for a while only, and is measured then
 
 
 def at_joint(arm: MovedArm, j: int, torque: Float[Array, " N"], parameters: Parameters) -> PlantedChange:
     added = np.zeros_like(arm.tau)
     added[:, j] = torque
-    return PlantedChange(parameters, added, np.zeros(arm.n))
+    return PlantedChange(parameters, added)
 
 
 def bristle(arm: MovedArm, speed: Float[Array, " N"], travel: float = BRISTLE) -> Float[Array, " N"]:
@@ -178,7 +163,7 @@ def _turned(arm: MovedArm, j: int, states: tuple[Array, Array, Array], parameter
     moved = [x.copy() for x in (arm.q, arm.v, arm.a)]
     for x, twist in zip(moved, states, strict=True):
         x[:, j] -= twist
-    return PlantedChange(parameters, rigid_torque(arm.model, *moved) - arm.rigid, np.zeros(arm.n))
+    return PlantedChange(parameters, rigid_torque(arm.model, *moved) - arm.rigid)
 
 
 def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -190,9 +175,8 @@ def plant_elasticity(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedC
 def plant_backlash(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     """Play of a gear beside one that only twists: that twist is no play."""
     stiffness = 400.0 * float(arm.peak[j])
-    loose, tight = (play_of(arm, j, stiffness, gap, 0.3) for gap in (size, 0.0))
-    change = _turned(arm, j, loose, {"gap_rad": size})
-    return PlantedChange(change.parameters, change.torque - _turned(arm, j, tight, {}).torque, change.shift)
+    loose, tight = (_turned(arm, j, twist_of(arm, j, stiffness, 0.3, gap)[0], {}).torque for gap in (size, 0.0))
+    return PlantedChange({"gap_rad": size}, loose - tight)
 
 
 def plant_ripple(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -214,11 +198,11 @@ def plant_spring(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 
 def plant_payload(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
-    com = reach(arm) * 0.06 * draw.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
-    heavier = with_body(arm.source.urdf, arm.source.joints[-1], size, com, 0.03 * reach(arm))
+    reach = length_of(arm.model)
+    com = reach * 0.06 * draw.uniform([-0.6, -0.6, 0.3], [0.6, 0.6, 1.2])
+    heavier = with_body(arm.source.urdf, arm.source.joints[-1], size, com, 0.03 * reach)
     torque = rigid_torque(model_of(heavier), arm.q, arm.v, arm.a) - arm.rigid
-    told: Parameters = {"mass_kg": size, **_vector("com", com, "m")}
-    return PlantedChange(told, torque, np.zeros(arm.n))
+    return PlantedChange({"mass_kg": size, **vector("com", com, "m")}, torque)
 
 
 def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -227,28 +211,24 @@ def plant_link(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     mass = size * body.mass * float(draw.choice([-1.0, 1.0]))
     place = np.array(body.lever) * draw.uniform(0.9, 1.1)
     if mass > 0.0:
-        place = np.array(body.lever) + 0.06 * reach(arm) * draw.uniform(-1.0, 1.0, 3)
-    told: Parameters = {"mass_change_kg": mass, **_vector("moment_change", mass * place, "kgm")}
+        place = np.array(body.lever) + 0.06 * length_of(arm.model) * draw.uniform(-1.0, 1.0, 3)
+    told: Parameters = {"mass_change_kg": mass, **vector("moment_change", mass * place, "kgm")}
     if draw.random() < 0.5 and mass < 0.0:
         changed = with_body(arm.source.urdf, arm.source.joints[j], -mass, place, 0.0)
         unseen = arm.rigid - rigid_torque(model_of(changed), arm.q, arm.v, arm.a)
-        return PlantedChange(told, np.zeros_like(arm.tau), np.zeros(arm.n), changed, unseen)
-    torque = rigid_torque(
-        model_of(with_body(arm.source.urdf, arm.source.joints[j], mass, place, 0.0)), arm.q, arm.v, arm.a
-    )
-    return PlantedChange(told, torque - arm.rigid, np.zeros(arm.n))
+        return PlantedChange(told, np.zeros_like(arm.tau), urdf=changed, unseen=unseen)
+    changed = with_body(arm.source.urdf, arm.source.joints[j], mass, place, 0.0)
+    return PlantedChange(told, rigid_torque(model_of(changed), arm.q, arm.v, arm.a) - arm.rigid)
 
 
 def plant_tilt(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     heading = float(draw.uniform(-np.pi, np.pi))
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
     askew = arm.model.copy()
-    g = arm.model.gravity.linear
-    turned = g * np.cos(size) + np.cross(axis, g) * np.sin(size) + axis * (axis @ g) * (1.0 - np.cos(size))
-    askew.gravity.linear = turned
+    askew.gravity.linear = tilted(arm.model.gravity.linear, axis, size)
     # Gravity turns one way in the base's frame where the base stands askew the other way.
     told: Parameters = {"tilt_x_rad": float(-size * axis[0]), "tilt_y_rad": float(-size * axis[1])}
-    return PlantedChange(told, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid, np.zeros(arm.n))
+    return PlantedChange(told, rigid_torque(askew, arm.q, arm.v, arm.a) - arm.rigid)
 
 
 def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -268,16 +248,7 @@ def plant_contact(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChan
         world = data.oMi[j + 1].rotation @ at_point[:3]
         torque[run.start + k] = -window[k] * size * (world.T @ (way / np.linalg.norm(way)))
     told: Parameters = {"start_s": start, "end_s": start + length, "force_N": size}
-    return PlantedChange(told, torque, np.zeros(arm.n))
-
-
-def reach(arm: MovedArm) -> float:
-    """Rough length of the arm [m]."""
-    return float(sum(np.linalg.norm(p.translation) for p in arm.model.jointPlacements[1:])) + 1e-3
-
-
-def _vector(name: str, values: Array, unit: str) -> Parameters:
-    return {f"{name}_{axis}_{unit}": float(x) for axis, x in zip("xyz", values, strict=True)}
+    return PlantedChange(told, torque)
 
 
 # Sensors
@@ -297,7 +268,7 @@ def plant_offset(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChang
 
 def plant_delay(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
     late = arm.over_runs(arm.tau, lambda t, x: np.column_stack([np.interp(t - size, t, column) for column in x.T]))
-    return PlantedChange({"delay_s": size}, late - arm.tau, np.zeros(arm.n))
+    return PlantedChange({"delay_s": size}, late - arm.tau)
 
 
 def plant_saturation(arm: MovedArm, j: int, size: float, draw: Draw) -> PlantedChange:
@@ -341,7 +312,7 @@ def fixed(most: float) -> Callable[[MovedArm, int], float]:
 
 def _heaviest(arm: MovedArm, j: int) -> float:
     """What half of the strongest joint's peak torque lifts at half of the arm's length [kg]."""
-    return float(arm.peak.max()) / (9.81 * reach(arm))
+    return float(arm.peak.max()) / (9.81 * length_of(arm.model))
 
 
 EFFECTS: dict[str, Planted] = {
@@ -365,6 +336,8 @@ EFFECTS: dict[str, Planted] = {
     "torque_delay": Planted(plant_delay, fixed(0.06), whole_arm=True),
     "torque_saturation": Planted(plant_saturation, fixed(0.7)),
     "encoder_offset": Planted(plant_encoder, fixed(0.2), view="loss"),
-    "external_contact": Planted(plant_contact, lambda arm, j: 4.0 * float(arm.peak.max()) / reach(arm), local=True),
+    "external_contact": Planted(
+        plant_contact, lambda arm, j: 4.0 * float(arm.peak.max()) / length_of(arm.model), local=True
+    ),
 }
 """The catalogue's effects."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from ident.recordings.load import load_recording, load_session
 from ident.recordings.recording import Recording
 from ident.recordings.session_toml import NAME, SessionFile, load_session_file
 from ident.robot.arm import ArmModel
+from ident.simulation.mjcf import without_geometry
 
 # Between runs whose clocks start anew each, so that they share one; and what is left as it is [s].
 PAUSE, LONGEST_PAUSE = 5.0, 60.0
@@ -26,19 +26,12 @@ PAUSE, LONGEST_PAUSE = 5.0, 60.0
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Recordings of one arm.
+    """Recordings of one arm."""
 
-    Attributes:
-        name: Of the session.
-        arm: Of the physical arm: sessions of one arm have it in common.
-        urdf: Text of its URDF, without shapes.
-        runs: What was recorded; the clock goes on from run to run.
-    """
-
-    name: str
-    arm: str
-    urdf: str
-    runs: tuple[Recording, ...]
+    name: str  # of the session
+    arm: str  # of the physical arm: sessions of one arm have it in common
+    urdf: str  # text of its URDF, without shapes
+    runs: tuple[Recording, ...]  # what was recorded; the clock goes on from run to run
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -106,15 +99,7 @@ def _read_numbers(name: str, entry: Mapping[str, Any], place: Path) -> Recording
 def _source(name: str, arm: str, robot: str, runs: Sequence[Recording]) -> Source:
     model = ArmModel.load(robot).keeping(runs[0].joints)
     ordered = [run.select([j for j in model.joint_names if j in run.joints]) for run in runs]
-    return Source(name, arm, _without_shapes(model.urdf), _one_clock(ordered))
-
-
-def _without_shapes(urdf: str) -> str:
-    root = ET.fromstring(urdf)
-    for link in root.findall("link"):
-        for part in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(part)
-    return ET.tostring(root, encoding="unicode")
+    return Source(name, arm, without_geometry(model.urdf), _one_clock(ordered))
 
 
 def _one_clock(runs: Sequence[Recording]) -> tuple[Recording, ...]:

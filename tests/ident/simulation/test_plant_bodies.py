@@ -7,7 +7,8 @@ import pytest
 
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from ident.simulation.hardware import draw_hardware, nominal_hardware
+from ident.simulation.friction import plain_friction
+from ident.simulation.hardware import draw_hardware
 from ident.simulation.loop import Laws, advance, engine, fresh_state
 from ident.simulation.mjcf import AddedBody, build_model
 
@@ -15,6 +16,13 @@ from ident.simulation.mjcf import AddedBody, build_model
 def compiled(arm, bodies, step=5e-4):
     model = build_model(arm.urdf, arm.joint_names, arm.links, bodies, step)
     return model, mujoco.MjData(model)
+
+
+def nominal_hardware(arm):
+    """The arm exactly as its URDF says, without friction."""
+    zero = np.zeros(arm.n)
+    drawn = draw_hardware(arm, np.random.default_rng(0), inertia_error=0.0)
+    return drawn.replace(friction=plain_friction(zero, zero, np.ones(arm.n)))
 
 
 def tables(hardware):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.simulation.sizing import SizeSearch, find_size
+from ident.simulation.sizing import find_size
 
 
 def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):
@@ -14,7 +14,7 @@ def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):
         tried.append(size)
         return law(size)
 
-    return *find_size(shown, wanted, SizeSearch(start, small, large), tolerance), tried
+    return *find_size(shown, wanted, start, (small, large), tolerance), tried
 
 
 def test_what_shows_in_proportion_is_found_by_two_trials():

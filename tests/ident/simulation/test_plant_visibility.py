@@ -8,7 +8,7 @@ from ident.simulation.causes import Circumstances, find_cause
 from ident.simulation.request import EffectRequest
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.simulator import choose_step
-from ident.simulation.visibility import TOLERANCE, VisibilityMeter, amplitude, gather, moves_alike
+from ident.simulation.visibility import TOLERANCE, VisibilityMeter, compare, gather, moves_alike
 from ident.trajectories.kinds import plan_motions
 from ident.trajectories.reference import TICK_S
 
@@ -52,7 +52,7 @@ def test_a_coarse_search_keeps_its_promise(hardware, motions, meters, effect, jo
     way = visibility.Way(all_runs=True, coarse_step=0.5 * choose_step(changed, coarse=True))
     finer = VisibilityMeter(hardware, motions, [0.0, 1.0], 0)
     after, before = (gather(one, finer._traces(one, way), cause.view) for one in (changed, hardware))
-    shown = amplitude(after, before, visibility._window(changed.contact, changed.contact_run, after))
+    shown = compare(after, before, visibility._window(changed.contact, changed.contact_run, after)).rms
     share = shown / hardware.sensing.noise_floor
     assert (share.max() if cause.whole_arm else share[joint]) == pytest.approx(wanted, rel=0.08)
 
@@ -68,7 +68,7 @@ def test_what_only_the_reading_shows_needs_no_new_simulation(hardware, motions, 
     seen = fine.measure(cause, scene, size, 2)
     way = visibility.Way(cause.needs_all, None)
     again = [gather(one, fine._traces(one, way), cause.view) for one in (changed, hardware)]
-    np.testing.assert_array_equal(seen, amplitude(*again))
+    np.testing.assert_array_equal(seen, compare(*again).rms)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_worlds_lie_within_the_full_table_and_their_arms_load(name: str) -> None
         for key, options in FULL.items():
             value = getattr(world, key)
             assert value in options if isinstance(options[0], str | bool) else options[0] <= value <= options[1]
-        assert World.from_dict(world.to_dict()) == world
+        assert World(**world.to_dict()) == world
         assert ArmModel.load(world.robot).n >= 4
 
 
@@ -202,7 +202,7 @@ def test_a_world_simulates_again_the_same_and_tells_itself(name: str) -> None:
     options = SimulationOptions(seed=3, effects=("torque_offset:2",)).in_world(world)
     one, again = simulate(options), simulate(options)
     assert one.answer == again.answer
-    assert World.from_dict(one.answer.world) == world
+    assert World(**one.answer.world) == world
     assert set(one.answer.losses) == set(one.session.runs[0].joints)
     for run, same in zip(one.session.runs, again.session.runs, strict=True):
         np.testing.assert_array_equal(run.position, same.position)
