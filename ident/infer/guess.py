@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.recordings.columns import ANGLES
 from ident.recordings.lerobot import is_dataset, longest_episode
 from ident.recordings.load import open_run
 from ident.recordings.recording import Recording
@@ -68,14 +69,14 @@ class Reason(Record):
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """The columns of a run by what they are taken for, units as in the file.
+    """The columns of a run by what they are taken for, in the units of the file or, see `in_si`, in SI.
 
     Attributes:
         joints: The robot's joints in the columns' order.
         columns: Channel -> names of its columns, one a joint.
         tables: Channel -> numbers, shape (T, n).
         clock: Name of the time's column, or None.
-        time: Time as it stands [unit of the file]; sample numbers where there is none.
+        time: Time [unit of the file]; sample numbers where there is none.
         reasons: Why.
     """
 
@@ -89,20 +90,17 @@ class Signals:
     def without(self, channel: str) -> Signals:
         """The same without a channel."""
         columns = {name: one for name, one in self.columns.items() if name != channel}
-        tables = {name: one for name, one in self.tables.items() if name != channel}
-        return Signals(self.joints, columns, tables, self.clock, self.time, self.reasons)
+        return replace(self, columns=columns, tables={name: self.tables[name] for name in columns})
 
-    def run(self, time_factor: float, angle_factor: float, torque: Float[Array, "T n"]) -> Recording:
-        """A recording in SI units."""
-        velocity = self.tables.get("velocity")
-        return Recording(
-            "guess",
-            self.joints,
-            time_factor * self.time,
-            angle_factor * self.tables["position"],
-            torque,
-            velocity=None if velocity is None else angle_factor * velocity,
-        )
+    def in_si(self, time: float, angle: float) -> Signals:
+        """The same, time and angles with their derivatives in SI by these factors; torque and current as they are."""
+        tables = {name: angle * one if name in ANGLES else one for name, one in self.tables.items()}
+        return replace(self, time=time * self.time, tables=tables)
+
+    def run(self, torque: Float[Array, "T n"], joints: Sequence[str] | None = None) -> Recording:
+        """A recording of the motion with a torque, its joints called so if not by their own names."""
+        position, velocity = self.tables["position"], self.tables.get("velocity")
+        return Recording("guess", tuple(joints or self.joints), self.time, position, torque, velocity=velocity)
 
 
 @dataclass(frozen=True, eq=False)

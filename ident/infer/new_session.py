@@ -22,7 +22,6 @@ from ident.infer.by_name import guess_by_name
 from ident.infer.guess import ForeignTable, Guess, Reason, Signals, read_foreign
 from ident.infer.units import (
     GAINS,
-    Unit,
     angle_unit,
     check_velocity,
     joint_order,
@@ -160,20 +159,19 @@ def _complete(table: ForeignTable, signals: Signals, arm: ArmModel | None) -> Gu
         signals, time=signals.time[whole], tables={name: values[whole] for name, values in signals.tables.items()}
     )
     time, angle = time_unit(signals), angle_unit(signals, arm)
-    rate, rate_reason = sample_rate(signals, table.rate_hz, angle)
+    rate, rate_reason = sample_rate(signals, table.rate_hz)
     if signals.clock is None and rate is None:
         what = "no column is time, and nothing tells the rate"
         raise RecordingError(table.source, what, "write sample_rate_hz = … and [columns] in session.toml yourself")
-    if rate is not None:
-        time = Unit("s", 1.0 / rate)
-    signals, velocity, refused = check_velocity(signals, time, angle)
+    signals = signals.in_si(time.factor if rate is None else 1.0 / rate, angle.factor)
+    signals, velocity, refused = check_velocity(signals)
     reasons = [*signals.reasons, time.reason, rate_reason, angle.reason, velocity]
     nominal = "effort" if "effort" in signals.tables else "current"
     joints, channel, settings = signals.joints, nominal, dict[str, Any]()
     if arm is not None:
-        joints, order = joint_order(signals, time, angle, arm)
+        joints, order = joint_order(signals, arm)
         known = tuple(name for name in arm.joint_names if name in joints)
-        states = states_of(signals, time, angle, arm, joints)
+        states = states_of(signals, arm, joints)
         channel, tables, seen = torque_settings(signals, states, known, nominal)
         settings |= tables
         reasons += [order, *seen]

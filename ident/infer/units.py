@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,12 +86,11 @@ def angle_unit(signals: Signals, arm: ArmModel | None) -> Unit:
     return Unit("deg", math.radians(1.0), Reason("angle_unit", "deg", seen))
 
 
-def check_velocity(signals: Signals, time: Unit, angle: Unit) -> tuple[Signals, Reason | None, str | None]:
+def check_velocity(signals: Signals) -> tuple[Signals, Reason | None, str | None]:
     """The signals without a velocity that is not their positions' derivative in the same unit, and why."""
     if "velocity" not in signals.tables:
         return signals, None, None
-    torque = np.zeros_like(signals.tables["position"])
-    found = compare_velocities(Session("guess", (signals.run(time.factor, angle.factor, torque),)))
+    found = compare_velocities(Session("guess", (signals.run(np.zeros_like(signals.tables["position"])),)))
     if found is None or not found.moving.any():
         return signals, None, None
     slope, match = (float(np.median(one[found.moving])) for one in (found.slope, found.correlation))
@@ -101,7 +100,7 @@ def check_velocity(signals: Signals, time: Unit, angle: Unit) -> tuple[Signals, 
     return signals.without("velocity"), None, f"not used: {seen}; position is differentiated instead"
 
 
-def sample_rate(signals: Signals, stated: float | None, angle: Unit) -> tuple[float | None, Reason | None]:
+def sample_rate(signals: Signals, stated: float | None) -> tuple[float | None, Reason | None]:
     """The rate of a table without time: as the file states it, else by velocity against position's steps [Hz]."""
     if signals.clock is not None:
         return None, None
@@ -120,22 +119,21 @@ def sample_rate(signals: Signals, stated: float | None, angle: Unit) -> tuple[fl
     return rate, Reason("sample_rate_hz", f"{rate:g}", "velocity is so many times the step from sample to sample")
 
 
-def states_of(signals: Signals, time: Unit, angle: Unit, arm: ArmModel, joints: Iterable[str]) -> States | None:
+def states_of(signals: Signals, arm: ArmModel, joints: Sequence[str]) -> States | None:
     """The filtered motion with the torque's columns as they stand, its joints called so."""
-    torque = signals.tables["effort" if "effort" in signals.tables else "current"]
-    run = signals.run(time.factor, angle.factor, torque).replace(joints=tuple(joints))
+    run = signals.run(signals.tables["effort" if "effort" in signals.tables else "current"], joints)
     present = [name for name in arm.joint_names if name in run.joints]
     return collect_states(Session("guess", (run.select(present),)), arm.keeping(run.joints))
 
 
-def joint_order(signals: Signals, time: Unit, angle: Unit, arm: ArmModel) -> tuple[tuple[str, ...], Reason | None]:
+def joint_order(signals: Signals, arm: ArmModel) -> tuple[tuple[str, ...], Reason | None]:
     """The robot's order or the alphabetical one, in which ROS drivers publish: whichever explains the torque."""
     orders = [signals.joints, tuple(sorted(signals.joints))]
     if orders[0] == orders[1] or set(signals.joints) != set(arm.joint_names):
         return signals.joints, None
     shares = []
     for order in orders:
-        states = states_of(signals, time, angle, arm, order)
+        states = states_of(signals, arm, order)
         shares.append(0.0 if states is None else follow(states)[0])
     seen = f"the model explains {shares[0]:.0%} of the torque in the robot's order, {shares[1]:.0%} in the alphabetical"
     best = orders[1] if shares[1] > shares[0] + CLEARLY_MORE else orders[0]

@@ -56,9 +56,7 @@ class EProcess:
     """The evidence of a change in one parameter, value by value."""
 
     def __init__(self) -> None:
-        self._origin = 0.0
-        self._sums: list[float] = []
-        self._squares: list[float] = []
+        self._values: list[float] = []
         # Logarithms of the bets on each change, as cut and as they are, by the number of values before the change.
         self._grown: Float[Array, " k"] = np.zeros(0)
         self._last: Float[Array, " k"] = np.zeros(0)
@@ -71,12 +69,8 @@ class EProcess:
         Returns:
             The evidence after it.
         """
-        if not self._sums:
-            self._origin = value
-        x = value - self._origin
-        self._sums.append((self._sums[-1] if self._sums else 0.0) + x)
-        self._squares.append((self._squares[-1] if self._squares else 0.0) + x * x)
-        m = len(self._sums)
+        self._values.append(value)
+        m = len(self._values)
         if m <= LEAST_BEFORE:
             return self.evidence
         before = np.arange(LEAST_BEFORE, m)
@@ -91,11 +85,12 @@ class EProcess:
 
     def _log_bayes_factors(self, before: Int[Array, " k"]) -> Float[Array, " k"]:
         """log B_k of the values so far, for changes after `before` of them."""
-        m, total = len(self._sums), self._sums[-1]
-        spread = max(self._squares[-1] - total**2 / m, ROUNDING * self._squares[-1], 1e-300)
+        x = np.array(self._values) - self._values[0]
+        m, sums, squares = len(x), np.cumsum(x), float(x @ x)
+        spread = max(squares - sums[-1] ** 2 / m, ROUNDING * squares, 1e-300)
         after = m - before
         length = before * after / m
-        along = total - np.array(self._sums)[before - 1] - after * total / m
+        along = sums[-1] - sums[before - 1] - after * sums[-1] / m
         explained = CHANGE_SIZE**2 * along**2 / (1.0 + CHANGE_SIZE**2 * length)
         left = np.maximum(spread - explained, ROUNDING * spread)
         return 0.5 * (m - 1) * np.log(spread / left) - 0.5 * np.log1p(CHANGE_SIZE**2 * length)
