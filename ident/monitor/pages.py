@@ -1,16 +1,22 @@
-"""The pages of a watch: `index.html` for all arms, one page for each arm."""
+"""The pages of a watch: `index.html` for all arms, one page for each arm.
+
+Estimates over the sessions are small SVGs drawn by hand: a page holds dozens, for which a plotting library takes
+minutes.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup, escape
+
 from ident.errors import plural
-from ident.monitor.alarms import Alarm
+from ident.monitor.alarms import Alarm, Point
 from ident.monitor.estimates import unit_of
-from ident.monitor.history_strip import draw_strip
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, outlier_line
 from ident.show.report.numbers import significant
@@ -35,6 +41,13 @@ NAMES = {
     "offset": "constant torque",
     "gap": "unexplained torque",
 }
+
+
+# Size of a strip, and its margins [px].
+WIDTH, HEIGHT = 240, 84
+LEFT, RIGHT, TOP, BOTTOM = 44, 6, 6, 16
+# An interval that is this many times the range of the values is cut: it would hide them.
+WIDEST = 1.0
 
 
 def write_pages(store: Path, found: Watch) -> None:
@@ -135,6 +148,52 @@ def arm_estimates(arm: ArmHistory) -> Section:
         rows[joint].append({"name": NAMES[name], "last": words, "svg": svg})
     values = {"rows": list(rows.items())}
     return FilledSection("figures", "Estimates over time", "watch_figures.html", values, bool(rows))
+
+
+def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str) -> Markup:
+    """One parameter over time.
+
+    Args:
+        points: In order of time.
+        changes: Names of the sessions from which on it had changed.
+        description: What it shows, for those who can't see it.
+    """
+    try:  # dates as days, or places in the row where one is no date
+        times = [datetime.fromisoformat(point.date).timestamp() / 86400.0 for point in points]
+    except ValueError:
+        times = [float(i) for i in range(len(points))]
+    values = [point.value for point in points]
+    reach = max(max(values) - min(values), 1e-3 * max(map(abs, values)), 1e-12)
+    low = max(min(point.low for point in points), min(values) - WIDEST * reach)
+    high = min(max(point.high for point in points), max(values) + WIDEST * reach)
+    span = max(times[-1] - times[0], 1e-9)
+
+    def x(time: float) -> float:
+        return LEFT + (WIDTH - LEFT - RIGHT) * ((time - times[0]) / span if len(times) > 1 else 0.5)
+
+    def y(value: float) -> float:
+        inside = min(max(value, low), high)
+        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (inside - low) / max(high - low, 1e-12)
+
+    parts = [f'<path d="M{LEFT} {TOP}V{HEIGHT - BOTTOM}H{WIDTH - RIGHT}" fill="none" stroke="currentColor"/>']
+    for time, point in zip(times, points, strict=True):
+        if point.session in changes:
+            line = f"M{x(time):.1f} {TOP}V{HEIGHT - BOTTOM}"
+            parts.append(f'<path d="{line}" class="since"/>')
+        parts.append(
+            f'<path d="M{x(time):.1f} {y(point.low):.1f}V{y(point.high):.1f}" class="reach"/>'
+            f'<circle cx="{x(time):.1f}" cy="{y(point.value):.1f}" r="2.2" class="point">'
+            f"<title>{escape(point.session)}: {significant(point.value, 3)}</title></circle>"
+        )
+    style = 'font-size="9" font-family="sans-serif" fill="currentColor"'
+    parts += [
+        f'<text x="{LEFT - 3}" y="{TOP + 8}" text-anchor="end" {style}>{significant(high, 3)}</text>',
+        f'<text x="{LEFT - 3}" y="{HEIGHT - BOTTOM}" text-anchor="end" {style}>{significant(low, 3)}</text>',
+        f'<text x="{LEFT}" y="{HEIGHT - 4}" {style}>{escape(points[0].date[:10])}</text>',
+        f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 4}" text-anchor="end" {style}>{escape(points[-1].date[:10])}</text>',
+    ]
+    head = f'<svg role="img" aria-label="{escape(description)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
+    return Markup(head + "".join(parts) + "</svg>")
 
 
 def arm_sessions(arm: ArmHistory) -> Section:
