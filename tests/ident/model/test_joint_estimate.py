@@ -1,4 +1,11 @@
-"""Laws of the joint estimate and of its intervals."""
+"""Laws of the joint estimate and of its intervals.
+
+Tests of variances that joints share: what little is known of one is lent by the others, as far as they are alike.
+
+Effort without friction: rows near reversals count, losses are zero; and never where a joint has friction.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,13 +18,13 @@ from scipy.special import stdtrit
 from ident.arrays import Array
 from ident.errors import RecordingError
 from ident.model.block_sums import FitColumns, clear_of_stops, run_numbers, sum_blocks
-from ident.model.identification import HowToIdentify, Identified, identify
+from ident.model.identification import HowToIdentify, Identified, describe, identify
 from ident.model.inertia import base_parameters, is_consistent, parameter_scale, solve_bounded
 from ident.model.loss import NAMES
-from ident.model.run_effects import USUAL_SPREAD, RunEffect, wandering
+from ident.model.run_effects import USUAL_SPREAD, RunEffect, share_variance, wandering
 from ident.motion.motion import Motion
 from ident.robot.arm import ArmModel
-from tests.ident.made_up import exact_motion, multisine, two_joint_arm
+from tests.ident.made_up import exact_motion, made_motions, multisine, two_joint_arm
 
 TRUTH = np.array([[0.6, 10.0, 8.0], [0.8, 6.0, 5.0]])  # rotor inertia, viscous, Coulomb of each joint
 RATE = 100.0
@@ -235,3 +242,115 @@ def test_rows_keep_clear_of_what_the_filter_makes_of_a_stop() -> None:
     counts = clear_of_stops(motion)
     assert counts.mean() > 0.3
     assert np.abs(resting[counts]).max() < 0.01 < np.abs(resting[motion.settled]).max()
+
+
+def _squares(rng: np.random.Generator, spread: Array, dof: int) -> Array:
+    return (spread**2 * rng.chisquare(dof, len(spread)))[None]
+
+
+def test_what_is_not_known_is_taken_from_the_others() -> None:
+    """A variance without any data is that of the others, be it far from what is usual."""
+    rng = np.random.default_rng(1)
+    squares, dof = _squares(rng, np.full(12, 0.1), 3), np.full(12, 3.0)
+    squares[0, 0], dof[0] = 0.0, 0.0
+    assert np.sqrt(share_variance(squares, dof).moderate(squares, dof)[0]) == pytest.approx(0.1, rel=0.4)
+
+
+def test_nothing_known_is_what_is_usual() -> None:
+    """Without data of any joint the spread is of the order of the usual one."""
+    squares, dof = np.zeros((1, 6)), np.zeros(6)
+    found = np.sqrt(share_variance(squares, dof).moderate(squares, dof))
+    assert np.all((found > USUAL_SPREAD) & (found < 30 * USUAL_SPREAD))
+
+
+def test_joints_that_are_alike_lend_more() -> None:
+    """More degrees of freedom where all have one variance than where they differ by a hundred times."""
+    rng = np.random.default_rng(2)
+    dof = np.full(12, 9.0)
+    alike, unlike = (
+        share_variance(_squares(rng, spread, 9), dof).freedom
+        for spread in (np.full(12, 0.03), np.geomspace(0.003, 0.3, 12))
+    )
+    assert alike > 3 * unlike
+    assert unlike < 4.0
+
+
+def test_moderated_variances_are_nearer_to_the_truth() -> None:
+    """Of three degrees of freedom each, the mean error of the logarithm falls by more than two fifths."""
+    rng = np.random.default_rng(3)
+    own, shared = [], []
+    for _ in range(20):
+        spread = 0.02 * np.exp(0.2 * rng.standard_normal(12))
+        squares, dof = _squares(rng, spread, 3), np.full(12, 3.0)
+        own.append(np.abs(np.log(squares[0] / 3.0 / spread**2)))
+        shared.append(np.abs(np.log(share_variance(squares, dof).moderate(squares, dof) / spread**2)))
+    assert np.mean(shared) < 0.6 * np.mean(own)
+
+
+def test_hypotheses_are_weighed_by_what_they_explain() -> None:
+    """Under the hypothesis that fits, all variances are alike: it takes nearly all weight, a costly one none."""
+    rng = np.random.default_rng(4)
+    right, wrong = _squares(rng, np.full(10, 0.02), 8), _squares(rng, np.geomspace(0.001, 0.4, 10), 8)
+    weights = share_variance(np.concatenate([right, wrong]), np.full(10, 8.0)).weights.sum(axis=1)
+    assert weights[0] > 0.999
+    told = share_variance(np.concatenate([right, right]), np.full(10, 8.0), np.array([0.0, 20.0])).weights.sum(axis=1)
+    assert told[1] < 1e-6
+
+
+NOISE_NM = np.array([2.0, 1.0])
+
+
+def drawn(arm: ArmModel, coulomb: tuple[float, float], seeds: list[int]) -> list[Motion]:
+    """Runs of an arm that is heavier than its drawing, with noise in its torque."""
+    rng = np.random.default_rng([7, *seeds])
+    true = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
+
+    def law(q: Array, dq: Array, ddq: Array) -> Array:
+        dry = np.array(coulomb) * np.sign(dq)
+        return true.inverse_dynamics(q, dq, ddq) + dry + NOISE_NM * rng.standard_normal(q.shape)
+
+    return list(made_motions(arm, law, seeds, duration=12.0))
+
+
+def error(found: Identified, arm: ArmModel, test: list[Motion]) -> float:
+    """Error of the torque against the truth without noise [N m]."""
+    true = arm.with_inertial_parameters(1.2 * arm.inertial_parameters)
+    losses = found.loss.params
+    off = []
+    for motion in test:
+        states = (motion.q, motion.dq, motion.ddq)
+        rigid = found.inertia.arm.inverse_dynamics(*states) - true.inverse_dynamics(*states)
+        dry = losses.coulomb * np.sign(motion.dq)
+        off.append(rigid + losses.motor_inertia * motion.ddq + losses.viscous * motion.dq + dry)
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def arm() -> ArmModel:
+    return two_joint_arm()
+
+
+def test_torque_at_the_link_has_no_losses(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Law: they are exactly zero, that is told, and the torque is nearer to the truth than with friction sought."""
+    test, better = drawn(arm, (0.0, 0.0), [90]), []
+    for seed in (1, 2, 3):
+        train = drawn(arm, (0.0, 0.0), [seed])
+        found = identify(train, arm, HowToIdentify("consistent"))
+        assert found.lossless == arm.joint_names
+        params = found.loss.params
+        assert np.all(np.stack([params.motor_inertia, params.viscous, params.coulomb]) < 1e-9)
+        assert "torque at the link" in "\n".join(describe(found))
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                "ident.model.identification.find_frictionless", lambda found, n, again: (np.zeros(n, bool), found)
+            )
+            better.append(error(found, arm, test) / error(identify(train, arm, HowToIdentify("consistent")), arm, test))
+    assert np.mean(better) < 0.8
+
+
+@pytest.mark.parametrize("coulomb", [(8.0, 0.0), (0.0, 4.0), (8.0, 4.0)])
+def test_where_one_joint_has_friction_none_is_without(arm: ArmModel, coulomb: tuple[float, float]) -> None:
+    """Law: effort is of one kind at all joints; then nothing changes."""
+    found = identify(drawn(arm, coulomb, [1]), arm, HowToIdentify("consistent"))
+    assert found.lossless == ()
+    assert found.loss.params.coulomb == pytest.approx(coulomb, abs=0.6)

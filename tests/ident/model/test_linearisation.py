@@ -1,4 +1,7 @@
-"""Laws of the arm that a diagnosis linearises about."""
+"""Laws of the arm that a diagnosis linearises about.
+
+Laws of the losses' torque.
+"""
 
 from collections.abc import Sequence
 
@@ -8,6 +11,7 @@ from scipy.signal import lfilter
 
 from ident.arrays import Array, Float
 from ident.errors import RecordingError
+from ident.laws.motion import direction
 from ident.model.linearisation import correlation_time, fit_losses, rigid_torque, tune_links
 from ident.model.loss import LossParameters, loss_columns
 from ident.motion.motion import Motion
@@ -92,3 +96,14 @@ def test_correlation_time_of_a_known_process(persistence: float, expected: float
     """An AR(1) of coefficient φ: (1 + φ) / (1 - φ) samples, within 20 %."""
     noise = np.random.default_rng(2).standard_normal(50_000)
     assert correlation_time(lfilter([1.0], [1.0, -persistence], noise)) == pytest.approx(expected, rel=0.2)
+
+
+def test_torque_is_eq_3() -> None:
+    """B ddq + C dq + f sign(dq) + offset, with tanh in place of the sign where a width is given; zero() has none."""
+    params = LossParameters([2.0, 2.0], [3.0, 3.0], [5.0, 5.0], [0.5, 0.5], [0.0, 0.1])
+    dq, ddq = np.array([[0.1, 0.1], [-0.1, 0.0], [0.0, -1.0]]), np.array([[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
+    near = np.tanh(1.0)
+    expected = [[7.8, 2.8 + 5 * near], [-4.8, 0.5], [0.5, -2.5 - 5 * np.tanh(10.0)]]
+    assert np.allclose(params.torque(dq, ddq), expected)
+    assert np.all(LossParameters.zero(2).torque(dq, ddq) == 0.0)
+    assert np.all(np.abs(direction(10 * dq, params.transition_speed)) <= 1.0)

@@ -1,6 +1,8 @@
 """Laws of the residual net."""
 
 import json
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -174,44 +176,43 @@ def test_a_saved_net_is_the_same_net_without_pickle(options: NetOptions, tmp_pat
     assert json.loads((tmp_path / "residual.json").read_text())["options"]["preset"] == options.preset
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("input_std", [[]]), ("input_mean", [[0.0] * 6] * 9), ("output_std", 1e308), ("input_mean", 1e308)],
-)
-def test_scales_that_do_not_fit_the_net_are_a_model_error(name: str, value: object, tmp_path: Path) -> None:
-    """Of another shape, or beyond what single precision holds: told when read, not when torque is asked for."""
-    state = _states(6, 200)
-    fit_residual_net([state], [_stribeck(state)], options=DEFAULT).save(tmp_path)
-    path = tmp_path / "residual.json"
-    record = json.loads(path.read_text())
-    if isinstance(value, float):
-        value = (np.zeros_like(np.array(record[name])) + value).tolist()
-    path.write_text(json.dumps({**record, name: value}))
-    with pytest.raises(ModelError, match=r"scale.*; fit the model again"):
-        ResidualNet.load(tmp_path)
+def _spoilt(name: str, value: object) -> Callable[[Path], object]:
+    """The net's record with another entry; a number is added to all of an entry's."""
+
+    def change(folder: Path) -> None:
+        record = json.loads((folder / "residual.json").read_text())
+        number = isinstance(value, float)
+        entry = (np.zeros_like(np.array(record[name])) + value).tolist() if number else value
+        low = {**record["bounds"], "low": value}
+        spoilt = {**record, **({"bounds": low} if name == "low" else {name: entry})}
+        (folder / "residual.json").write_text(json.dumps(spoilt))
+
+    return change
 
 
-@pytest.mark.parametrize(
-    ("file", "content"),
-    [
-        ("residual.json", b"{"),
-        ("residual.json", b"[]"),
-        ("residual.json", b'{"options": {"preset": "default", "colour": 1}}'),
-        ("residual.safetensors", b"not weights"),
-        ("residual.json", None),
-        ("residual.safetensors", None),
-    ],
-)
-def test_a_damaged_net_is_a_model_error(file: str, content: bytes | None, tmp_path: Path) -> None:
-    """A missing, cut or foreign file names the folder and the remedy."""
+DAMAGES: list[tuple[Callable[[Path], object], str]] = [
+    # Of another shape, or beyond what single precision holds: told when read, not when torque is asked for.
+    *((_spoilt("input_std", [[]]), "scale"), (_spoilt("input_mean", [[0.0] * 6] * 9), "scale")),
+    *((_spoilt("output_std", 1e308), "scale"), (_spoilt("input_mean", 1e308), "scale")),
+    # Bounds of another shape, no numbers, or the lower above the upper.
+    *((_spoilt("low", edge), "bound") for edge in ([[0.0] * 2] * 2, [[math.nan] * 2] * 3, [[9e9] * 2] * 3)),
+    # A missing, cut or foreign file.
+    (lambda folder: (folder / "residual.json").write_bytes(b"{"), ""),
+    (lambda folder: (folder / "residual.json").write_bytes(b"[]"), ""),
+    (lambda folder: (folder / "residual.json").write_bytes(b'{"options": {"preset": "default", "colour": 1}}'), ""),
+    (lambda folder: (folder / "residual.safetensors").write_bytes(b"not weights"), ""),
+    (lambda folder: (folder / "residual.json").unlink(), ""),
+    (lambda folder: (folder / "residual.safetensors").unlink(), ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("damage", "words"), DAMAGES)
+def test_a_damaged_net_is_a_model_error(damage: Callable[[Path], object], words: str, tmp_path: Path) -> None:
+    """The error says what is wrong and the remedy."""
     state = _states(6, 200)
     fit_residual_net([state], [_stribeck(state)], options=DEFAULT).save(tmp_path)
-    path = tmp_path / file
-    if content is None:
-        path.unlink()
-    else:
-        path.write_bytes(content)
-    with pytest.raises(ModelError, match=r"; fit the model again"):
+    damage(tmp_path)
+    with pytest.raises(ModelError, match=f"{words}.*; fit the model again"):
         ResidualNet.load(tmp_path)
 
 
@@ -259,18 +260,6 @@ def test_a_faster_run_is_not_spoilt_by_what_was_never_seen() -> None:
     net = fit_residual_net(slow, [law(state) + 0.3 * rng.standard_normal(state[0].shape) for state in slow])
     left = law(fast[0]) - net.predict(*fast[0])
     assert np.all(np.mean(left**2, axis=0) < np.mean(law(fast[0]) ** 2, axis=0))
-
-
-@pytest.mark.parametrize("edge", [[[0.0] * 2] * 2, [[float("nan")] * 2] * 3, [[9e9] * 2] * 3])
-def test_damaged_bounds_are_a_model_error(edge: list[list[float]], tmp_path: Path) -> None:
-    """Of another shape, no numbers, or the lower above the upper."""
-    state = _states(46, 200)
-    fit_residual_net([state], [_stribeck(state)]).save(tmp_path)
-    path = tmp_path / "residual.json"
-    record = json.loads(path.read_text())
-    path.write_text(json.dumps({**record, "bounds": {**record["bounds"], "low": edge}}))
-    with pytest.raises(ModelError, match=r"bound.*; fit the model again"):
-        ResidualNet.load(tmp_path)
 
 
 def test_noise_is_not_learnt() -> None:
