@@ -10,6 +10,7 @@ runs, so that fast motion, coarse channels and noise each set their own level, a
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -17,7 +18,7 @@ from scipy.ndimage import median_filter
 from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import compare_velocities, filter_run
-from ident.checks.report import Findings, joints_at
+from ident.checks.report import Findings, issue_of, joints_at
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -67,10 +68,8 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     else:
         reason = "no arm moves so fast in radians"
     joint = int(np.argmax(np.where(suspects, far, -1.0)))
-    evidence = f"{session.name}: {session.joints[joint]} goes to {far[joint]:.1f} at {fast[joint]:.1f} /s; {reason}"
-    remedy = 'write angle_unit = "deg" in session.toml'
-    issue = TelemetryIssue("units_degrees", joints_at(session, np.flatnonzero(turning)), "fatal", evidence, remedy)
-    return converted, [issue]
+    seen: dict[str, Any] = {"joint": session.joints[joint], "far": far[joint], "fast": fast[joint], "reason": reason}
+    return converted, [issue_of("degrees", session.name, joints_at(session, np.flatnonzero(turning)), **seen)]
 
 
 def _speed(run: Recording) -> Float[Array, " n"]:

@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, nnls
 
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, joint_terms
-from ident.checks.report import joints_at
+from ident.checks.report import issue_of, joints_at
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
@@ -130,11 +131,7 @@ def _describe(session: Session, now: Array, best: Array, angle: float, share: st
     words = about or f"({', '.join(f'{one:.2f}' for one in axis)})"
     signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
-    evidence = (
-        f"{session.name}: gravity does not pull where the URDF's base has it: turn the base by {signed:.0f}° about "
-        f"{words}, and the model explains {share}; used so from here on"
-    )
-    return TelemetryIssue("mounting", (), "warning", evidence, f"write {line} in session.toml, as the arm is mounted")
+    return issue_of("mounted", session.name, turn=signed, axis=words, share=share, line=line)
 
 
 # Residuals of the joints that change places must shrink by this factor each, and so much must be explained then.
@@ -240,9 +237,6 @@ def _tell(session: Session, here: Order, best: Order, moved: list[int]) -> Telem
         for what, order in (("the effort", best.torques), ("the position", best.positions))
     ]
     worst = max(moved, key=lambda j: here.left[j] / best.left[j])
-    evidence = (
-        f"{session.name}: {'; '.join(part for part in parts if part)}: the model then explains "
-        f"{1.0 - best.left[worst]:.0%} of the effort of {names[worst]}, {1.0 - here.left[worst]:.0%} as the file has it"
-    )
-    remedy = "give the columns their joints' names, in the file or in [columns] of session.toml"
-    return TelemetryIssue("columns_swapped", joints_at(session, moved), "fatal", evidence, remedy)
+    seen: dict[str, Any] = {"best": 1.0 - best.left[worst], "joint": names[worst], "here": 1.0 - here.left[worst]}
+    seen |= {"parts": "; ".join(part for part in parts if part)}
+    return issue_of("swapped", session.name, joints_at(session, moved), **seen)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
-from ident.checks.report import Findings, joints_at
-from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue
+from ident.checks.report import Findings, issue_of, joints_at
+from ident.recordings.recording import Recording, Session, TelemetryIssue
 
 # A stuck channel repeats one value for this long, and this many samples, while its joint moves.
 STUCK_S, STUCK_SAMPLES = 0.3, 10
@@ -29,10 +30,6 @@ TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 10, 5, 0.3
 # A channel is coarse if its values stand this share of its range apart.
 COARSE = 0.02
 COMMAND_SHARE = 0.99
-COMMANDS: tuple[tuple[str, str, str, Severity, str], ...] = (
-    ("effort", "effort_command", "effort_is_model", "fatal", "log the measured torque or the motor current"),
-    ("position", "position_command", "position_is_command", "warning", "log the encoders' positions"),
-)
 
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -199,7 +196,8 @@ def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
 def check_commands(session: Session) -> list[TelemetryIssue]:
     """Finds commands that are logged as measurements."""
     issues = []
-    for measured, command, issue, severity, remedy in COMMANDS:
+    for measured in ("effort", "position"):
+        command = f"{measured}_command"
         pairs = [run.channels() for run in session.runs if command in run.channels()]
         if not pairs:
             continue
@@ -209,6 +207,6 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         same = (values == commands)[1:] & moving
         joints = np.flatnonzero((same.sum(axis=0) > COMMAND_SHARE * moving.sum(axis=0)) & moving.any(axis=0))
         if len(joints):
-            evidence = f"{session.name}: {measured} of {session.joints[joints[0]]} equals its command in every sample"
-            issues.append(TelemetryIssue(issue, joints_at(session, joints), severity, evidence, remedy))
+            seen: dict[str, Any] = {"measured": measured, "joint": session.joints[joints[0]]}
+            issues.append(issue_of(command, session.name, joints_at(session, joints), **seen))
     return issues

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ident.arrays import Array, Float
 from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import Velocities, compare_velocities
-from ident.checks.report import Findings, joints_at
+from ident.checks.report import Findings, issue_of, joints_at
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
@@ -200,8 +201,7 @@ def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         return session, []
     unit, name = (1e-6, "microseconds") if interval < 2e5 and times[0].max() < 1e17 else (1e-9, "nanoseconds")
     scaled = session.replace(runs=[run.replace(time=(run.time - times[0][0]) * unit) for run in session.runs])
-    evidence = f"{session.name}: time is in whole {name}, {interval:.4g} from sample to sample; read as such"
-    return scaled, [TelemetryIssue("wrong_time_base", (), "note", evidence, "none needed")]
+    return scaled, [issue_of("whole_ticks", session.name, unit=name, interval=interval)]
 
 
 def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, list[TelemetryIssue]]:
@@ -238,9 +238,7 @@ def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session,
     """The session with its time divided by the factor, and the issue."""
     scaled = session.replace(runs=[run.replace(time=run.time / factor) for run in session.runs])
     rate = 1.0 / float(np.median([run.sample_interval for run in scaled.runs if len(run) > 1]))
-    evidence = f"{session.name}: {reason.format(factor)}; the sampling rate seems to be {rate:.4g} Hz"
-    remedy = "give time in seconds, or drop it and write sample_rate_hz in session.toml"
-    return scaled, [TelemetryIssue("wrong_time_base", (), "fatal", evidence, remedy)]
+    return scaled, [issue_of("clock_rate", session.name, reason=reason.format(factor), rate=rate)]
 
 
 def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
@@ -248,12 +246,10 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     states = collect_states(session, arm)
     if states is None:
         return []
-    remedy = "check the unit of time, or sample_rate_hz of session.toml"
     excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
     if excess.max() > OVER_LIMIT:
-        joint = int(np.argmax(excess))
-        evidence = f"{session.name}: {session.joints[joint]} moves at {excess[joint]:.1f} times its velocity limit"
-        return [TelemetryIssue("wrong_time_base", (session.joints[joint],), "fatal", evidence, remedy)]
+        name = session.joints[int(np.argmax(excess))]
+        return [issue_of("clock_by_speed", session.name, (name,), joint=name, excess=excess.max())]
     ratios = [
         ratio
         for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LOADED_NM))
@@ -262,11 +258,7 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     if not ratios or INERTIA_LOW < float(np.median(ratios)) < INERTIA_HIGH:
         return []
     ratio = float(np.median(ratios))
-    evidence = (
-        f"{session.name}: inertial torque is {ratio:.3g} times the model's, gravity taken as right: "
-        f"the recorded time seems to be {math.sqrt(ratio):.2g} times the true one"
-    )
-    return [TelemetryIssue("wrong_time_base", (), "fatal", evidence, remedy)]
+    return [issue_of("clock_by_inertia", session.name, ratio=ratio, stretch=math.sqrt(ratio))]
 
 
 def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
@@ -295,36 +287,22 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     in_degrees = found.moving & (np.abs(found.slope / degrees - 1.0) < CLOCK_SPREAD)
     in_degrees &= found.correlation > CLOCK_CORRELATION
     if found.moving.any() and in_degrees[found.moving].all():
-        evidence = f"{session.name}: measured velocities are 57.3 times the positions' derivative: degrees; converted"
-        issue = TelemetryIssue(
-            "units_degrees", joints_at(session, np.flatnonzero(in_degrees)), "note", evidence, "none needed"
-        )
+        issue = issue_of("velocity_degrees", session.name, joints_at(session, np.flatnonzero(in_degrees)))
         speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
         runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
         return session.replace(runs=runs), [issue]
     position_degrees = np.abs(found.slope * degrees - 1.0) < CLOCK_SPREAD
     if found.moving.any() and position_degrees[found.moving].all() and (found.correlation[found.moving] > 0.95).all():
-        evidence = (
-            f"{session.name}: measured velocities are 1/57.3 of the positions' derivative: positions are in degrees"
-        )
-        remedy = "convert the positions to radians"
-        issue = TelemetryIssue(
-            "units_degrees", joints_at(session, np.flatnonzero(found.moving)), "fatal", evidence, remedy
-        )
+        issue = issue_of("position_degrees", session.name, joints_at(session, np.flatnonzero(found.moving)))
         return scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False), [issue]
     bad = found.moving & ((found.correlation < CORRELATION) | (found.slope < SLOPE_LOW) | (found.slope > SLOPE_HIGH))
     if not bad.any():
         return session, []
     joint = int(np.flatnonzero(bad)[np.argmin(found.correlation[bad])])
-    evidence = (
-        f"{session.name}: measured velocity of {session.joints[joint]} is {found.slope[joint]:.3g} times the "
-        f"position's derivative (correlation {found.correlation[joint]:.2f}); velocities are not used"
-    )
-    issue = TelemetryIssue(
-        "velocity_inconsistent",
-        joints_at(session, np.flatnonzero(bad)),
-        "warning",
-        evidence,
-        "check both channels: what is used is the positions' derivative",
-    )
+    seen: dict[str, Any] = {
+        "joint": session.joints[joint],
+        "slope": found.slope[joint],
+        "correlation": found.correlation[joint],
+    }
+    issue = issue_of("velocity", session.name, joints_at(session, np.flatnonzero(bad)), **seen)
     return session.replace(runs=[run.replace(velocity=None) for run in session.runs]), [issue]

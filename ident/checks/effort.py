@@ -11,13 +11,14 @@ URDF's masses, the rotor's inertia and the level of friction are. A flipped sign
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
 from ident.arrays import Array, Bool, Float
 from ident.checks.filtered_run import filter_run
-from ident.checks.report import joints_at
+from ident.checks.report import issue_of, joints_at
 from ident.checks.settings import USUAL_EFFORT, EffortSettings
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
@@ -188,13 +189,10 @@ def check_effort(session: Session, arm: ArmModel, states: States) -> list[Teleme
     issues: list[TelemetryIssue] = []
     if flipped:
         worst = max(flipped, key=lambda j: wrong[j].explained)
-        evidence = (
-            f"{session.name}: gravity, inertia and friction explain {wrong[worst].explained:.0%} of minus the effort "
-            f"of {session.joints[worst]}, and {max(right[worst].explained, 0.0):.0%} of the effort"
-        )
-        lines = ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)
-        remedy = f"write [effort_sign] {lines} in session.toml (or remove the sign that is there)"
-        issues.append(TelemetryIssue("effort_sign_flipped", joints_at(session, flipped), "fatal", evidence, remedy))
+        seen: dict[str, Any] = {"wrong": wrong[worst].explained, "right": max(right[worst].explained, 0.0)}
+        seen |= {"lines": ", ".join(f"{toml_key(session.joints[j])} = -1" for j in flipped)}
+        seen |= {"joint": session.joints[worst]}
+        issues.append(issue_of("sign", session.name, joints_at(session, flipped), **seen))
     # A spring that carries the arm can hide gravity: what it could explain is no fault of the channel.
     sprung = {joint: fit_signed(states, joint, -1.0 if joint in flipped else 1.0, spring=True) for joint in tested}
     issues += _check_scale(session, states, upright, sprung)
@@ -205,8 +203,6 @@ def _check_scale(
     session: Session, states: States, fits: dict[int, SignedFit], sprung: dict[int, SignedFit]
 ) -> list[TelemetryIssue]:
     held, heavy = states.settings, [joint for joint in fits if states.heavy[joint]]
-    remedy = "give torque in N m, or the current with [drive_gain_Nm_per_A] in session.toml"
-    compensated = 'if the driver takes gravity out, write effort_kind = "gravity_compensated" in session.toml'
     deaf = [joint for joint in heavy if sprung[joint].explained < held.follows]
     off = [
         joint
@@ -218,21 +214,13 @@ def _check_scale(
     issues = []
     if deaf:
         joint = min(deaf, key=lambda j: fits[j].explained)
-        evidence = (
-            f"{session.name}: gravity, inertia and friction explain {max(fits[joint].explained, 0.0):.0%} of the "
-            f"effort of {session.joints[joint]}, on which gravity changes by {states.gravity[:, joint].std():.1f} N m"
-        )
-        hint = f"log the joint's whole torque: no external one, nor another joint's; {compensated}"
-        issues.append(TelemetryIssue("effort_not_torque", joints_at(session, deaf), "fatal", evidence, hint))
+        seen: dict[str, Any] = {"explained": max(fits[joint].explained, 0.0), "change": states.gravity[:, joint].std()}
+        seen |= {"joint": session.joints[joint]}
+        issues.append(issue_of("deaf", session.name, joints_at(session, deaf), **seen))
     if off:
         joint = max(off, key=lambda j: abs(np.log(max(fits[j].gravity, 1e-9))))
-        evidence = (
-            f"{session.name}: the effort of {session.joints[joint]} follows the model's gravity torque at "
-            f"{fits[joint].gravity:.3g} of its size: a current, a percentage or another unit"
-        )
-        issues.append(
-            TelemetryIssue("effort_not_torque", joints_at(session, off), "fatal", evidence, f"{remedy}; {compensated}")
-        )
+        seen = {"joint": session.joints[joint], "scale": fits[joint].gravity}
+        issues.append(issue_of("unit", session.name, joints_at(session, off), **seen))
     return issues
 
 
@@ -254,13 +242,8 @@ def _check_origin(session: Session, arm: ArmModel, states: States) -> list[Telem
     if len(models) < max(1.0, 0.5 * len(moving)):
         return []
     left, friction, worst = min(models)
-    evidence = (
-        f"{session.name}: a rigid model explains the effort of {session.joints[worst]} but for {left:.2%}, with "
-        f"{friction:.3f} N m of friction: a computed torque, not a measured one"
-    )
-    joints = joints_at(session, [joint for *_, joint in models])
-    remedy = "log the measured torque or the motor current"
-    return [TelemetryIssue("effort_is_model", joints, "fatal", evidence, remedy)]
+    seen: dict[str, Any] = {"joint": session.joints[worst], "left": left, "friction": friction}
+    return [issue_of("computed", session.name, joints_at(session, [joint for *_, joint in models]), **seen)]
 
 
 def _without_friction(

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
-from ident.checks.report import JointEffort, TelemetryReport, joints_at
+from ident.checks.report import JointEffort, TelemetryReport, issue_of, joints_at
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
@@ -98,11 +99,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
     if forced and known and all(fit.gravity > PRESENT for fit in known.values()):
         worst = [*known].index(max(known, key=lambda j: known[j].gravity))
-        evidence = f"{session.name}: session.toml says gravity_compensated, but {told[worst]}"
-        remedy = 'remove effort_kind = "gravity_compensated" from session.toml'
-        return session, [
-            TelemetryIssue("effort_gravity_compensated", joints_at(session, known), "fatal", evidence, remedy)
-        ]
+        return session, [issue_of("gravity_is_there", session.name, joints_at(session, known), told=told[worst])]
     # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
     lacks = states is not None and bool(known) and all(fit.lacks_gravity for fit in known.values())
     if lacks and states is not None:
@@ -113,12 +110,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
     whole = [run.replace(effort=run.effort + arm.gravity(run.position)) if len(run) else run for run in session.runs]
     reason = "session.toml says gravity_compensated" if forced else "gravity is not in the effort"
     seen = f" ({'; '.join(told)})" if told else ""
-    evidence = f"{session.name}: {reason}{seen}; the model's gravity, payload included, is added"
-    remedy = (
-        "log the whole torque to see errors of masses: they hide where gravity is added; "
-        'or write effort_kind = "joint_torque" in session.toml if gravity is in it'
-    )
-    issue = TelemetryIssue("effort_gravity_compensated", session.joints, "warning", evidence, remedy)
+    issue = issue_of("gravity_lacks", session.name, session.joints, reason=reason, seen=seen)
     return session.replace(runs=whole, effort_kind="joint_torque"), [issue]
 
 
@@ -188,12 +180,13 @@ def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     if not len(joints):
         return []
     worst = int(np.argmax(factor))
-    evidence = (
-        f"{session.name}: the effort of {session.joints[worst]} reaches {seen[worst]:.3g} N m, {factor[worst]:.3g} "
-        f"times the {rated[worst]:.3g} N m that it is rated for"
-    )
-    remedy = "give torque in N m, or current with [drive_gain_Nm_per_A] in session.toml; or mend the URDF's limit"
-    return [TelemetryIssue("effort_not_torque", joints_at(session, joints), "fatal", evidence, remedy)]
+    figures: dict[str, Any] = {
+        "seen": seen[worst],
+        "factor": factor[worst],
+        "rated": rated[worst],
+        "joint": session.joints[worst],
+    }
+    return [issue_of("rating", session.name, joints_at(session, joints), **figures)]
 
 
 def check_gains(session: Session) -> list[TelemetryIssue]:
@@ -201,11 +194,7 @@ def check_gains(session: Session) -> list[TelemetryIssue]:
     if not session.guessed_gains:
         return []
     gains = ", ".join(f"{joint} {gain:.3g}" for joint, gain in session.guessed_gains.items())
-    evidence = f"{session.name}: the drive gains are guesses [N m/A]: {gains}; all that follows is in their unit"
-    remedy = (
-        "measure the gains (`ident fit` with a known payload scales them), and take guessed = true out of session.toml"
-    )
-    return [TelemetryIssue("guessed_gains", tuple(session.guessed_gains), "warning", evidence, remedy)]
+    return [issue_of("guessed", session.name, session.guessed_gains, gains=gains)]
 
 
 class Gains:
@@ -251,12 +240,12 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
     if worst is None or found[worst] > OWN_MOTION[1]:
         return []
     severity: Severity = "fatal" if found[worst] < OWN_MOTION[0] else "warning"
-    evidence = (
-        f"{session.name}: the recorded motion explains {max(found[worst], 0.0):.0%} of the effort of "
-        f"{session.joints[worst]}: {', '.join(absent)}, not recorded, seem to have moved"
-    )
-    remedy = "record every joint, or give a URDF in which they are fixed where they were"
-    return [TelemetryIssue("joints_locked", (session.joints[worst],), severity, evidence, remedy)]
+    seen: dict[str, Any] = {
+        "explained": max(found[worst], 0.0),
+        "joint": session.joints[worst],
+        "absent": ", ".join(absent),
+    }
+    return [issue_of("absent", session.name, (session.joints[worst],), severity, **seen)]
 
 
 def fit_scale(states: States, joint: int) -> tuple[float, float]:
@@ -289,6 +278,4 @@ def check_scales(session: Session, states: States) -> list[TelemetryIssue]:
     told = "; ".join(
         f"{session.joints[j]} reads {k:.2f} ± {2.0 * e:.2f} of the model's gravity torque" for j, k, e in found
     )
-    remedy = "check its drive gain (torque / model) and the URDF's masses: one of them is off by this factor"
-    joints = tuple(session.joints[j] for j, _, _ in found)
-    return [TelemetryIssue("torque_scale", joints, "warning", f"{session.name}: {told}", remedy)]
+    return [issue_of("scale", session.name, [session.joints[j] for j, _, _ in found], told=told)]

@@ -9,12 +9,14 @@ Source: Marquardt, Generalized inverses, ridge regression, biased linear estimat
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import qr
 
 from ident.arrays import Array, Float, Int
 from ident.checks.filtered_run import filter_run
-from ident.checks.report import TelemetryReport
+from ident.checks.report import TelemetryReport, issue_of
 from ident.checks.settings import USUAL_EXCITATION, ExcitationSettings
 from ident.errors import RecordingError, plural
 from ident.recordings.recording import FEWEST_BLOCKS, SHORTEST_BLOCK_S, Session, Severity, TelemetryIssue, count_blocks
@@ -137,31 +139,32 @@ class Amount:
             return []
         found = self._check_excitation()
         if self._blocks < FEWEST_BLOCKS:
-            blocks = f"{plural(self._blocks, 'block')} of {SHORTEST_BLOCK_S} s"
-            what = f"{self._name}: {self._seconds:.1f} s in {plural(self._runs, 'run')} give {blocks}"
-            remedy = f"record {FEWEST_BLOCKS} runs, or one of {FEWEST_BLOCKS * SHORTEST_BLOCK_S:.1f} s; 60 s are better"
-            found.insert(0, TelemetryIssue("too_few_runs", (), "fatal", what, remedy))
+            seen: dict[str, Any] = {
+                "seconds": self._seconds,
+                "runs": plural(self._runs, "run"),
+                "block": SHORTEST_BLOCK_S,
+            }
+            seen |= {"blocks": plural(self._blocks, "block"), "length": FEWEST_BLOCKS * SHORTEST_BLOCK_S}
+            found.insert(0, issue_of("too_few", self._name, least=FEWEST_BLOCKS, **seen))
         return found
 
     def _check_excitation(self) -> list[TelemetryIssue]:
         """Whether the motion moves every joint and tells the base parameters apart."""
         travel = self._high - self._low
         still = np.flatnonzero(travel < self._settings.least_travel)
-        remedy = "record motion of all joints over wide poses (`plan excite` proposes one)"
         issues = []
         if len(still):
             names = tuple(self._joints[j] for j in still)
-            what = f"hardly any motion ({travel[still].max():.3f} rad at most) of {', '.join(names)}"
             severity: Severity = "fatal" if len(still) == len(self._joints) else "warning"
-            issues.append(TelemetryIssue("insufficient_excitation", names, severity, f"{self._name}: {what}", remedy))
+            seen: dict[str, Any] = {"travel": travel[still].max(), "names": ", ".join(names)}
+            issues.append(issue_of("still", self._name, names, severity, **seen))
         if self._blocks >= FEWEST_BLOCKS:  # else that is what is wrong
             issues += self._check_independence()
         if self._arm is None or not self._states or len(still) == len(self._joints):
             return issues
         condition = base_condition(np.concatenate(self._states, axis=1), self._arm)
         if condition > self._settings.largest_condition:
-            what = f"the base parameters' regressor has a condition number of {condition:.3g}"
-            issues.append(TelemetryIssue("insufficient_excitation", (), "warning", f"{self._name}: {what}", remedy))
+            issues.append(issue_of("condition", self._name, condition=condition))
         return issues
 
     def _check_independence(self) -> list[TelemetryIssue]:
@@ -178,9 +181,8 @@ class Amount:
             return []
         joints = tuple(self._joints[j] for j, _ in found)
         severity: Severity = "fatal" if len(found) == moving.sum() else "warning"
-        what = f"{self._name}: {joints[0]}: {found[0][1]}" + (f"; so {', '.join(joints[1:])}" if joints[1:] else "")
-        remedy = "move every joint to and fro at several speeds in several recordings (`plan excite` proposes how)"
-        return [TelemetryIssue("insufficient_excitation", joints, severity, what, remedy)]
+        others = f"; so {', '.join(joints[1:])}" if joints[1:] else ""
+        return [issue_of("dependent", self._name, joints, severity, joint=joints[0], told=found[0][1], others=others)]
 
 
 def base_condition(states: Float[Array, "4 T n"], arm: ArmModel) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -154,6 +155,27 @@ class Inspection(Result):
 def as_mounted(arm: ArmModel, session: Session) -> ArmModel:
     """The arm under the gravity that a session has been found, or said, to be recorded under."""
     return arm if session.gravity is None else arm.with_gravity(np.array(session.gravity))
+
+
+# What issues say, by wording.
+WORDS: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("issues.toml").read_text(encoding="utf-8"))
+
+
+def issue_of(
+    key: str, name: str, joints: Iterable[str] = (), severity: Severity | None = None, **seen: Any
+) -> TelemetryIssue:
+    """An issue in the words of `issues.toml`.
+
+    Args:
+        key: Its row.
+        name: The session's name.
+        joints: Names of the joints concerned.
+        severity: Another one than the row's.
+        **seen: What its words name.
+    """
+    row = WORDS[key]
+    evidence, remedy = (row[part].format(**seen) for part in ("evidence", "remedy"))
+    return TelemetryIssue(row["issue"], tuple(joints), severity or row["severity"], f"{name}: {evidence}", remedy)
 
 
 def joints_at(session: Session, columns: Iterable[int]) -> tuple[str, ...]:
