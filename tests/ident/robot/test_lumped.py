@@ -10,23 +10,10 @@ from tests.ident.made_up import joint, link, random_states, urdf
 from tests.ident.robot.printed_equations import ERRORS, closed_form_torque, printed_torque
 
 # Set R in the paper's names, published with its derivation.
-SET_R = {
-    "m2": 8.897,
-    "m3": 2.443,
-    "m4": 3.802,
-    "a2": 0.429,
-    "a3": 0.4115,
-    "d1": 0.1452,
-    "l2": 0.2145,
-    "l3": 0.304,
-    "I1y": 0.0088001191,
-    "I2x": 0.024459,
-    "I2y": 0.355,
-    "I2z": 0.348,
-    "I3x": 0.0036349728,
-    "I3y": 0.0609980271,
-    "I3z": 0.060500000044,
-}
+NAMES = ("m2", "m3", "m4", "a2", "a3", "d1", "l2", "l3", "I1y", "I2x", "I2y", "I2z", "I3x", "I3y", "I3z")
+MASSES_LENGTHS = (8.897, 2.443, 3.802, 0.429, 0.4115, 0.1452, 0.2145, 0.304)
+MOMENTS = (0.0088001191, 0.024459, 0.355, 0.348, 0.0036349728, 0.0609980271, 0.060500000044)
+SET_R = dict(zip(NAMES, MASSES_LENGTHS + MOMENTS, strict=True))
 
 
 @pytest.fixture(scope="module")
