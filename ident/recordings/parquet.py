@@ -135,7 +135,8 @@ def column_numbers(column: Column, name: str, where: str | Path) -> Float[Array,
     """
     try:
         if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
-            column = column.cast(pa.timestamp("ns", "UTC" if ZONE.search(str(column[0])) else None))  # ISO 8601
+            zoned = len(column) and ZONE.search(str(column[0]))
+            column = column.cast(pa.timestamp("ns", "UTC" if zoned else None))  # ISO 8601
         if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
             nanoseconds = column.cast(pa.timestamp("ns") if pa.types.is_timestamp(column.type) else pa.duration("ns"))
             return nanoseconds.cast(pa.int64()).to_numpy() * 1e-9
