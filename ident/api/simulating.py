@@ -8,8 +8,7 @@ from typing import Any
 from ident.errors import InputError
 from ident.recordings.load import load_session
 from ident.recordings.recording import Session
-from ident.simulation.output import simulate_to
-from ident.simulation.simulate import SimulationOptions
+from ident.simulation.simulate import SimulationOptions, simulate_to
 from ident.simulation.simulate import simulate as run
 
 

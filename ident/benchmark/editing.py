@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ident.arrays import Array, Float
+from ident.benchmark.cases import MakeTask
 from ident.benchmark.examining import finite
-from ident.benchmark.making import MakeTask
 from ident.benchmark.scoring import is_true, shown_joints
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError

@@ -21,7 +21,7 @@ from ident.errors import InputError
 from ident.simulation.causes import CATALOGUE, Circumstances
 from ident.simulation.simulate import Simulation
 from ident.simulation.visibility import STRIDE_S
-from ident.simulation.world_arm import noise_density
+from ident.simulation.world import noise_density
 
 # Sizes that are thought possible, in visible noise floors, evenly in the logarithm.
 SIZES = np.geomspace(0.1, 10.0, 25)

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.benchmark.statistics import Score
-from ident.benchmark.summary import EDIT_WITHIN, BlindReport
-from ident.benchmark.worlds import NUMBERS, WORDS, Stratum
+from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, Stratum
 from ident.errors import plural
 from ident.show.panels import draw_bars
 from ident.show.report.confusion import ConfusionSection

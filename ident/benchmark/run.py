@@ -14,10 +14,9 @@ from typing import Any, TypeVar
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ident.benchmark.cases import FULL_MIX, plan_slots
+from ident.benchmark.cases import FULL_MIX, MADE_NAME, MakeTask, make, plan_slots
 from ident.benchmark.editing import EditTask, edit
 from ident.benchmark.examining import ExamineTask, examine
-from ident.benchmark.making import MADE_NAME, MakeTask, make
 from ident.benchmark.pages import write_blind_pages
 from ident.benchmark.scoring import score_case
 from ident.benchmark.summary import BlindReport

@@ -48,12 +48,10 @@ def simulate(
 ) -> None:
     """A session of the simulated arm, its effects chosen."""
     from ident.robot.arm import ArmModel
-    from ident.simulation.output import simulate_to
     from ident.simulation.request import parse_payload
-    from ident.simulation.simulate import RICH, SimulationOptions
+    from ident.simulation.simulate import RICH, SimulationOptions, simulate_to
     from ident.simulation.world import find_world, settle
-    from ident.trajectories.command_files import read_commands
-    from ident.trajectories.plan_files import read_plan
+    from ident.trajectories.files import read_commands, read_plan
 
     if plan is not None and commands is not None:
         raise InputError("--plan", "given beside --commands", "give one of them")

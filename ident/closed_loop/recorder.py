@@ -12,7 +12,7 @@ from ident.errors import InputError, RecordingError
 from ident.recordings.load import TOPIC, load_session
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
-from ident.trajectories.command_files import write_commands
+from ident.trajectories.files import write_commands
 from ident.trajectories.reference import ReferenceMotion
 
 # What a user's command must hold: the folder with the command files, and the folder for what was recorded.

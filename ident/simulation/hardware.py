@@ -1,23 +1,34 @@
-"""The arm as it really is: hidden inertias, friction, drives and sensors, drawn for one individual arm."""
+"""The arm as it really is: hidden inertias, friction, drives and sensors, drawn for one individual arm.
+
+Decoys are differences from the data sheet that are no effect of the catalogue and must not be named as one.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ident.arrays import Array
+from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
-from ident.simulation.contact import Contact, no_contact
-from ident.simulation.friction import plain_friction
-from ident.simulation.laws import Law, change_law, make_law
+from ident.simulation.laws import (
+    Contact,
+    Law,
+    change_law,
+    heat_law,
+    make_law,
+    no_contact,
+    plain_friction,
+    rigid_drive,
+    scale_friction,
+)
 from ident.simulation.mjcf import Bodies, nominal_bodies
 from ident.simulation.outside import OUTSIDE
 from ident.simulation.sensing import Sensing
-from ident.simulation.thermal import heat_law
-from ident.simulation.transmission import rigid_drive
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,3 +108,50 @@ def draw_hardware(arm: ArmModel, rng: np.random.Generator, inertia_error: float 
         contact=no_contact(),
         sensing=Sensing.typical(scale, ratio),
     )
+
+
+def _inertia(hardware: Hardware, rng: np.random.Generator) -> Hardware:
+    """Masses and inertias of all links off by up to ten per cent, up or down alike."""
+    n, bodies = hardware.n, hardware.bodies
+    scales = 1.0 + rng.uniform(-0.1, 0.1, (2, n))
+    mass, inertia = bodies.mass_scale * scales[0], bodies.inertia_scale * scales[1]
+    return hardware.replace(bodies=bodies.replace(mass_scale=mass, inertia_scale=inertia))
+
+
+def _geometry(hardware: Hardware, rng: np.random.Generator) -> Hardware:
+    """Joint frames up to a millimetre from where the URDF puts them."""
+    shift = hardware.bodies.geometry_shift + rng.uniform(-1e-3, 1e-3, (hardware.n, 3))
+    return hardware.replace(bodies=hardware.bodies.replace(geometry_shift=shift))
+
+
+def _friction(hardware: Hardware, rng: np.random.Generator) -> Hardware:
+    """Friction half or twice of what an arm of this size has: start values from a data sheet are wrong."""
+    factor = np.exp(rng.uniform(-np.log(2.0), np.log(2.0), (2, hardware.n)))
+    return hardware.replace(friction=scale_friction(hardware.friction, *factor))
+
+
+def _controller(hardware: Hardware, rng: np.random.Generator) -> Hardware:
+    """A controller of half to one and a half times the bandwidth, with another damping."""
+    return hardware.replace(
+        bandwidth=hardware.bandwidth * float(rng.uniform(0.5, 1.5)),
+        damping_ratio=float(rng.uniform(0.6, 1.1)),
+    )
+
+
+DECOYS: dict[str, Callable[[Hardware, np.random.Generator], Hardware]] = {
+    "inertia": _inertia,
+    "geometry": _geometry,
+    "friction": _friction,
+    "controller": _controller,
+}
+
+
+def add_decoy(hardware: Hardware, name: str, rng: np.random.Generator) -> Hardware:
+    """The hardware with a decoy.
+
+    Raises:
+        InputError: No such decoy.
+    """
+    if name not in DECOYS:
+        raise InputError("--decoy", f"unknown decoy {name!r}", f"choose from: {', '.join(DECOYS)}")
+    return DECOYS[name](hardware, rng)

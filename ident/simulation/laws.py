@@ -1,14 +1,36 @@
-"""The plant's laws as tables: a record a joint, a column a parameter, so that compiled code takes one table.
+"""The plant's laws as tables, a record a joint, and what they do: friction, heat, gears, and a push from outside.
 
-A law is declared once, as its columns with the value that a joint has of each without an effect.
+A law is declared once, as its columns with the value that a joint has of each without an effect; compiled code takes
+one table.
+
+Dry friction is bristles that stick, not a function of velocity. Every sliding contact is a LuGre bristle of deflection
+z,
+
+    dz/dt = v - σ0 |v| z / g(v, …),    F = σ0 z + σ1(v) dz/dt,
+
+which holds any torque below its level g at rest. The level carries the Stribeck fall, the mesh load, the seat's
+eccentricity, the direction and the temperature; viscous drag is the lubricant's, with shear thinning after Eyring. The
+lubricant warms by what friction loses, the housing takes it up and cools to the air, with temperatures above ambient
+
+    C_1 dθ_1/dt = P_loss - G_1 (θ_1 - θ_2),    C_2 dθ_2/dt = G_1 (θ_1 - θ_2) - G_2 θ_2.
+
+Between motor and link lie a rotor, a spring, a gap, tooth ripple, and the dress pack around the joint. MuJoCo carries a
+push, smooth at its start and end, to the joints; no Jacobian is written down here.
+
+Source: Canudas de Wit et al. 1995 (LuGre); Eyring 1936 (shear thinning); Bittencourt and Gunnarsson 2010 (load,
+temperature); Spong 1987 (two bodies and a spring); Hunt and Crossley 1975 (contact in the gap).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
+from scipy.linalg import expm
+
+from ident.arrays import Array, Float
 
 Law = np.recarray[Any, Any]
 """n records; `law.viscous` is a column of shape (n,)."""
@@ -35,3 +57,277 @@ def change_law(law: Law, joint: int | None = None, **values: Any) -> Law:
     for name, value in values.items():
         changed[name][slice(None) if joint is None else joint] = value
     return changed
+
+
+# Presliding of the ordinary (stiff) bristles before they slip [rad]: a third of a degree at the motor, behind the gear.
+STIFF_PRESLIDING = 5e-5
+
+
+# Of each joint, units referred to the joint.
+FRICTION: dict[str, float | int] = {
+    "coulomb": 0.0,  # dry friction while sliding [N m]
+    "viscous": 0.0,  # drag [N m s/rad]
+    "bristle_stiffness": 0.0,  # σ0 of the ordinary contact [N m/rad]
+    "bristle_damping": 0.0,  # σ1 of the ordinary contact at rest [N m s/rad]
+    "stribeck": 0.0,  # excess at rest [N m], its velocity [rad/s], its shape
+    "stribeck_velocity": 0.05,
+    "stribeck_exponent": 1.3,
+    "eyring": 0.0,  # shear-thinning drag A asinh(v / v_E): A [N m], v_E [rad/s]
+    "eyring_velocity": 0.1,
+    "load": 0.0,  # mesh friction per transmitted torque
+    "load_floor": 1e-6,  # torque below which the mesh does not feel it [N m]
+    "load_drive": 0.15,  # how much more a driving mesh rubs than a driven one
+    "seat": 0.0,  # eccentric bearing seat: relative change of the level, lobes a turn, angle [rad]
+    "seat_order": 1.0,
+    "seat_phase": 0.0,
+    "coulomb_skew": 0.0,  # difference between forward and backward motion [N m], [N m s/rad]
+    "viscous_skew": 0.0,
+    "soft": 0.0,  # a second, soft contact (presliding hysteresis): level [N m], stiffness [N m/rad]
+    "soft_stiffness": 1.0,
+    "thermal_viscous": 0.0,  # decay of viscosity and dry friction per kelvin [1/K]
+    "thermal_coulomb": 0.0,
+    "couple_to": -1,  # the other joint that also turns this joint's motor, and its ratio
+    "couple_ratio": 0.0,
+    "couple_coulomb": 0.0,  # friction in the motor's combined motion [N m], [N m s/rad]
+    "couple_viscous": 0.0,
+    "skid": 0.0,  # dry friction that grows with |acceleration| [N m], its scale [rad/s²] (outside the catalogue)
+    "skid_scale": 1.0,
+}
+
+
+def plain_friction(coulomb: Float[Array, " n"], viscous: Float[Array, " n"], inertia: Float[Array, " n"]) -> Law:
+    """Friction of a healthy joint: Coulomb that sticks, and viscous drag; none of either where they are zero.
+
+    Args:
+        coulomb: Sliding friction [N m].
+        viscous: Viscous drag [N m s/rad].
+        inertia: Least inertia that moves with the joint [kg m²]; sets the bristles' damping.
+    """
+    stiffness = coulomb / STIFF_PRESLIDING
+    return make_law(
+        FRICTION,
+        len(coulomb),
+        coulomb=coulomb,
+        viscous=viscous,
+        bristle_stiffness=stiffness,
+        bristle_damping=0.6 * np.sqrt(stiffness * inertia),
+        load_floor=0.02 * coulomb + 1e-6,
+    )
+
+
+def scale_friction(law: Law, coulomb: Array | float, viscous: Array | float) -> Law:
+    """The same joints, rubbing more or less: dry friction with its bristles, and drag, times factors."""
+    return change_law(
+        law,
+        coulomb=law.coulomb * coulomb,
+        bristle_stiffness=law.bristle_stiffness * coulomb,
+        viscous=law.viscous * viscous,
+    )
+
+
+@njit(cache=True)
+def seat_shape(angle: float) -> float:
+    """An eccentric seat rubs harder where it is tight: a bump a turn, of mean zero and amplitude about one."""
+    return (np.exp(0.5 * np.cos(angle)) - 1.0634833707413236) / 0.51526
+
+
+@njit(cache=True)
+def sliding_level(joint: Any, v: float, angle: float, transmitted: float, acceleration: float, warm: float) -> float:
+    """g: the dry friction that the ordinary contact of a joint would have if it slid steadily at v [N m]."""
+    level = joint.coulomb
+    if joint.seat != 0.0:
+        level *= 1.0 + joint.seat * seat_shape(joint.seat_order * angle + joint.seat_phase)
+    if joint.stribeck != 0.0:
+        level += joint.stribeck * np.exp(-((abs(v) / joint.stribeck_velocity) ** joint.stribeck_exponent))
+    if joint.load != 0.0:
+        floor = joint.load_floor
+        felt = np.sqrt(transmitted * transmitted + floor * floor) - floor
+        level += joint.load * felt * (1.0 + joint.load_drive * np.tanh(v * transmitted / (0.05 * floor + 1e-9)))
+    if joint.coulomb_skew != 0.0:
+        level += 0.5 * joint.coulomb_skew * np.tanh(v / 1e-3)
+    if joint.skid != 0.0:
+        level += joint.skid * np.tanh(abs(acceleration) / joint.skid_scale)
+    if joint.thermal_coulomb != 0.0:
+        level *= np.exp(-joint.thermal_coulomb * warm)
+    return max(level, 1e-6)
+
+
+@njit(cache=True)
+def bristle(z: float, v: float, level: float, stiffness: float, damping: float, dt: float) -> tuple[float, float]:
+    """One step of a bristle: its new deflection [rad] and its torque [N m].
+
+    Implicit in z, so that it is stable at any speed; the damping dies out above creeping speed, or it would add
+    viscous drag.
+    """
+    if stiffness <= 0.0:
+        return 0.0, 0.0
+    bent = (z + dt * v) / (1.0 + dt * stiffness * abs(v) / level)
+    creep = level / stiffness * 50.0
+    rate = damping / (1.0 + (v / creep) ** 2)
+    return bent, stiffness * bent + rate * (bent - z) / dt
+
+
+@njit(cache=True)
+def viscous_drag(joint: Any, v: float, warm: float) -> float:
+    """Drag of the lubricant [N m]: Newtonian and shear-thinning part, thinner when warm."""
+    drag = joint.viscous * v
+    if joint.viscous_skew != 0.0:
+        drag += 0.5 * joint.viscous_skew * abs(v)
+    if joint.eyring != 0.0:
+        drag += joint.eyring * np.arcsinh(v / joint.eyring_velocity)
+    if joint.thermal_viscous != 0.0:
+        drag *= np.exp(-joint.thermal_viscous * warm)
+    return drag
+
+
+AMBIENT_DEGC = 24.0
+
+
+# Thermal network of each joint.
+HEAT = {
+    "lubricant": 0.0,  # heat capacities C_1, C_2 [J/K]
+    "housing": 0.0,
+    "inner": 0.0,  # conductances G_1, G_2 [W/K]
+    "outer": 0.0,
+    "copper": 0.0,  # motor's copper loss per torque squared that reaches the gear [W/(N m)²]
+}
+
+
+def heat_law(rated_loss: Float[Array, " n"], rise: float = 25.0, time_constant: float = 90.0) -> Law:
+    """A network whose lubricant settles at a rise above ambient under a rated loss.
+
+    Args:
+        rated_loss: Friction power of steady work [W].
+        rise: Lubricant's final temperature above ambient [K].
+        time_constant: Of the lubricant against the housing [s]; the housing's own is ten times as long.
+    """
+    inner = rated_loss / (0.75 * rise)
+    outer = rated_loss / (0.25 * rise)
+    capacities = {"lubricant": time_constant * inner, "housing": 10.0 * time_constant * outer}
+    return make_law(HEAT, len(rated_loss), **capacities, inner=inner, outer=outer)
+
+
+@njit(cache=True)
+def warm_up(joint: Any, state: Any, loss: float, dt: float) -> None:
+    """Advances a joint's two temperatures above ambient [K] by dt [s] under a loss [W], in place."""
+    flow = joint.inner * (state.lubricant_rise - state.housing_rise)
+    state.lubricant_rise += dt * (loss - flow) / joint.lubricant
+    state.housing_rise += dt * (flow - joint.outer * state.housing_rise) / joint.housing
+
+
+def cool_down(law: Law, rise: Float[Array, "n 2"], pause: float) -> Float[Array, "n 2"]:
+    """Temperatures above ambient [K] after a pause [s] at rest: the exact solution of the linear network."""
+    cooled = np.empty_like(rise)
+    for j in range(len(rise)):
+        inner, outer = law.inner[j], law.outer[j]
+        from_lubricant, from_housing = inner / law.lubricant[j], inner / law.housing[j]
+        lost = outer / law.housing[j]
+        rate = np.array([[-from_lubricant, from_lubricant], [from_housing, -from_housing - lost]])
+        cooled[j] = expm(rate * pause) @ rise[j]
+    return cooled
+
+
+# The drive train of each joint, referred to the link side.
+DRIVE: dict[str, float | bool] = {
+    "elastic": False,  # whether motor and link are two bodies; else they move as one
+    "rotor_inertia": 0.0,  # motor and gear inertia times the gear ratio squared [kg m²]
+    "stiffness": 1e4,  # spring between the two [N m/rad], [N m s/rad]
+    "damping": 1.0,
+    "gap": 0.0,  # full width of the free play in the spring [rad]
+    "ripple": 0.0,  # tooth ripple [N m], cycles a joint turn, angle [rad]
+    "ripple_order": 200.0,
+    "ripple_phase": 0.0,
+    "ripple_load": 0.0,  # growth of the ripple with the transmitted torque, relative, at rated torque
+    "hose_stiffness": 0.0,  # dress pack: stiffness at rest [N m/rad], rest angle [rad]
+    "hose_rest": 0.0,
+    "hose_span": 1.5,  # deflection beyond which it stiffens [rad]
+    "effort_limit": 0.0,  # rated peak torque [N m]
+}
+
+
+def rigid_drive(rotor_inertia: Float[Array, " n"], effort_limit: Float[Array, " n"]) -> Law:
+    """A healthy drive: rigid, without play, ripple or dress pack."""
+    return make_law(DRIVE, len(rotor_inertia), rotor_inertia=rotor_inertia, effort_limit=effort_limit)
+
+
+@njit(cache=True)
+def spring_torque(joint: Any, twist: float, rate: float) -> float:
+    """Torque that the spring carries from motor to link [N m].
+
+    Args:
+        joint: The drive, a record of the law.
+        twist: Motor angle less link angle [rad].
+        rate: Its rate [rad/s].
+    """
+    half = 0.5 * joint.gap
+    if half <= 0.0:
+        return joint.stiffness * twist + joint.damping * rate
+    if abs(twist) <= half:
+        return 0.0
+    depth = abs(twist) - half
+    side = 1.0 if twist > 0.0 else -1.0
+    # Contact damping grows from zero with the depth, and a contact never pulls.
+    share = min(depth / half, 1.0)
+    return side * max(joint.stiffness * depth + side * joint.damping * share * rate, 0.0)
+
+
+@njit(cache=True)
+def ripple_torque(joint: Any, angle: float, transmitted: float) -> float:
+    """Torque by which the teeth help or hinder at a motor angle [N m]: main order, and a little of half and double."""
+    if joint.ripple == 0.0:
+        return 0.0
+    phase = joint.ripple_order * angle + joint.ripple_phase
+    wave = np.cos(phase) + 0.12 * np.cos(0.5 * phase) + 0.08 * np.cos(2.0 * phase)
+    return joint.ripple * (1.0 + joint.ripple_load * abs(transmitted) / joint.effort_limit) * wave
+
+
+@njit(cache=True)
+def hose_torque(joint: Any, angle: float) -> float:
+    """Torque of the dress pack on the link [N m], against the deflection and stiffening with it."""
+    if joint.hose_stiffness == 0.0:
+        return 0.0
+    span = joint.hose_span
+    return -joint.hose_stiffness * span * np.sinh((angle - joint.hose_rest) / span)
+
+
+class Contact(NamedTuple):
+    """One push."""
+
+    body: int  # MuJoCo's number of the link's body; 0 for none
+    start: float  # begin and end, since the start of the run [s]
+    end: float
+    force: Array  # in the base frame [N], shape (3,)
+    point: Array  # where it acts, in the link's frame [m], shape (3,)
+
+
+def no_contact() -> Contact:
+    return Contact(0, 0.0, 0.0, np.zeros(3), np.zeros(3))
+
+
+@njit(cache=True)
+def push(contact: Contact, elapsed: float, position: Array, rotation: Array, centre: Array, wrench: Array) -> None:
+    """Writes the wrench of the push on its body, about the body's centre of mass, in place.
+
+    Args:
+        contact: The push.
+        elapsed: Time since the start of the run [s].
+        position, rotation, centre: MuJoCo's xpos, xmat and xipos.
+        wrench: MuJoCo's xfrc_applied, force then moment.
+    """
+    b = contact.body
+    wrench[b] = 0.0
+    if elapsed <= contact.start or elapsed >= contact.end:
+        return
+    ramp = min(0.05, 0.25 * (contact.end - contact.start))
+    edge = min(elapsed - contact.start, contact.end - elapsed) / ramp
+    scale = 1.0 if edge >= 1.0 else 0.5 - 0.5 * np.cos(np.pi * edge)
+    lever = np.zeros(3)
+    for i in range(3):
+        lever[i] = position[b, i] - centre[b, i]
+        for k in range(3):
+            lever[i] += rotation[b, 3 * i + k] * contact.point[k]
+    force = scale * contact.force
+    wrench[b, :3] = force
+    wrench[b, 3] = lever[1] * force[2] - lever[2] * force[1]
+    wrench[b, 4] = lever[2] * force[0] - lever[0] * force[2]
+    wrench[b, 5] = lever[0] * force[1] - lever[1] * force[0]

@@ -1,20 +1,63 @@
-"""The closed loop, compiled: controller, friction, drives, heat and MuJoCo's step, tick after tick."""
+"""The closed loop, compiled: controller, friction, drives, heat and MuJoCo's step, tick after tick.
+
+MuJoCo's step is a C call from the compiled loop: a Python call a step would cost more than the dynamics.
+"""
 
 from __future__ import annotations
 
+import ctypes
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 from ident.arrays import Array
-from ident.simulation.contact import Contact, push
-from ident.simulation.friction import bristle, sliding_level, viscous_drag
-from ident.simulation.native import call_step, step_address
+from ident.simulation.laws import (
+    Contact,
+    bristle,
+    hose_torque,
+    push,
+    ripple_torque,
+    sliding_level,
+    spring_torque,
+    viscous_drag,
+    warm_up,
+)
 from ident.simulation.outside import outside_torque, remembered_torque
-from ident.simulation.thermal import warm_up
-from ident.simulation.transmission import hose_torque, ripple_torque, spring_torque
+
+
+@cache
+def step_address() -> int:
+    """Address of `mj_step(const mjModel*, mjData*)` in the library that the mujoco package has loaded."""
+    folder = Path(mujoco.__file__).parent
+    names = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
+    library = next(path for name in names for path in sorted(folder.glob(name)))
+    address = ctypes.cast(ctypes.CDLL(str(library)).mj_step, ctypes.c_void_p).value
+    assert address is not None
+    return address
+
+
+@intrinsic
+def call_step(_context: Any, function: Any, model: Any, data: Any) -> Any:
+    """Calls the function at an address with two pointers.
+
+    Addresses are arguments, not constants, so that compiled code may be cached from process to process.
+    """
+    signature = types.void(types.intp, types.intp, types.intp)
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, pointer])
+        target = builder.inttoptr(arguments[0], kind.as_pointer())
+        builder.call(target, [builder.inttoptr(argument, pointer) for argument in arguments[1:]])
+        return context.get_dummy_value()
+
+    return signature, generate
 
 
 class Engine(NamedTuple):

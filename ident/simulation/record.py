@@ -12,9 +12,9 @@ from scipy.signal import lfilter
 from ident.arrays import Array, Float
 from ident.recordings.recording import Recording
 from ident.simulation.hardware import Hardware
+from ident.simulation.laws import AMBIENT_DEGC
 from ident.simulation.sensing import read_encoder, read_temperature, read_torque, sample
 from ident.simulation.simulator import Simulator, Trace
-from ident.simulation.thermal import AMBIENT_DEGC
 from ident.trajectories.reference import TICK_S, ReferenceMotion
 
 Progress = Callable[[], None]

@@ -34,8 +34,7 @@ from ident.robot.arm import ArmModel
 from ident.show.report.page import render_page
 from ident.simulation.answer import ENVELOPE_NAME, open_envelope
 from ident.simulation.world import find_world
-from ident.trajectories.command_files import read_commands
-from ident.trajectories.plan_files import read_plan
+from ident.trajectories.files import read_commands, read_plan
 from plan.experiment.hypotheses import ask
 from plan.geometry.clouds import read_cloud
 from plan.geometry.height_fields import read_heights

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from ident.errors import InputError
+from ident.simulation.causes.arm import LOAD, SENSOR
 from ident.simulation.causes.base import Cause, Circumstances
-from ident.simulation.causes.drive import DRIVE
-from ident.simulation.causes.friction import RUBBING
-from ident.simulation.causes.load import LOAD
-from ident.simulation.causes.sensor import SENSOR
+from ident.simulation.causes.joints import DRIVE, RUBBING
 from ident.simulation.causes.unlisted import UNLISTED
 
 CATALOGUE: dict[str, Cause] = {cause.id: cause for cause in (*RUBBING, *DRIVE, *LOAD, *SENSOR)}

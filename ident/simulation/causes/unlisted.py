@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ident.simulation.causes.arm import reach
 from ident.simulation.causes.base import Cause, Circumstances, Parameters, between
-from ident.simulation.causes.load import reach
 from ident.simulation.hardware import Hardware
 from ident.simulation.mjcf import Slosh
 

@@ -13,10 +13,9 @@ import numpy as np
 import pinocchio as pin
 
 from ident.arrays import Array, Float
-from ident.simulation.causes.load import length_of, tilted, vector
+from ident.simulation.causes.arm import length_of, tilted, vector
 from ident.simulation.real.bodies import with_body
-from ident.simulation.real.gears import twist_of
-from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque
+from ident.simulation.real.moved_arm import MovedArm, View, model_of, rigid_torque, twist_of
 
 Parameters = dict[str, float | str]
 Draw = np.random.Generator

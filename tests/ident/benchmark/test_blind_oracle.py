@@ -12,7 +12,7 @@ from ident.benchmark.oracle import name_by_evidence
 from ident.benchmark.summary import BlindReport
 from ident.robot.arm import ArmModel
 from ident.simulation.hardware import Hardware
-from ident.simulation.world_arm import draw_world_arm, noise_density
+from ident.simulation.world import draw_world_arm, noise_density
 
 
 def ask(*signatures: tuple[float, ...]) -> float:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.benchmark.cases import Slot
-from ident.benchmark.making import MakeTask
+from ident.benchmark.cases import MakeTask, Slot
 from ident.benchmark.run import BlindOptions, BlindReport, run_blind
 from ident.errors import InputError
 from ident.simulation.answer import open_envelope

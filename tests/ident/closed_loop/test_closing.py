@@ -24,7 +24,7 @@ from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel
 from ident.simulation.causes import ALIKE, EVENTS
-from ident.trajectories.command_files import read_commands, write_commands
+from ident.trajectories.files import read_commands, write_commands
 from ident.trajectories.kinds import KINDS
 from ident.trajectories.reference import ReferenceMotion, via_spline
 from tests.ident.export.diagnoses import COULOMB, ROTOR, VISCOUS, baseline

@@ -13,7 +13,7 @@ import pytest
 from ident.errors import RecordingError
 from ident.robot.arm import ArmModel
 from ident.simulation.simulate import SimulationOptions, simulate
-from ident.trajectories.command_files import read_commands
+from ident.trajectories.files import read_commands
 
 JOINTS = ("joint_1", "joint_2")
 

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from ident.simulation.friction import bristle, plain_friction, sliding_level, viscous_drag
-from ident.simulation.laws import change_law
+from ident.simulation.laws import (
+    bristle,
+    change_law,
+    cool_down,
+    heat_law,
+    plain_friction,
+    sliding_level,
+    viscous_drag,
+    warm_up,
+)
 from ident.simulation.loop import fresh_state
-from ident.simulation.thermal import cool_down, heat_law, warm_up
 
 DT = 5e-4
 

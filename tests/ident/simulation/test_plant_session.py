@@ -12,10 +12,9 @@ from ident.recordings.recording import Payload
 from ident.robot.names import data_path
 from ident.simulation.answer import ENVELOPE_NAME, Answer, TrueEffect, open_envelope, seal
 from ident.simulation.causes import CATALOGUE, OUTSIDE, Circumstances, find_cause
-from ident.simulation.decoys import DECOYS, add_decoy
-from ident.simulation.output import simulate_to, write_simulation
+from ident.simulation.hardware import DECOYS, add_decoy
 from ident.simulation.request import EffectRequest, find_joint, parse_effect, parse_payload
-from ident.simulation.simulate import SimulationOptions, simulate
+from ident.simulation.simulate import SimulationOptions, simulate, simulate_to, write_simulation
 from ident.simulation.visibility import VisibilityMeter
 from ident.trajectories.kinds import plan_motions
 from logs.make import TRAINING_SAMPLES, sealed_key, training_counts

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.simulation.sizing import find_size
+from ident.simulation.visibility import find_size
 
 
 def search(law, wanted, start=1.0, small=1e-3, large=1e3, tolerance=0.04):

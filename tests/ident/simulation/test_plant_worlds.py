@@ -13,16 +13,22 @@ from ident.simulation.hardware import draw_hardware
 from ident.simulation.record import Channels, record_one
 from ident.simulation.simulate import SimulationOptions, simulate
 from ident.simulation.simulator import LARGEST_LOOP_RAD_S, Simulator, controller_gains, feed_forward, least_link_inertia
-from ident.simulation.world import FULL, GROUPS, PRESETS, World, find_world, find_worlds, read_world_file, settle
-from ident.simulation.world_arm import (
+from ident.simulation.world import (
+    FULL,
+    GROUPS,
+    PRESETS,
+    World,
     channels_of,
     draw_world_arm,
+    find_world,
+    find_worlds,
     friction_path,
     noise_floor,
+    read_world_file,
+    settle,
     usable_band,
 )
-from ident.trajectories.profiles import stepped
-from ident.trajectories.reference import TICK_S, via_spline
+from ident.trajectories.reference import TICK_S, stepped, via_spline
 
 
 @pytest.fixture(scope="module")

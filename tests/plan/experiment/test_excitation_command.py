@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.trajectories.command_files import read_commands
+from ident.trajectories.files import read_commands
 from plan.cli.app import app
 from plan.experiment.hypotheses import ask
 from tests.schemas import check_file

@@ -11,7 +11,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.robot.arm import ArmModel
-from ident.trajectories.plan_files import read_plan
+from ident.trajectories.files import read_plan
 from ident.trajectories.ramps import GentleEnds
 from plan.problem.execution import execute, require_writable
 from plan.problem.result import PlanResult, certify
