@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,3 +46,14 @@ class Settings(Record):
             else:
                 found.append({"name": one.name, "value": value, **one.metadata})
         return found
+
+
+def read_group(module: str, table: str) -> Any:
+    """A table of the TOML file beside a module as `Settings` without a class of their own: an attribute a number."""
+    rows = tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))[table]
+    values = {name: row.pop("value") for name, row in rows.items()}
+    given = [
+        (name, Any, number(tuple(value) if isinstance(value, list) else value, **rows[name]))
+        for name, value in values.items()
+    ]
+    return make_dataclass(table, given, bases=(Settings,), frozen=True)()

@@ -19,23 +19,11 @@ from ident.arrays import Array, Bool, Float
 from ident.checks.effort import explained_by_model
 from ident.checks.filtered_run import compare_velocities, filter_run
 from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.settings import ANGLES as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
 
 TURN = 2.0 * math.pi
-# No arm turns faster: the fastest small industrial ones reach 8 rad/s at the wrist.
-FASTEST_RAD_S = 12.0
-# Beyond two turns from zero no joint with a cable goes.
-FARTHEST_RAD = 2.0 * TURN
-# The model is asked only where it explains the torque in one of both units.
-MODEL_TELLS = 0.5
-# After a wrap is taken out, what is left of the step is motion within one sample.
-WRAP_REST = 0.5
-# A sample that leaves its neighbours this far and comes back at once is no motion at any rate of sampling [rad].
-SPIKE_RAD = 0.2
-SPIKE_NOISES = 30.0
-# A run whose positions jump farther than any arm moves in a larger share of its samples is no recording of an arm.
-MOST_JUMPS = 0.01
 
 
 def revolute(session: Session, arm: ArmModel | None) -> Bool[Array, " n"]:
@@ -52,7 +40,7 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     turning = revolute(session, arm)
     far = np.max([np.abs(run.position).max(axis=0) for run in session.runs], axis=0)
     fast = np.max([_speed(run) for run in session.runs], axis=0)
-    suspects = turning & ((far > FARTHEST_RAD) | (fast > FASTEST_RAD_S))
+    suspects = turning & ((far > LIMIT.farthest_rad) | (fast > LIMIT.fastest_rad_s))
     if not suspects.any():
         return session, []
     found = compare_velocities(session)
@@ -60,10 +48,10 @@ def mend_degrees(session: Session, arm: ArmModel | None) -> tuple[Session, list[
     alike = found is None or not found.moving.any() or float(np.median(found.slope[found.moving])) > 0.1
     converted = scale_angles(session, math.radians(1.0), turning, alike)
     as_radians, as_degrees = (0.0, 0.0) if arm is None else [explained_by_model(s, arm) for s in (session, converted)]
-    tells = max(as_degrees, as_radians) > MODEL_TELLS
+    tells = max(as_degrees, as_radians) > LIMIT.model_tells
     if tells and as_degrees > as_radians + 0.1:
         reason = f"the robot's model explains {as_degrees:.0%} of the torque in degrees, {as_radians:.0%} in radians"
-    elif tells or fast.max() < FASTEST_RAD_S:
+    elif tells or fast.max() < LIMIT.fastest_rad_s:
         return session, []
     else:
         reason = "no arm moves so fast in radians"
@@ -120,9 +108,9 @@ def find_spikes(q: Float[Array, "T n"]) -> Bool[Array, "T n"]:
         return wild
     off = q[1:-1] - 0.5 * (q[:-2] + q[2:])
     noise = np.median(np.abs(off), axis=0)
-    beyond = np.abs(off) > np.maximum(SPIKE_RAD, SPIKE_NOISES * noise)
+    beyond = np.abs(off) > np.maximum(LIMIT.spike_rad, LIMIT.spike_noises * noise)
     returns = np.abs(q[2:] - q[:-2]) < 0.2 * np.abs(off)
-    turns = np.abs(np.abs(off) - TURN) < WRAP_REST
+    turns = np.abs(np.abs(off) - TURN) < LIMIT.wrap_rest
     wild[1:-1] = beyond & returns & ~turns
     return wild
 
@@ -149,7 +137,7 @@ def unwrap(q: Float[Array, "T n"], turning: Bool[Array, " n"]) -> tuple[Float[Ar
     """Takes out steps of one turn; returns the positions and the number of steps a joint."""
     steps = np.diff(q, axis=0)
     turns = np.round(steps / TURN)
-    wraps = (np.abs(turns) == 1.0) & (np.abs(steps - TURN * turns) < WRAP_REST) & turning
+    wraps = (np.abs(turns) == 1.0) & (np.abs(steps - TURN * turns) < LIMIT.wrap_rest) & turning
     shift = np.zeros(q.shape)
     shift[1:] = -TURN * np.cumsum(np.where(wraps, turns, 0.0), axis=0)
     return q + shift, wraps.sum(axis=0)
@@ -176,14 +164,14 @@ def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     parted, broken = Findings(session), Findings(session)
     for run in session.runs:
         steps = np.abs(np.diff(run.position, axis=0))
-        jumps = (steps > FASTEST_RAD_S * np.maximum(np.diff(run.time), 0.0)[:, None]) & (steps > SPIKE_RAD)
+        jumps = (steps > LIMIT.fastest_rad_s * np.maximum(np.diff(run.time), 0.0)[:, None]) & (steps > LIMIT.spike_rad)
         rows, columns = np.flatnonzero(jumps.any(axis=1)), np.flatnonzero(jumps.any(axis=0))
         if not len(rows):
             parted.runs.append(run)
             continue
         column = int(np.argmax(steps[rows[0]]))
         words = f"{run.joints[column]} jumps by {steps[rows[0], column]:.2f} rad at {run.time[rows[0]]:.3f} s"
-        if len(rows) > max(MOST_JUMPS * len(run), 1):
+        if len(rows) > max(LIMIT.most_jumps * len(run), 1):
             broken.note(run, f"{words} and {len(rows) - 1} times more, farther than any arm moves", columns)
             parted.runs.append(run)
         else:
@@ -198,30 +186,6 @@ def split_at_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     )
 
 
-# Encoder ticks of many turns stay below, and any angle, torque, current or temperature, in whatever unit.
-ABSURD = 1e12
-# Nanoseconds since 1970 are 2e18.
-ABSURD_TIME = 1e20
-# Times the distance that this share of all samples keeps: no fewer bad samples than the rest can raise it.
-SHARE, TIMES = 0.97, 8.0
-# Beside a channel that hardly ever moves any sample would stand out: a spike is also a share of the channel's own range
-# (2nd to 98th percentile over all runs). Samples on each side that are asked (a burst of as many is found), and that
-# share: the largest of clean channels is 0.18 and 0.42; a reversal of five samples reaches one. What lasts longer is a
-# fault of another kind, or true.
-WIDTHS = ((1, 0.5), (5, 2.0))
-# Share of the widest joint's range below which nothing is a spike.
-TREMBLE = 0.02
-# Sampled more slowly than this, friction that turns round for a moment is a single sample too [s].
-SLOW_S = 0.025
-# More rows than this are no hiccup: the channel can't be trusted.
-MOST_ROWS = 0.02
-# How many times farther out than all else a cell must lie. Torques, speeds and positions of 82 clean sessions, five of
-# them of real arms, stay below 1.25, temperatures in whole steps below 2. Where samples are rare, or steps coarse, more
-# is asked.
-GAP, WIDE_GAP = 3.0, 10.0
-# A joint whose torque is friction alone jumps from rest to its level, and one at rest has next to no reach of its own:
-# distances below what the other joints keep this share of their samples within are nothing.
-REACH_SHARE = 0.95
 # Commands may leap: nobody but the checks of `ident.checks.channels` reads them.
 WATCHED = ("effort", "position", "velocity", "current", "acceleration", "temperature")
 # Nobody needs these: where they are broken they are left out, and the session is used without them.
@@ -232,28 +196,28 @@ def mend_absurd(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the rows with a cell that no arm can have had, time included."""
     wild = []
     for run in session.runs:
-        far = [np.abs(values) > ABSURD for values in run.channels().values()]
-        wild.append(np.any(far, axis=0) | (np.abs(run.time) > ABSURD_TIME)[:, None])
+        far = [np.abs(values) > LIMIT.absurd for values in run.channels().values()]
+        wild.append(np.any(far, axis=0) | (np.abs(run.time) > LIMIT.absurd_time)[:, None])
     return _drop(session, wild, "garbage_cells", "cells beyond any figure of an arm", "")
 
 
 def mend_channel_spikes(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Drops the rows in which a channel leaves the samples around it for a moment."""
     issues: list[TelemetryIssue] = []
-    slow = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0])) > SLOW_S
+    slow = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0])) > LIMIT.slow_s
     for channel in WATCHED:
         if not all(channel in run.channels() for run in session.runs):
             continue
         values = [np.asarray(run.channels()[channel]) for run in session.runs]
-        gap = WIDE_GAP if slow or channel in ("position", "temperature") else GAP
-        wild = find_wild(values, SPIKE_RAD if channel == "position" else 0.0, slow, gap)
+        gap = LIMIT.wide_gap if slow or channel in ("position", "temperature") else LIMIT.gap
+        wild = find_wild(values, LIMIT.spike_rad if channel == "position" else 0.0, slow, gap)
         issue = "effort_spike" if channel in ("effort", "current") else "garbage_cells"
         session, found = _drop(session, wild, issue, f"{channel} leaves the samples around it", channel)
         issues += found
     return session, issues
 
 
-def find_far(runs: list[Float[Array, "T n"]], gap: float = GAP, floor: float = 0.0) -> list[Bool[Array, "T n"]]:
+def find_far(runs: list[Float[Array, "T n"]], gap: float = LIMIT.gap, floor: float = 0.0) -> list[Bool[Array, "T n"]]:
     """Which cells of a channel lie far from all else, by run, however many they are.
 
     A motion, a torque or a temperature comes to a value through those on the way. Walking outwards from a channel's
@@ -270,7 +234,7 @@ def find_far(runs: list[Float[Array, "T n"]], gap: float = GAP, floor: float = 0
         return [np.zeros(values.shape, dtype=bool) for values in runs]
     middle = np.median(whole, axis=0)
     reach = np.abs(whole - middle)
-    usual = np.quantile(reach, REACH_SHARE, axis=0)
+    usual = np.quantile(reach, LIMIT.reach_share, axis=0)
     limit, half = np.full(len(middle), np.inf), len(whole) // 2
     for joint in range(len(middle)):
         least = max(float((np.delete(usual, joint) if len(usual) > 1 else usual).max()), floor)
@@ -283,7 +247,7 @@ def find_far(runs: list[Float[Array, "T n"]], gap: float = GAP, floor: float = 0
 
 
 def find_wild(
-    runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = False, gap: float = GAP
+    runs: list[Float[Array, "T n"]], floor: float = 0.0, slow: bool = False, gap: float = LIMIT.gap
 ) -> list[Bool[Array, "T n"]]:
     """Which cells of a channel are spikes, by run.
 
@@ -294,21 +258,21 @@ def find_wild(
         floor: Of positions: less than this is no spike [rad], and a turn is a wrap; an encoder may have been set anew.
     """
     masks = find_far(runs, gap, TURN if floor else 0.0)
-    for width, least in WIDTHS:
+    for width, least in LIMIT.widths:
         usable = [k for k, values in enumerate(runs) if len(values) > 4 * width]
         if not usable:
             continue
         off = {k: distance(runs[k], width) for k in usable}
         size = np.concatenate([np.abs(off[k]) for k in usable])
-        level = np.quantile(size, SHARE, axis=0)
+        level = np.quantile(size, LIMIT.share, axis=0)
         low, high = np.percentile(np.concatenate([runs[k] for k in usable]), [2, 98], axis=0)
-        least = WIDTHS[-1][1] if slow else least
-        limit = np.maximum(np.maximum(TIMES * level, least * (high - low)), floor)
+        least = LIMIT.widths[-1][1] if slow else least
+        limit = np.maximum(np.maximum(LIMIT.times * level, least * (high - low)), floor)
         # A joint at rest has next to no range of its own: what is a tremble beside the arm's motion is no fault.
-        limit = np.maximum(limit, TREMBLE * float(np.max(high - low)))
+        limit = np.maximum(limit, LIMIT.tremble * float(np.max(high - low)))
         # A channel that never changes has neither: any change of it would be a spike.
         for k in usable:
-            wraps = np.abs(np.abs(off[k]) - TURN) < WRAP_REST if floor else np.zeros_like(masks[k])
+            wraps = np.abs(np.abs(off[k]) - TURN) < LIMIT.wrap_rest if floor else np.zeros_like(masks[k])
             masks[k] |= (np.abs(off[k]) > limit) & (limit > 0.0) & ~wraps
     return masks
 
@@ -339,7 +303,7 @@ def _drop(
             found.note(run, what, np.flatnonzero(mask.any(axis=0)))
             run = run.at(~rows)
         found.runs.append(run)
-    if lost <= max(MOST_ROWS * session.samples, 1):
+    if lost <= max(LIMIT.most_rows * session.samples, 1):
         severity: Severity = "note" if lost < 0.001 * session.samples else "warning"
         remedy = "none needed; look at the logger"
         return found.left(), found.issues(issue, severity, "; these rows are dropped", remedy)

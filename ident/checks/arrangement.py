@@ -26,16 +26,10 @@ from scipy.optimize import linear_sum_assignment, nnls
 from ident.arrays import Array, Float
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, joint_terms
 from ident.checks.report import issue_of, joints_at
+from ident.checks.settings import ARRANGEMENT as LIMIT
 from ident.recordings.recording import Session, TelemetryIssue
 from ident.robot.arm import ArmModel
 
-# From this angle on a base is mounted otherwise; what is less is a tilt, which is a diagnosis's to find [degrees].
-LEAST_TURN_DEG = 15.0
-# By what factor the residuals must shrink, over the joints that feel gravity together, and what is then explained.
-LEAST_GAIN, LEAST_EXPLAINED = 4.0, 0.5
-# Scales of gravity that masses and gains may have; part of a torque's variance that no direction explains.
-SCALES, FLOOR = (0.3, 3.0), 1e-3
-DIRECTIONS, STATES = 800, 1500
 GRAVITY = 9.81
 
 
@@ -55,8 +49,8 @@ class Pull:
         """Share of the torque's variance that each direction leaves."""
         along = directions @ self.b
         square = np.maximum(np.einsum("ki,ij,kj->k", directions, self.w, directions), 1e-12)
-        scale = np.clip(along / square, *SCALES)
-        return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + FLOOR)
+        scale = np.clip(along / square, *LIMIT.scales)
+        return np.asarray(np.maximum(1.0 - 2.0 * scale * along + scale**2 * square, 0.0) + LIMIT.floor)
 
 
 def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[TelemetryIssue]]:
@@ -75,7 +69,7 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     best = find_direction(list(pulls.values()))
     angle = float(np.degrees(np.arccos(np.clip(best @ now, -1.0, 1.0))))
     gains = {j: float(-np.diff(np.log(pull.left(np.stack([now, best]))))[0]) for j, pull in pulls.items()}
-    if angle < LEAST_TURN_DEG or sum(gains.values()) < np.log(LEAST_GAIN):
+    if angle < LIMIT.least_turn_deg or sum(gains.values()) < np.log(LIMIT.least_gain):
         return arm, []
     turned = arm.with_gravity(GRAVITY * best)
     heavy = max(gains, key=lambda j: gains[j])
@@ -83,7 +77,7 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
     explained = 0.0 if there is None else fit_signed(there, heavy, 1.0).explained
     # A torque of the wrong sign follows gravity upside down, and inertia and friction too: that is no mount.
     as_it_is = max(fit_signed(states, heavy, sign).explained for sign in (1.0, -1.0))
-    if explained < max(LEAST_EXPLAINED, as_it_is):
+    if explained < max(LIMIT.least_explained, as_it_is):
         return arm, []
     share = f"{explained:.0%} of the effort of {session.joints[heavy]}, not {max(as_it_is, 0.0):.0%}"
     return turned, [_describe(session, now, best, angle, share)]
@@ -91,8 +85,8 @@ def mend_mount(session: Session, arm: ArmModel) -> tuple[ArmModel, list[Telemetr
 
 def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
     """The unit vector along which gravity most likely pulls: over a sphere, then ever closer around the best."""
-    k = np.arange(DIRECTIONS) + 0.5
-    polar, around = np.arccos(1.0 - 2.0 * k / DIRECTIONS), np.pi * (1.0 + np.sqrt(5.0)) * k
+    k = np.arange(LIMIT.directions) + 0.5
+    polar, around = np.arccos(1.0 - 2.0 * k / LIMIT.directions), np.pi * (1.0 + np.sqrt(5.0)) * k
     places = np.column_stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)])
     best = places[0]
     for width in (None, 0.1, 0.02, 0.004):
@@ -104,7 +98,7 @@ def find_direction(pulls: list[Pull]) -> Float[Array, " 3"]:
 
 def _pulls(states: States, arm: ArmModel) -> dict[int, Pull]:
     """What each moving joint says that feels some gravity, in whichever direction."""
-    rows = slice(None, None, max(1, len(states.q) // STATES))
+    rows = slice(None, None, max(1, len(states.q) // LIMIT.states))
     q, dq, tau = states.q[rows], states.dq[rows], states.tau[rows]
     if len(q) < 20:
         return {}
@@ -132,14 +126,6 @@ def _describe(session: Session, now: Array, best: Array, angle: float, share: st
     signed = angle * (1.0 if about is None or axis["xyz".index(about)] > 0.0 else -1.0)
     line = f"gravity_mps2 = [{', '.join(f'{GRAVITY * one:.2f}' for one in best)}]"
     return issue_of("mounted", session.name, turn=signed, axis=words, share=share, line=line)
-
-
-# Residuals of the joints that change places must shrink by this factor each, and so much must be explained then.
-LEAST_FACTOR, ORDER_EXPLAINS = 3.0, 0.6
-# Part of a torque's variance that no order explains; states that are compared.
-ORDER_FLOOR, ORDER_STATES = 0.01, 400
-# A torque of which its joint's model leaves less is where it belongs.
-WELL = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,27 +159,27 @@ def check_order(session: Session, arm: ArmModel, states: States) -> list[Telemet
     n = arm.n
     if n < 2 or not states.alive.any():
         return []
-    step = slice(None, None, max(1, len(states.q) // ORDER_STATES))
+    step = slice(None, None, max(1, len(states.q) // LIMIT.order_states))
     thin = replace(states, **{name: getattr(states, name)[step] for name in STATE_NAMES})
     own = tuple(range(n))
     table = _left(thin, arm, own)
     here = Order(own, own, np.diag(table))
     best = _assigned(own, table)
     # Where every torque follows its own joint, positions stand where they belong.
-    for _ in range(n - 1 if here.left[states.alive].max() > WELL else 0):
+    for _ in range(n - 1 if here.left[states.alive].max() > LIMIT.well else 0):
         orders = []
         for i, j in combinations(range(n), 2):
             order = list(best.positions)
             order[i], order[j] = order[j], order[i]
             orders.append(tuple(order))
         found = min((_assigned(order, _left(thin, arm, order)) for order in orders), key=lambda order: order.cost)
-        if found.cost > best.cost - 2.0 * np.log(LEAST_FACTOR):
+        if found.cost > best.cost - 2.0 * np.log(LIMIT.least_factor):
             break
         best = found
     moved = [j for j in own if best.positions[j] != j or best.torques[j] != j]
-    if not moved or here.cost - best.cost < len(moved) * np.log(LEAST_FACTOR):
+    if not moved or here.cost - best.cost < len(moved) * np.log(LIMIT.least_factor):
         return []
-    if min(1.0 - best.left[j] for j in moved) < ORDER_EXPLAINS:
+    if min(1.0 - best.left[j] for j in moved) < LIMIT.order_explains:
         return []
     return [_tell(session, here, best, moved)]
 
@@ -227,7 +213,7 @@ def _left(states: States, arm: ArmModel, positions: tuple[int, ...]) -> Float[Ar
             target = triangle[:, 4 + k]
             left = min(nnls(triangle[:, :4], sign * target)[1] for sign in (1.0, -1.0))
             found[j, k] = (left / max(float(np.linalg.norm(target)), 1e-300)) ** 2
-    return np.asarray(np.clip(found, ORDER_FLOOR, 1.0))
+    return np.asarray(np.clip(found, LIMIT.order_floor, 1.0))
 
 
 def _tell(session: Session, here: Order, best: Order, moved: list[int]) -> TelemetryIssue:

@@ -9,27 +9,8 @@ import numpy as np
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.settings import CHANNELS as LIMIT
 from ident.recordings.recording import Recording, Session, TelemetryIssue
-
-# A stuck channel repeats one value for this long, and this many samples, while its joint moves.
-STUCK_S, STUCK_SAMPLES = 0.3, 10
-# Coarse channels repeat values too: a stuck one does so for this many times its usual repetition.
-STUCK_REPETITIONS = 10.0
-# Motion that a frozen position hides, by the velocity or the command [rad]; well above what velocity noise sums up to.
-HIDDEN_TRAVEL = 0.02
-# A controller that lets a joint stand while its command creeps lags as far as elsewhere; a frozen encoder lags farther
-# than this many times what the joint keeps in nearly all of its other samples.
-LAG_TIMES, LAG_SHARE = 2.0, 0.99
-# Or it comes out of the freeze with a step this many times larger than its largest usual ones, and this large [rad].
-JUMP_STEPS, JUMP_RAD = 5.0, 0.005
-# More lost samples than this and the channel itself is broken.
-MOST_LOST = 0.3
-# Flat tops: the extreme value holds twice the samples of any of five slices below it, each 0.5 % of the range wide.
-TOP_PILE, TOP_SLICES, TOP_RANGE = 2.0, 5, 0.005
-TOP_SAMPLES, TOP_STRETCH, TOP_LEVEL = 10, 5, 0.3
-# A channel is coarse if its values stand this share of its range apart.
-COARSE = 0.02
-COMMAND_SHARE = 0.99
 
 
 def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -49,7 +30,7 @@ def drop_stuck(session: Session) -> tuple[Session, list[TelemetryIssue]]:
             found.note(run, what, np.flatnonzero(frozen.any(axis=0)))
         if not rows.all():
             found.runs.append(run.at(~rows) if rows.any() else run)
-    if lost > MOST_LOST * session.samples:
+    if lost > LIMIT.most_lost * session.samples:
         remedy = "repair the channel and record again, or leave the run out"
         issues = found.issues("stuck_channel", "fatal", "", remedy)
     else:
@@ -71,7 +52,7 @@ def is_coarse(values: Float[Array, "T n"]) -> Bool[Array, " n"]:
     for joint, column in enumerate(values.T):
         levels = np.unique(column)
         spacing = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
-        coarse[joint] = spacing > COARSE * np.ptp(column)
+        coarse[joint] = spacing > LIMIT.coarse * np.ptp(column)
     return coarse
 
 
@@ -79,10 +60,10 @@ def _long_holds(values: Float[Array, " T"], time: Float[Array, " T"]) -> Int[Arr
     """Stretches long enough to be a stuck channel, given how long the channel usually repeats a value."""
     found = holds(values)
     lengths = found[:, 1] - found[:, 0] + 1
-    long = lengths >= STUCK_SAMPLES
-    long[long] = np.diff(time[found[long]], axis=1)[:, 0] >= STUCK_S
+    long = lengths >= LIMIT.stuck_samples
+    long[long] = np.diff(time[found[long]], axis=1)[:, 0] >= LIMIT.stuck_s
     if len(found) > 2 and long.any():  # what is usual takes longer to find than that nothing is long
-        long &= lengths >= STUCK_REPETITIONS * float(np.median(lengths))
+        long &= lengths >= LIMIT.stuck_repetitions * float(np.median(lengths))
     return found[long]
 
 
@@ -100,12 +81,12 @@ def stuck_positions(run: Recording) -> Bool[Array, "T n"]:
             moves[first : last + 1] = False
         if run.position_command is not None and moves.any():
             # How far the joint stays behind its command in nearly all samples in which it does not stand.
-            usual_lag = float(np.quantile(np.abs(run.position_command - run.position)[moves, joint], LAG_SHARE))
+            usual_lag = float(np.quantile(np.abs(run.position_command - run.position)[moves, joint], LIMIT.lag_share))
         for first, last in long:
             stretch = slice(first, last + 1)
             travel = _hidden_travel(run, joint, stretch, usual_lag)
             jump = abs(q[last + 1] - q[last]) if last + 1 < len(q) else 0.0
-            if travel > HIDDEN_TRAVEL or jump > max(JUMP_STEPS * usual_step, JUMP_RAD):
+            if travel > LIMIT.hidden_travel or jump > max(LIMIT.jump_steps * usual_step, LIMIT.jump_rad):
                 frozen[stretch, joint] = True
     return frozen
 
@@ -121,7 +102,7 @@ def _hidden_travel(run: Recording, joint: int, stretch: slice, usual_lag: float)
         travel = float(np.ptp(np.concatenate([[0.0], np.cumsum(steps)])))
     if run.position_command is not None:
         command = run.position_command[stretch, joint]
-        if float(np.abs(command - run.position[stretch, joint]).max()) > LAG_TIMES * usual_lag:
+        if float(np.abs(command - run.position[stretch, joint]).max()) > LIMIT.lag_times * usual_lag:
             travel = max(travel, float(np.ptp(command)))
     return travel
 
@@ -135,7 +116,7 @@ def stuck_efforts(run: Recording) -> Bool[Array, "T n"]:
             stretch = slice(first, last + 1)
             whole = last - first + 1 > 0.9 * len(tau)
             extreme = tau[first] in (tau.min(), tau.max()) and not whole
-            if not extreme and np.ptp(run.position[stretch, joint]) > HIDDEN_TRAVEL:
+            if not extreme and np.ptp(run.position[stretch, joint]) > LIMIT.hidden_travel:
                 frozen[stretch, joint] = True
     return frozen
 
@@ -151,7 +132,7 @@ def _drop_stuck_velocity(session: Session) -> tuple[Session, list[TelemetryIssue
             for first, last in _long_holds(run.velocity[:, joint], run.time):
                 travel = run.position[last, joint] - run.position[first, joint]
                 claimed = run.velocity[first, joint] * (run.time[last] - run.time[first])
-                if abs(travel - claimed) > max(HIDDEN_TRAVEL, 0.5 * abs(travel)):
+                if abs(travel - claimed) > max(LIMIT.hidden_travel, 0.5 * abs(travel)):
                     found.note(run, f"velocity of {run.joints[joint]} is frozen from {run.time[first]:.3f} s", [joint])
     ending = "; velocities are not used"
     return found.left(), found.issues("stuck_channel", "warning", ending, "look at the driver")
@@ -161,10 +142,10 @@ def check_clipping(session: Session) -> list[TelemetryIssue]:
     """Finds torques that are cut off at a constant value while the joint moves."""
     found, clipped = Findings(session), 0
     for run in session.runs:
-        if len(run) < STUCK_SAMPLES:
+        if len(run) < LIMIT.stuck_samples:
             continue
         # At rest a torque may hold any value; only moving samples can show a flat top.
-        moving = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1) > HIDDEN_TRAVEL
+        moving = np.abs(np.gradient(run.position, run.time, axis=0)).max(axis=1) > LIMIT.hidden_travel
         for joint, sign in product(range(len(run.joints)), (1.0, -1.0)):
             count, level = flat_top(sign * run.effort[moving, joint])
             if count:
@@ -180,17 +161,17 @@ def flat_top(values: Float[Array, " T"]) -> tuple[int, float]:
 
     A cut piles up at one value what would lie above it: far more samples than in any slice just below.
     """
-    if len(values) < TOP_SAMPLES or np.ptp(values) == 0.0:
+    if len(values) < LIMIT.top_samples or np.ptp(values) == 0.0:
         return 0, 0.0
     top, at = float(values.max()), values == values.max()
     # A limit lies far out: a channel that only never changes its sign is not cut off at zero.
-    if at.sum() < TOP_SAMPLES or top < TOP_LEVEL * np.abs(values).max() or is_coarse(values[:, None])[0]:
+    if at.sum() < LIMIT.top_samples or top < LIMIT.top_level * np.abs(values).max() or is_coarse(values[:, None])[0]:
         return 0, top
-    if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < TOP_STRETCH:
+    if max(int(last - first + 1) for first, last in holds(at.astype(float)) if at[first]) < LIMIT.top_stretch:
         return 0, top
-    width = max(TOP_RANGE * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(values)))))
-    below, _ = np.histogram(values[~at], bins=top - width * np.arange(TOP_SLICES, -1, -1))
-    return (int(at.sum()), top) if at.sum() > TOP_PILE * below.max() else (0, top)
+    width = max(LIMIT.top_range * float(np.ptp(values)), 1.01 * float(np.median(np.diff(np.unique(values)))))
+    below, _ = np.histogram(values[~at], bins=top - width * np.arange(LIMIT.top_slices, -1, -1))
+    return (int(at.sum()), top) if at.sum() > LIMIT.top_pile * below.max() else (0, top)
 
 
 def check_commands(session: Session) -> list[TelemetryIssue]:
@@ -205,7 +186,7 @@ def check_commands(session: Session) -> list[TelemetryIssue]:
         commands = np.concatenate([pair[command] for pair in pairs])
         moving = np.abs(np.diff(commands, axis=0)) > 0.0
         same = (values == commands)[1:] & moving
-        joints = np.flatnonzero((same.sum(axis=0) > COMMAND_SHARE * moving.sum(axis=0)) & moving.any(axis=0))
+        joints = np.flatnonzero((same.sum(axis=0) > LIMIT.command_share * moving.sum(axis=0)) & moving.any(axis=0))
         if len(joints):
             seen: dict[str, Any] = {"measured": measured, "joint": session.joints[joints[0]]}
             issues.append(issue_of(command, session.name, joints_at(session, joints), **seen))

@@ -16,22 +16,9 @@ from ident.checks.angles import scale_angles
 from ident.checks.effort import States, collect_states, fit_signed
 from ident.checks.filtered_run import Velocities, compare_velocities
 from ident.checks.report import Findings, issue_of, joints_at
+from ident.checks.settings import CLOCK as LIMIT
 from ident.recordings.recording import Recording, Session, Severity, TelemetryIssue, cut_before
 from ident.robot.arm import ArmModel
-
-# Rows dropped for their time: a hiccup of the logger up to here, another clock beyond.
-FEW_ROWS = 0.01
-MOST_RESTARTS = 20
-# A gap is longer than any jitter (five intervals) and too long to be bridged (an arm's motion changes in 50 ms).
-GAP_INTERVALS, GAP_S = 5.0, 0.05
-SHORTEST_PIECE_S, SHORTEST_PIECE = 0.5, 30
-# A leap of the clock is no pause: longer than this many intervals, and than this many times the whole run.
-JUMP_INTERVALS, JUMP_RUNS = 1e5, 10.0
-# Spread of the intervals (1st to 99th percentile) in medians, from which sampling is told to be uneven.
-JITTER = 0.1
-# Positions that fit an even clock so much better (mean square) show that only the stamps tremble; stamps that are
-# farther off than this many intervals show that samples are missing.
-EVEN_CLOCK_GAIN, EVEN_CLOCK_OFF = 4.0, 2.0
 
 
 def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
@@ -47,10 +34,10 @@ def mend_order(session: Session) -> tuple[Session, list[TelemetryIssue]]:
         shortest = int(np.diff([0, *(restarts + 1), len(run)]).min())
         if not late:
             runs.append(run)
-        elif late <= FEW_ROWS * len(run) or repeated == late:
+        elif late <= LIMIT.few_rows * len(run) or repeated == late:
             dropped.note(run, f"{late} of {len(run)} rows are repeated or late in time, dropped")
             runs.append(kept)
-        elif 0 < len(restarts) <= MOST_RESTARTS and shortest >= SHORTEST_PIECE:
+        elif 0 < len(restarts) <= LIMIT.most_restarts and shortest >= LIMIT.shortest_piece:
             first = run.time[restarts[0]]
             restarted.note(run, f"time falls back {len(restarts)} times, first after {first:.3f} s")
             runs += _cut(run, restarts + 1)
@@ -70,7 +57,7 @@ def drop_late_rows(run: Recording) -> tuple[Recording, int]:
     time = run.time
     # A single stamp far ahead would make all later rows late: it goes first.
     ahead = np.zeros(len(time), dtype=bool)
-    ahead[:1] = (time[:1] > time[1:2]) & (time[:1] > time[2:3]) if len(time) > SHORTEST_PIECE else False
+    ahead[:1] = (time[:1] > time[1:2]) & (time[:1] > time[2:3]) if len(time) > LIMIT.shortest_piece else False
     ahead[1:-1] = (time[1:-1] > time[2:]) & (time[2:] > time[:-2])
     peak = np.maximum.accumulate(np.where(ahead, -np.inf, time))
     keep = ~ahead & np.concatenate([[True], time[1:] > peak[:-1]])
@@ -90,16 +77,16 @@ def mend_clock_jumps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     for run in session.runs:
         steps = np.diff(run.time)
         usual = float(np.median(steps)) if len(steps) else 0.0
-        jumps = np.flatnonzero(steps > max(JUMP_INTERVALS * usual, JUMP_RUNS * usual * len(run)))
+        jumps = np.flatnonzero(steps > max(LIMIT.jump_intervals * usual, LIMIT.jump_runs * usual * len(run)))
         if not len(jumps) or usual <= 0.0:
             found.runs.append(run)
             continue
-        pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= SHORTEST_PIECE]
+        pieces = [piece for piece in _cut(run, jumps + 1) if len(piece) >= LIMIT.shortest_piece]
         lost = len(run) - sum(map(len, pieces))
         left = f", {lost} rows in pieces too short for use are dropped" if lost else ""
         found.note(run, f"the clock leaps {steps[jumps[0]]:.3g} s on after row {jumps[0] + 1}{left}")
         found.runs += pieces
-    few = sum(map(len, found.runs)) >= (1.0 - FEW_ROWS) * session.samples
+    few = sum(map(len, found.runs)) >= (1.0 - LIMIT.few_rows) * session.samples
     severity: Severity = "fatal" if not found.runs else "note" if few else "warning"
     issues = found.issues("clock_jump", severity, "", "set the clock before recording")
     return (found.left() if found.runs else session), issues
@@ -110,12 +97,14 @@ def split_at_gaps(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     found = Findings(session)
     for run in session.runs:
         steps = np.diff(run.time)
-        limit = max(GAP_INTERVALS * float(np.median(steps)), GAP_S) if len(steps) else np.inf
+        limit = max(LIMIT.gap_intervals * float(np.median(steps)), LIMIT.gap_s) if len(steps) else np.inf
         gaps = np.flatnonzero(steps > limit)
         if not len(gaps):
             found.runs.append(run)
             continue
-        pieces = [p for p in _cut(run, gaps + 1) if p.duration >= SHORTEST_PIECE_S and len(p) >= SHORTEST_PIECE]
+        pieces = [
+            p for p in _cut(run, gaps + 1) if p.duration >= LIMIT.shortest_piece_s and len(p) >= LIMIT.shortest_piece
+        ]
         lost = 1.0 - sum(map(len, pieces)) / len(run)
         longest = gaps[np.argmax(steps[gaps])]
         what = f"{len(gaps)} gaps, the longest {steps[longest]:.3f} s after {run.time[longest]:.3f} s; parted there"
@@ -135,8 +124,8 @@ def mend_jitter(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     worst: dict[str, float] = {}
     for run in session.runs:
         steps = np.diff(run.time)
-        low, middle, high = np.percentile(steps, [1, 50, 99]) if len(steps) >= SHORTEST_PIECE else (0.0, 0.0, 0.0)
-        if high - low > JITTER * middle:
+        low, middle, high = np.percentile(steps, [1, 50, 99]) if len(steps) >= LIMIT.shortest_piece else (0.0, 0.0, 0.0)
+        if high - low > LIMIT.jitter * middle:
             what = f"intervals of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} ms, median {middle * 1e3:.1f} ms"
             even, worst[run.name] = even_clock(run), float(steps.max())
             (told if even is None else mended).note(run, what)
@@ -157,13 +146,13 @@ def even_clock(run: Recording) -> Float[Array, " T"] | None:
     numbers = np.arange(len(run))
     slope, start = np.polyfit(numbers, run.time, 1)
     even = start + slope * numbers
-    if np.abs(run.time - even).max() > EVEN_CLOCK_OFF * slope:
+    if np.abs(run.time - even).max() > LIMIT.even_clock_off * slope:
         return None  # samples are missing: the number does not tell the time
     moving = run.position.std(axis=0) > 1e-3
     if not moving.any():
         return None
     q = run.position[:, moving] / run.position[:, moving].std(axis=0)
-    return even if roughness(run.time, q) > EVEN_CLOCK_GAIN * roughness(even, q) else None
+    return even if roughness(run.time, q) > LIMIT.even_clock_gain * roughness(even, q) else None
 
 
 def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
@@ -177,27 +166,11 @@ def roughness(time: Float[Array, " T"], q: Float[Array, "T n"]) -> float:
     return float(np.mean((q[2:-2] - estimate) ** 2))
 
 
-# All joints of the real logs lie within 1.1 % of slope 1 (30 Hz) and correlate by 0.997 or more.
-CLOCK_OFF, CLOCK_SPREAD, CLOCK_CORRELATION = 0.03, 0.03, 0.95
-SLOPE_LOW, SLOPE_HIGH, CORRELATION = 0.9, 1.1, 0.9
-# Whole ticks from sample to sample that can only be of a micro- or nanosecond clock.
-LEAST_TICKS = 200.0
-# Intervals that no logger of an arm's motion has: time in another unit than seconds.
-SLOWEST_INTERVAL_S, FASTEST_INTERVAL_S = 0.5, 2e-5
-# Without a measured velocity, inertial torque against gravity tells the time base: it goes with time to the -2. The
-# ratio of their coefficients was 0.49 to 3.4 in the real logs, rotors and friction included.
-INERTIA_LOW, INERTIA_HIGH, VISIBLE_INERTIA = 0.15, 6.0, 0.03
-# Only on joints that carry much: on a wrist the rotor's inertia exceeds the links' by any factor. [N m]
-LOADED_NM = 5.0
-# And no arm moves faster than this many times its own limit.
-OVER_LIMIT = 1.5
-
-
 def mend_time_unit(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     """Accepts time in whole nanoseconds or microseconds, as drivers stamp it, and tells."""
     times = [run.time for run in session.runs if len(run) > 1]
     interval = float(np.median([run.sample_interval for run in session.runs if len(run) > 1] or [0.0]))
-    if interval < LEAST_TICKS or not all(np.array_equal(time, np.floor(time)) for time in times):
+    if interval < LIMIT.least_ticks or not all(np.array_equal(time, np.floor(time)) for time in times):
         return session, []
     unit, name = (1e-6, "microseconds") if interval < 2e5 and times[0].max() < 1e17 else (1e-9, "nanoseconds")
     scaled = session.replace(runs=[run.replace(time=(run.time - times[0][0]) * unit) for run in session.runs])
@@ -212,10 +185,10 @@ def mend_time_base(session: Session, arm: ArmModel | None) -> tuple[Session, lis
         factor = _common_factor(found)
         if factor is not None:
             return _tell_factor(session, factor, "measured velocity is {:.4g} times the positions' derivative")
-    if interval > SLOWEST_INTERVAL_S or 0.0 < interval < FASTEST_INTERVAL_S:
+    if interval > LIMIT.slowest_interval_s or 0.0 < interval < LIMIT.fastest_interval_s:
         # An interval between 0.2 ms and 0.2 s, in ms, us or ns.
         unit = 1e-3 if interval < 200.0 else 1e-6 if interval < 2e5 else 1e-9
-        factor = 1.0 / unit if interval > SLOWEST_INTERVAL_S else 1.0
+        factor = 1.0 / unit if interval > LIMIT.slowest_interval_s else 1.0
         return _tell_factor(session, factor, f"the median interval is {interval:.4g} s")
     if found is None and arm is not None:
         return session, _compare_inertia(session, arm)
@@ -226,12 +199,16 @@ def _common_factor(found: Velocities) -> float | None:
     """The factor by which all moving joints' velocities are off together, if they are."""
     slopes = found.slope[found.moving]
     middle = float(np.median(slopes))
-    if middle <= 0.0 or abs(middle - 1.0) <= CLOCK_OFF or (found.correlation[found.moving] < CLOCK_CORRELATION).any():
+    if (
+        middle <= 0.0
+        or abs(middle - 1.0) <= LIMIT.clock_off
+        or (found.correlation[found.moving] < LIMIT.clock_correlation).any()
+    ):
         return None
-    if np.abs(slopes / middle - 1.0).max() > CLOCK_SPREAD or found.moving.sum() < 2:
+    if np.abs(slopes / middle - 1.0).max() > LIMIT.clock_spread or found.moving.sum() < 2:
         return None
     degrees = math.degrees(1.0)
-    return None if min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < CLOCK_SPREAD else middle
+    return None if min(abs(middle / degrees - 1.0), abs(middle * degrees - 1.0)) < LIMIT.clock_spread else middle
 
 
 def _tell_factor(session: Session, factor: float, reason: str) -> tuple[Session, list[TelemetryIssue]]:
@@ -247,15 +224,15 @@ def _compare_inertia(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     if states is None:
         return []
     excess = np.percentile(np.abs(states.dq), 99, axis=0) / np.where(arm.velocity_limit > 0, arm.velocity_limit, np.inf)
-    if excess.max() > OVER_LIMIT:
+    if excess.max() > LIMIT.over_limit:
         name = session.joints[int(np.argmax(excess))]
         return [issue_of("clock_by_speed", session.name, (name,), joint=name, excess=excess.max())]
     ratios = [
         ratio
-        for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LOADED_NM))
+        for joint in np.flatnonzero(states.heavy & states.moving & (states.gravity.std(axis=0) > LIMIT.loaded_Nm))
         if (ratio := _sure_ratio(states, int(joint))) is not None
     ]
-    if not ratios or INERTIA_LOW < float(np.median(ratios)) < INERTIA_HIGH:
+    if not ratios or LIMIT.inertia_low < float(np.median(ratios)) < LIMIT.inertia_high:
         return []
     ratio = float(np.median(ratios))
     return [issue_of("clock_by_inertia", session.name, ratio=ratio, stretch=math.sqrt(ratio))]
@@ -271,10 +248,10 @@ def _sure_ratio(states: States, joint: int, pieces: int = 8) -> float | None:
         if fit.gravity <= 0.0 or fit.explained < 0.8:
             return None
         ratios.append(fit.inertia / fit.gravity)
-    inside = [INERTIA_LOW < ratio < INERTIA_HIGH for ratio in ratios]
+    inside = [LIMIT.inertia_low < ratio < LIMIT.inertia_high for ratio in ratios]
     # Inertia that vanishes against gravity says nothing about time.
     ratio = float(np.median(ratios))
-    visible = ratio * states.inertial[:, joint].std() > VISIBLE_INERTIA * states.gravity[:, joint].std()
+    visible = ratio * states.inertial[:, joint].std() > LIMIT.visible_inertia * states.gravity[:, joint].std()
     return ratio if visible and len(set(inside)) == 1 and min(ratios) > 0.0 else None
 
 
@@ -284,18 +261,20 @@ def mend_velocity(session: Session) -> tuple[Session, list[TelemetryIssue]]:
     if found is None:
         return session, []
     degrees = math.degrees(1.0)
-    in_degrees = found.moving & (np.abs(found.slope / degrees - 1.0) < CLOCK_SPREAD)
-    in_degrees &= found.correlation > CLOCK_CORRELATION
+    in_degrees = found.moving & (np.abs(found.slope / degrees - 1.0) < LIMIT.clock_spread)
+    in_degrees &= found.correlation > LIMIT.clock_correlation
     if found.moving.any() and in_degrees[found.moving].all():
         issue = issue_of("velocity_degrees", session.name, joints_at(session, np.flatnonzero(in_degrees)))
         speeds = [None if run.velocity is None else run.velocity / degrees for run in session.runs]
         runs = [run.replace(velocity=speed) for run, speed in zip(session.runs, speeds, strict=True)]
         return session.replace(runs=runs), [issue]
-    position_degrees = np.abs(found.slope * degrees - 1.0) < CLOCK_SPREAD
+    position_degrees = np.abs(found.slope * degrees - 1.0) < LIMIT.clock_spread
     if found.moving.any() and position_degrees[found.moving].all() and (found.correlation[found.moving] > 0.95).all():
         issue = issue_of("position_degrees", session.name, joints_at(session, np.flatnonzero(found.moving)))
         return scale_angles(session, 1.0 / degrees, np.ones(len(session.joints), dtype=bool), False), [issue]
-    bad = found.moving & ((found.correlation < CORRELATION) | (found.slope < SLOPE_LOW) | (found.slope > SLOPE_HIGH))
+    bad = found.moving & (
+        (found.correlation < LIMIT.correlation) | (found.slope < LIMIT.slope_low) | (found.slope > LIMIT.slope_high)
+    )
     if not bad.any():
         return session, []
     joint = int(np.flatnonzero(bad)[np.argmin(found.correlation[bad])])

@@ -20,24 +20,10 @@ import numpy as np
 
 from ident.checks.effort import TRANSITION_RAD_S, States, collect_states, fit_signed, jackknife
 from ident.checks.report import JointEffort, TelemetryReport, issue_of, joints_at
+from ident.checks.settings import EFFORT_KIND as LIMIT
 from ident.recordings.recording import Session, Severity, TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.traits import rated_torque
-
-# a_g counts as known if its standard error over pieces of the recordings is below this: 1 is then five errors off 0.
-SURE = 0.2
-PIECES = 10
-# Without gravity a_g was within 0.05 of 0 on the shipped recordings; in whole torques of real logs it is 0.84 to 1.48.
-# What the driver's own masses leave is allowed for.
-ABSENT, PRESENT = 0.2, 0.75
-# A current or a percentage follows gravity faintly too, but inertia as faintly: raw currents of a UR10e reach 0.09 to
-# 0.13 and 0.07 to 0.2. Without gravity a_i is at least this large, and this many times |a_g|; where the motion is too
-# slow to show a_i, a_g itself must be this small.
-LEAST_INERTIA, OVER_GRAVITY, FAINT = 0.5, 4.0, 0.03
-# Friction's share of the torque (standard deviations) from which the effort is that of a motor before its gear.
-MOTOR_FRICTION = 0.05
-# Effort is a current times a gain if their correlation is this close to one.
-SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -61,15 +47,15 @@ class GravityFit:
     @property
     def is_sure(self) -> bool:
         """Whether the recordings tell a_g."""
-        return self.gravity_error < SURE
+        return self.gravity_error < LIMIT.sure
 
     @property
     def lacks_gravity(self) -> bool:
         """Whether gravity is surely not in the torque, and the torque not just small in its unit."""
-        small = self.is_sure and abs(self.gravity) + self.gravity_error < ABSENT
-        if self.inertia_error < SURE * max(self.inertia, 0.0):
-            return small and self.inertia > max(LEAST_INERTIA, OVER_GRAVITY * abs(self.gravity))
-        return small and abs(self.gravity) < FAINT
+        small = self.is_sure and abs(self.gravity) + self.gravity_error < LIMIT.absent
+        if self.inertia_error < LIMIT.sure * max(self.inertia, 0.0):
+            return small and self.inertia > max(LIMIT.least_inertia, LIMIT.over_gravity * abs(self.gravity))
+        return small and abs(self.gravity) < LIMIT.faint
 
 
 def fit_gravity(states: States, joint: int) -> GravityFit:
@@ -77,7 +63,7 @@ def fit_gravity(states: States, joint: int) -> GravityFit:
     dq, tau, gravity = states.dq[:, joint], states.tau[:, joint], states.gravity[:, joint]
     columns = [gravity, states.inertial[:, joint], np.tanh(dq / TRANSITION_RAD_S), dq, states.q[:, joint]]
     table = np.column_stack([*(column - column.mean() for column in columns), np.ones(len(tau))])
-    weights, errors = jackknife(table, tau, PIECES)
+    weights, errors = jackknife(table, tau, LIMIT.pieces)
     friction = float((table[:, 2:4] @ weights[2:4]).std() / max(float(tau.std()), 1e-300))
     return GravityFit(float(weights[0]), float(errors[0]), float(weights[1]), float(errors[1]), friction)
 
@@ -97,7 +83,7 @@ def mend_effort_kind(session: Session, arm: ArmModel | None) -> tuple[Session, l
         fits = {int(joint): fit_gravity(states, int(joint)) for joint in np.flatnonzero(states.heavy & states.alive)}
         known = {joint: fit for joint, fit in fits.items() if fit.is_sure}
     told = [f"{session.joints[j]} {tell_gravity(fit)}" for j, fit in known.items()]
-    if forced and known and all(fit.gravity > PRESENT for fit in known.values()):
+    if forced and known and all(fit.gravity > LIMIT.present for fit in known.values()):
         worst = [*known].index(max(known, key=lambda j: known[j].gravity))
         return session, [issue_of("gravity_is_there", session.name, joints_at(session, known), told=told[worst])]
     # Gravity must lack on every joint that tells, and the rest explain what there is, with the right sign.
@@ -150,7 +136,7 @@ def _judge_joint(session: Session, joint: int, states: States | None, issues: li
         return JointEffort(name, "motor_current", f"the current times a constant gain; {told}")
     if not states.moving[joint]:
         return JointEffort(name, "unknown", "it hardly moves")
-    return JointEffort(name, "motor_torque" if fit.friction > MOTOR_FRICTION else "joint_torque", told)
+    return JointEffort(name, "motor_torque" if fit.friction > LIMIT.motor_friction else "joint_torque", told)
 
 
 def _is_current(session: Session, joint: int) -> bool:
@@ -160,13 +146,7 @@ def _is_current(session: Session, joint: int) -> bool:
         return False
     effort, current = (np.concatenate(values) for values in zip(*pairs, strict=True))
     size = float(np.linalg.norm(effort) * np.linalg.norm(current))
-    return size > 0.0 and abs(float(effort @ current)) > (1.0 - SAME) * size
-
-
-# Share of a torque that the recorded motion explains: below the first, others moved; above the second, none did.
-OWN_MOTION = (0.85, 0.95)
-# Torques beyond the rating are short; drives give two or three times it. Other units lie at a hundred times.
-LARGE_SHARE, MOST_RATED = 0.99, 5.0
+    return size > 0.0 and abs(float(effort @ current)) > (1.0 - LIMIT.same) * size
 
 
 def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
@@ -174,9 +154,9 @@ def check_rating(session: Session, arm: ArmModel) -> list[TelemetryIssue]:
     rated = np.maximum(
         rated_torque(arm), 3.0 * np.abs(arm.gravity(np.concatenate([r.position for r in session.runs]))).max(axis=0)
     )
-    seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LARGE_SHARE, axis=0)
+    seen = np.quantile(np.abs(np.concatenate([run.effort for run in session.runs])), LIMIT.large_share, axis=0)
     factor = seen / np.maximum(rated, 1e-9)
-    joints = np.flatnonzero(factor > MOST_RATED)
+    joints = np.flatnonzero(factor > LIMIT.most_rated)
     if not len(joints):
         return []
     worst = int(np.argmax(factor))
@@ -237,9 +217,9 @@ def check_absent(session: Session, states: States, absent: Sequence[str]) -> lis
         left = tau - table @ np.linalg.lstsq(table, tau, rcond=None)[0]
         found[int(j)] = 1.0 - float(left.var() / tau.var())
     worst = min(found, key=lambda j: found[j], default=None)
-    if worst is None or found[worst] > OWN_MOTION[1]:
+    if worst is None or found[worst] > LIMIT.own_motion[1]:
         return []
-    severity: Severity = "fatal" if found[worst] < OWN_MOTION[0] else "warning"
+    severity: Severity = "fatal" if found[worst] < LIMIT.own_motion[0] else "warning"
     seen: dict[str, Any] = {
         "explained": max(found[worst], 0.0),
         "joint": session.joints[worst],

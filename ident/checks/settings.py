@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ident.settings import Settings, number
+from ident.settings import Settings, number, read_group
 
 
 @dataclass(frozen=True)
@@ -58,3 +58,10 @@ class TelemetrySettings(Settings):
 
 
 USUAL_TELEMETRY = TelemetrySettings()
+
+# Thresholds of the single checks, an attribute each: `settings.toml` has their units, meanings and sources.
+ANGLES = read_group(__file__, "angles")
+CHANNELS = read_group(__file__, "channels")
+CLOCK = read_group(__file__, "clock")
+EFFORT_KIND = read_group(__file__, "effort_kind")
+ARRANGEMENT = read_group(__file__, "arrangement")
