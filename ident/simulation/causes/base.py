@@ -56,6 +56,10 @@ class Circumstances:
         return peak
 
 
+# The hardware with a cause of a size, and what is true then.
+Apply = Callable[[Circumstances, float], tuple[Hardware, Parameters]]
+
+
 @dataclass(frozen=True)
 class Cause:
     """One thing that may be wrong."""
@@ -64,7 +68,7 @@ class Cause:
     parameter: str  # what its size is, by the contract's name with the unit
     typical: Callable[[Circumstances], float]  # a typical size
     bounds: Callable[[Circumstances], tuple[float, float]]  # smallest and largest size that physics or motion allows
-    apply: Callable[[Circumstances, float], tuple[Hardware, Parameters]]  # the hardware with it, and what is true
+    apply: Apply  # the hardware with it, and what is true
     whole_arm: bool = False  # whether it belongs to the arm, not to a joint
     # What a fit may absorb before the rest counts as visible: rotor and linear friction in all views; beside these,
     # bias in `loss`; bias and link inertias in `refit`.
@@ -88,6 +92,44 @@ class Cause:
                 f"choose between {low:.4g} and {high:.4g}",
             )
         return size
+
+
+Drawn = Callable[[np.random.Generator], float]
+
+
+def uniform(low: float, high: float) -> Drawn:
+    return lambda rng: float(rng.uniform(low, high))
+
+
+def log_uniform(low: float, high: float) -> Drawn:
+    return lambda rng: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def setting(part: str, column: str, parameter: str, **drawn: tuple[str, Drawn]) -> Apply:
+    """A cause that sets one column of a law to its size, and others to what is drawn for them.
+
+    Args:
+        part: The law, as of `Hardware.with_laws`.
+        column, parameter: Where the size stands, and its name among the true parameters.
+        **drawn: By column, the name of what is drawn and its distribution.
+    """
+
+    def apply(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+        values = {name: draw(scene.rng) for name, (_, draw) in drawn.items()}
+        true = {drawn[name][0]: value for name, value in values.items()}
+        return scene.with_laws(part, **{column: size}, **values), {parameter: size, **true}
+
+    return apply
+
+
+def reading(column: str, parameter: str, offset: float = 0.0) -> Apply:
+    """A cause that sets one column of a joint's sensors to its size, counted from a healthy sensor's value."""
+
+    def apply(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
+        sensing = scene.hardware.sensing.set(scene.joint, **{column: offset + size})
+        return scene.hardware.replace(sensing=sensing), {parameter: size}
+
+    return apply
 
 
 def between(low: float, high: float) -> Callable[[Circumstances], tuple[float, float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.simulation.causes.base import Cause, Circumstances, Parameters, between
+from ident.simulation.causes.base import Cause, Circumstances, Parameters, between, log_uniform, setting, uniform
 from ident.simulation.hardware import Hardware
 from ident.simulation.laws import heat_law
 
@@ -45,24 +45,26 @@ def _ripple(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"amplitude_Nm": size, "order": order, "phase_rad": phase}
 
 
-def _spring(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    rest = float(scene.rng.uniform(-0.8, 0.8))
-    hardware = scene.with_laws("drive", hose_stiffness=size, hose_rest=rest)
-    return hardware, {"stiffness_Nm_rad": size, "rest_rad": rest}
-
-
 def _stiffness_bounds(scene: Circumstances) -> tuple[float, float]:
     """Softer, and the joint would sag by a fifth of a radian under its rated torque; stiffer is rigid."""
     return 5.0 * scene.rated, 1000.0 * scene.rated
 
 
+SPRING = setting("drive", "hose_stiffness", "stiffness_Nm_rad", hose_rest=("rest_rad", uniform(-0.8, 0.8)))
+STRIBECK = setting(
+    "friction",
+    "stribeck",
+    "amplitude_Nm",
+    stribeck_velocity=("stribeck_velocity_rad_s", log_uniform(0.03, 0.15)),
+    stribeck_exponent=("exponent", uniform(0.9, 2.0)),
+)
 DRIVE = (
     Cause(
         "joint_elasticity", "stiffness_Nm_rad", lambda s: 150.0 * s.rated, _stiffness_bounds, _elasticity, inverse=True
     ),
     Cause("backlash", "gap_rad", lambda s: 5e-4, between(0.0, LARGEST_PLAY), _backlash, beside=_tight_gear),
     Cause("torque_ripple", "amplitude_Nm", lambda s: 0.01 * s.rated, lambda s: (0.0, 0.15 * s.rated), _ripple),
-    Cause("spring_torque", "stiffness_Nm_rad", lambda s: 0.02 * s.rated, lambda s: (0.0, 0.3 * s.rated), _spring),
+    Cause("spring_torque", "stiffness_Nm_rad", lambda s: 0.02 * s.rated, lambda s: (0.0, 0.3 * s.rated), SPRING),
 )
 
 
@@ -82,13 +84,6 @@ def _either_way(scene: Circumstances) -> tuple[float, float]:
     return -1.8 * scene.coulomb, 1.8 * scene.coulomb
 
 
-def _stribeck(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    velocity = float(np.exp(scene.rng.uniform(np.log(0.03), np.log(0.15))))
-    exponent = float(scene.rng.uniform(0.9, 2.0))
-    hardware = scene.with_laws("friction", stribeck=size, stribeck_velocity=velocity, stribeck_exponent=exponent)
-    return hardware, {"amplitude_Nm": size, "stribeck_velocity_rad_s": velocity, "exponent": exponent}
-
-
 def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     velocity = float(scene.rng.uniform(0.05, 0.3))
     hardware = scene.with_laws("friction", eyring=size, eyring_velocity=velocity)
@@ -97,10 +92,6 @@ def _nonlinear_viscous(scene: Circumstances, size: float) -> tuple[Hardware, Par
     exponent, log_coefficient = np.polyfit(np.log(v), np.log(np.arcsinh(v / velocity)), 1)
     nearest = {"coefficient": float(size * np.exp(log_coefficient)), "exponent": float(exponent)}
     return hardware, {"eyring_Nm": size, "eyring_velocity_rad_s": velocity, **nearest}
-
-
-def _load(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    return scene.with_laws("friction", load=size), {"mu": size}
 
 
 def _thermal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -152,9 +143,11 @@ def _coupling(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
 
 
 RUBBING = (
-    Cause("stribeck_friction", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _stribeck),
+    Cause("stribeck_friction", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, STRIBECK),
     Cause("nonlinear_viscous_friction", "eyring_Nm", lambda s: 0.25 * s.coulomb, _up_to, _nonlinear_viscous),
-    Cause("load_dependent_friction", "mu", lambda s: 0.06, between(0.0, LARGEST_LOSS), _load),
+    Cause(
+        "load_dependent_friction", "mu", lambda s: 0.06, between(0.0, LARGEST_LOSS), setting("friction", "load", "mu")
+    ),
     Cause("thermal_friction", "viscous_loss", lambda s: 0.45, between(0.0, 0.95), _thermal, needs_all=True),
     Cause("presliding_hysteresis", "amplitude_Nm", lambda s: 0.3 * s.coulomb, _up_to, _hysteresis),
     Cause(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.simulation.causes.arm import reach
-from ident.simulation.causes.base import Cause, Circumstances, Parameters, between
+from ident.simulation.causes.base import Cause, Circumstances, Parameters, between, log_uniform, setting, uniform
 from ident.simulation.hardware import Hardware
 from ident.simulation.mjcf import Slosh
 
@@ -47,20 +47,6 @@ def _slosh_bounds(scene: Circumstances) -> tuple[float, float]:
     return 1e-4, float(h.drive.effort_limit.max()) / (9.81 * reach(h))
 
 
-def _skid(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """The bearing's balls skid while the joint accelerates: more dry friction."""
-    scale = float(scene.rng.uniform(1.0, 3.0))
-    hardware = scene.with_laws("friction", skid=size, skid_scale=scale)
-    return hardware, {"friction_Nm": size, "acceleration_rad_s2": scale}
-
-
-def _brake(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """The holding brake lets go slowly at the start of each run."""
-    decay = float(scene.rng.uniform(0.5, 2.0))
-    hardware = scene.with_laws("outside", brake=size, brake_decay=decay)
-    return hardware, {"drag_Nm": size, "decay_s": decay}
-
-
 def _sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     """The supply sags under the power of all drives, and with it the scale of one drive's current reading."""
     h = scene.hardware
@@ -68,27 +54,6 @@ def _sag(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     power = float((h.friction.coulomb * speed).sum() + 0.2 * (h.drive.effort_limit * speed).sum())
     sensing = h.sensing.set(scene.joint, sag=size).replace(sag_power=power)
     return h.replace(sensing=sensing), {"relative_rise": size, "at_power_W": power}
-
-
-def _seal(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """A seal winds up with the shaft and relaxes: a spring when quick, viscous when slow."""
-    relaxation = float(np.exp(scene.rng.uniform(np.log(0.1), np.log(0.8))))
-    hardware = scene.with_laws("outside", seal=size, seal_relaxation=relaxation)
-    return hardware, {"stiffness_Nm_rad": size, "relaxation_s": relaxation}
-
-
-def _ageing(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """The contact strengthens while it rests, and is renewed by slip."""
-    slip = float(np.exp(scene.rng.uniform(np.log(3e-3), np.log(3e-2))))
-    hardware = scene.with_laws("outside", ageing=size, ageing_slip=slip)
-    return hardware, {"friction_per_efold_Nm": size, "slip_rad": slip}
-
-
-def _tooth(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
-    """Planetary or worm teeth slide inwards, then outwards: their friction turns round at every pitch point."""
-    order = float(scene.rng.integers(12, 40))
-    hardware = scene.with_laws("outside", tooth=size, tooth_order=order)
-    return hardware, {"mu": size, "teeth": order}
 
 
 def _wobble(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
@@ -107,25 +72,33 @@ def _wobble(scene: Circumstances, size: float) -> tuple[Hardware, Parameters]:
     return hardware, {"error_rad": size, "order": order, "resonance_Hz": resonance / (2.0 * np.pi)}
 
 
+# The bearing's balls skid while the joint accelerates: more dry friction.
+SKID = setting("friction", "skid", "friction_Nm", skid_scale=("acceleration_rad_s2", uniform(1.0, 3.0)))
+# The holding brake lets go slowly at the start of each run.
+BRAKE = setting("outside", "brake", "drag_Nm", brake_decay=("decay_s", uniform(0.5, 2.0)))
+# A seal winds up with the shaft and relaxes: a spring when quick, viscous when slow.
+SEAL = setting("outside", "seal", "stiffness_Nm_rad", seal_relaxation=("relaxation_s", log_uniform(0.1, 0.8)))
+# The contact strengthens while it rests, and is renewed by slip.
+AGEING = setting("outside", "ageing", "friction_per_efold_Nm", ageing_slip=("slip_rad", log_uniform(3e-3, 3e-2)))
+# Planetary or worm teeth slide inwards, then outwards: their friction turns round at every pitch point.
+TOOTH = setting("outside", "tooth", "mu", tooth_order=("teeth", lambda rng: float(rng.integers(12, 40))))
 UNLISTED = (
     Cause("cable_drag", "drag_Nm", lambda s: 0.4 * s.coulomb, _stall, _cable),
     Cause("velocity_product_drag", "drag_Nms2_rad2", lambda s: 1.2 * s.coulomb, lambda s: (0.0, s.rated), _product),
     Cause(
         "sloshing_load", "moving_mass_kg", lambda s: 0.08 * _slosh_bounds(s)[1], _slosh_bounds, _slosh, whole_arm=True
     ),
-    Cause("acceleration_friction", "friction_Nm", lambda s: 0.5 * s.coulomb, _stall, _skid),
-    Cause("brake_drag", "drag_Nm", lambda s: 0.8 * s.coulomb, _stall, _brake),
+    Cause("acceleration_friction", "friction_Nm", lambda s: 0.5 * s.coulomb, _stall, SKID),
+    Cause("brake_drag", "drag_Nm", lambda s: 0.8 * s.coulomb, _stall, BRAKE),
     Cause(
         "seal_relaxation",
         "stiffness_Nm_rad",
         lambda s: 3.0 * s.coulomb,
         lambda s: (0.0, 3.0 * s.rated),
-        _seal,
+        SEAL,
     ),
-    Cause(
-        "contact_ageing", "friction_per_efold_Nm", lambda s: 0.1 * s.coulomb, lambda s: (0.0, 0.1 * s.rated), _ageing
-    ),
-    Cause("tooth_friction", "mu", lambda s: 0.05, between(0.0, 0.6), _tooth),
+    Cause("contact_ageing", "friction_per_efold_Nm", lambda s: 0.1 * s.coulomb, lambda s: (0.0, 0.1 * s.rated), AGEING),
+    Cause("tooth_friction", "mu", lambda s: 0.05, between(0.0, 0.6), TOOTH),
     Cause("kinematic_error", "error_rad", lambda s: 2e-4, between(0.0, 0.02), _wobble),
     Cause("supply_sag", "relative_rise", lambda s: 0.1, between(0.0, 2.0), _sag),
 )
