@@ -53,6 +53,10 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     doubted: tuple[Reservation, ...] = ()
     free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
+    evidence = free.with_run_spread(spread)
+    alone = replace(search, evidence=evidence)
+    model = project(evidence.gram(), evidence, prior)
+    prior = Prior.believing(free, baseline, best_belief(alone, baseline, (), inflation(evidence, model)).error)
     for left in reversed(range(settings.most_settling)):
         evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))

@@ -21,6 +21,10 @@ from ident.diagnosis.regression.settings import USUAL_REGRESSION, RegressionSett
 NOISE_RIDGE = 1e-4
 # The same of a column that is to have no coefficient.
 HELD_AT_ZERO = 1e9
+# Rows for each order of the autoregression, and for each column from which on the ridge decides nothing.
+LEAST_ROWS, MANY_ROWS = 20, 5
+# Variances of the columns' coefficients that are tried over fewer rows, in units of the noise's.
+VARIANCES = 10.0 ** np.arange(-4.0, 8.1, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,18 +111,16 @@ def estimate_noise(layout: Layout, held: Sequence[Rows], settings: RegressionSet
 
 def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) -> tuple[Array, float, float]:
     x = np.concatenate([rows.tables[j][rows.counts[:, j]] for rows in held])
-    order = settings.noise_order
-    fallback = np.zeros(order + 1)
-    fallback[0] = 1.0
-    if len(x) < 20 * order:
-        return fallback, 1.0, 1.0
+    order = min(settings.noise_order, len(x) // LEAST_ROWS)
+    if not order:
+        level = _level_by_differences([rows.tables[j][:, -1] for rows in held])
+        return np.eye(1, settings.noise_order + 1)[0], level, level
     # Encoder noise is not taken off here: with hundreds of columns that would leave sums that are not positive. What it
     # does to the coefficients is little, and what it adds to the residual is known.
     gram = x.T @ x
-    ridge = np.diag(NOISE_RIDGE * np.diag(gram)[:-1] + 1e-9)
-    ridge += np.diag(
-        HELD_AT_ZERO * np.diag(gram)[:-1] * _mostly_noise(j, held, settings.mostly_noise * np.diag(gram)[:-1])
-    )
+    silent = _mostly_noise(j, held, settings.mostly_noise * np.diag(gram)[:-1])
+    losses = slice(held[0].rank, held[0].rank + LOSS_FIGURES)
+    ridge = np.diag(np.diag(gram)[:-1] * np.where(silent, HELD_AT_ZERO, _ridge(gram, len(x), losses, silent)) + 1e-9)
     inverse = np.linalg.inv(gram[:-1, :-1] + ridge)
     estimate = inverse @ gram[:-1, -1]
     # Every coefficient takes a share of the noise with it.
@@ -134,9 +136,57 @@ def _noise_of_joint(j: int, held: Sequence[Rows], settings: RegressionSettings) 
     own = covariance[0] - (_autocovariance(encoder, order)[0] if encoder else 0.0)
     covariance[0] *= 1.0 + 1e-6
     filtering, innovation = prediction_error(covariance)
+    filtering = np.pad(filtering, (0, settings.noise_order - order))
     innovation = max(innovation, 1e-3 * covariance[0], 1e-18)
     level = max(own, settings.least_own_noise * covariance[0])
     return filtering, float(np.sqrt(innovation)), float(np.sqrt(level))
+
+
+def _ridge(gram: Float[Array, "p p"], count: int, free: slice, silent: Bool[Array, " c"]) -> Float[Array, " c"]:
+    """Ridge of each column, as a share of its power: next to none, or over few rows what their likelihood asks for.
+
+    With more columns than rows whatever is left is what the ridge leaves. There the coefficients are drawn from one
+    normal law, each column of the same power beforehand, and its variance v σ² is that of greatest likelihood:
+
+        −½ (m log σ² + Σ log(1 + v λ_i)),    σ² = (yᵀy − Σ v z_i² / (1 + v λ_i)) / m,
+
+    λ_i, z_i the columns' eigenvalues and what the torque has along them, m the rows less the free columns.
+
+    Args:
+        gram: Sums of all columns and the torque.
+        count: Rows.
+        free: Columns whose coefficients are drawn from no law.
+        silent: Columns that are to have no coefficient.
+
+    Source: Searle, Casella and McCulloch 1992, section 6.6 (restricted maximum likelihood).
+    """
+    ridge = np.full(len(gram) - 1, NOISE_RIDGE)
+    if count > MANY_ROWS * len(gram):
+        return ridge
+    drawn = np.setdiff1d(np.flatnonzero(~silent & (np.diag(gram)[:-1] > 0.0)), np.arange(free.start, free.stop))
+    at = np.append(drawn, len(gram) - 1)
+    inner = gram[free, free] + NOISE_RIDGE * np.diag(np.diag(gram[free, free]) + 1e-9)
+    rest = gram[np.ix_(at, at)] - gram[at, free] @ np.linalg.solve(inner, gram[free, at])
+    scale = 1.0 / np.sqrt(np.diag(gram)[drawn])
+    values, vectors = np.linalg.eigh(scale[:, None] * rest[:-1, :-1] * scale)
+    values, along = np.maximum(values, 0.0), (vectors.T @ (scale * rest[:-1, -1])) ** 2
+    left = max(count - (free.stop - free.start), 1)
+
+    def likelihood(v: float) -> float:
+        variance = max(float(rest[-1, -1] - np.sum(v * along / (1.0 + v * values))) / left, 1e-300)
+        return -0.5 * float(left * np.log(variance) + np.sum(np.log1p(v * values)))
+
+    ridge[drawn] = 1.0 / max(VARIANCES, key=likelihood)
+    return ridge
+
+
+def _level_by_differences(series: Sequence[Float[Array, " t"]]) -> float:
+    """Noise of torques of which next to nothing is in motion [N m]: their second differences, of which half are less.
+
+    Source: Gasser, Sroka and Jennen-Steinmetz 1986 (residual variance by differences).
+    """
+    second = np.concatenate([np.diff(values, 2) for values in series])
+    return max(float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0)), 1e-9) if len(second) else 1.0
 
 
 def prediction_error(covariance: Float[Array, " k"]) -> tuple[Float[Array, " k"], float]:

@@ -166,7 +166,7 @@ class SelectionSettings(Settings):
         4.0, "1", "standard deviations from which on a direction makes up what was tuned away", "law: a chance of 6e-5"
     )
     urdf_scales: tuple[float, ...] = number(
-        (0.5, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0),
+        (0.5, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 8.0),
         "1",
         "errors of the URDF that are tried, in units of its belief",
         "chosen: beyond a fifth (five times 4 %) a URDF is of another arm",
