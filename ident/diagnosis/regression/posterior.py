@@ -61,10 +61,12 @@ class Beside:
     Attributes:
         gain: Log likelihood that it gains without a discrepancy [nats].
         left: Log evidence of a discrepancy beside it [nats].
+        instead: Log evidence of a discrepancy in its place [nats].
     """
 
     gain: float
     left: float
+    instead: float
 
     @property
     def share(self) -> float:
@@ -139,15 +141,16 @@ class Posterior:
         """
         group, others = self.names[slot], [other for k, other in enumerate(self.names) if k != slot]
         model = project(self.evidence.gram(), self.evidence, self.prior, others)
-        width, gain, left = len(group.columns), 0.0, 0.0
+        width, gain, left, instead = len(group.columns), 0.0, 0.0, 0.0
         for j in joints:  # a joint's discrepancy explains its own rows: their evidence adds up
             sums = self._part(model, np.concatenate([group.columns, *self.blocks[j]]))
             own, across, alone = sums[:width, :width], sums[:width, width:], sums[width:, width:]
             own = own + 1e-6 * np.diag(np.diag(own))
             with_it = alone - across.T @ np.linalg.solve(own, across)
-            gain = 0.5 * float(alone[-1, -1] - with_it[-1, -1])
+            gain += 0.5 * float(alone[-1, -1] - with_it[-1, -1])
             left += estimate_variances(_nonnegative(with_it), _sizes(self.blocks[j])).evidence
-        return Beside(gain, left)
+            instead += estimate_variances(_nonnegative(alone), _sizes(self.blocks[j])).evidence
+        return Beside(gain, left, instead)
 
     def _part(self, model: Projection, columns: Int[Array, " c"]) -> Float[Array, "c c"]:
         """Sums of some columns and the torque after a model.

@@ -230,7 +230,7 @@ class Candidates:
         fall = scores[2].fall_from(scores[1])[joints]
         closed = old**2 - new**2
         first = _reducible(start, floor[joints])
-        gap = closed / (first if group.effect.event else _reducible(old, floor[joints]))
+        gap = closed / _reducible(old, floor[joints])
         most = int(np.argmax(fall))
         if group.effect.event:
             p_value = float(np.exp(-max(score, 0.0)))  # bound of a likelihood ratio, screening paid for
