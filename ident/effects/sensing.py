@@ -206,7 +206,7 @@ class EncoderOffset(Effect):
         return found
 
 
-DELAYS = (0.002, 0.008, 0.02)  # [s]
+DELAYS = (0.002, 0.008, 0.02, 0.05)  # [s]
 # What a delay of so much must change, as a share of the rated torque of some joint, to be seen.
 TYPICAL_DELAY, LEAST_DELAY_SHARE = 0.01, 5e-4
 # Samples of a stretch of which a spectrum is taken; from which share of the corner on torque that is smooth is gone.

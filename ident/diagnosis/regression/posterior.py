@@ -148,8 +148,11 @@ class Posterior:
             own = own + 1e-6 * np.diag(np.diag(own))
             with_it = alone - across.T @ np.linalg.solve(own, across)
             gain += 0.5 * float(alone[-1, -1] - with_it[-1, -1])
-            left += estimate_variances(_nonnegative(with_it), _sizes(self.blocks[j])).evidence
-            instead += estimate_variances(_nonnegative(alone), _sizes(self.blocks[j])).evidence
+            sizes, views = _sizes(self.blocks[j]), [_nonnegative(one) for one in (with_it, alone)]
+            found = [estimate_variances(view, sizes) for view in views]
+            # Each from where the other ended, too: the evidence has several maxima.
+            left += max(found[0].evidence, estimate_variances(views[0], sizes, found[1].variances).evidence)
+            instead += max(found[1].evidence, estimate_variances(views[1], sizes, found[0].variances).evidence)
         return Beside(gain, left, instead)
 
     def _part(self, model: Projection, columns: Int[Array, " c"]) -> Float[Array, "c c"]:
@@ -243,16 +246,20 @@ class Variances:
         return BLOCKS[int(np.argmax(self.kinds)) % len(BLOCKS)] if self.variances.any() else None
 
 
-def estimate_variances(sums: Float[Array, "m m"], sizes: Sequence[int]) -> Variances:
+def estimate_variances(
+    sums: Float[Array, "m m"], sizes: Sequence[int], start: Float[Array, " b"] | None = None
+) -> Variances:
     """Variances of blocks by marginal likelihood, one block after the other over a grid.
 
     Args:
         sums: Whitened sums of all blocks' columns and, last, the torque, after the model beside which they stand.
         sizes: Number of columns of each block.
+        start: Variances to begin with; none if None.
     """
     matrix, target = sums[:-1, :-1], sums[:-1, -1]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-    variances, best = np.zeros(len(sizes)), 0.0
+    variances = np.zeros(len(sizes)) if start is None else start.copy()
+    best = _log_evidence(matrix, target, _deviations(variances, sizes))
     for _ in range(MOST_ROUNDS):
         before = best
         for block, size in enumerate(sizes):
@@ -270,6 +277,15 @@ def estimate_variances(sums: Float[Array, "m m"], sizes: Sequence[int]) -> Varia
     freedom = float(np.trace(cho_solve(factor, inner)))
     kinds = [float(weights[a:b] @ matrix[a:b, a:b] @ weights[a:b]) for a, b in pairwise(bounds)]
     return Variances(best, variances, weights, freedom, np.array(kinds))
+
+
+def _log_evidence(
+    matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"]
+) -> float:
+    """L(S) of blocks with given standard deviations [nats]."""
+    root = np.linalg.cholesky(deviations[:, None] * matrix * deviations + np.eye(len(matrix)))
+    half = solve_triangular(root, deviations * target, lower=True, check_finite=False)
+    return 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
 
 
 def _evidence_along(
