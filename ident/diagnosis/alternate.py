@@ -20,7 +20,7 @@ from ident.diagnosis.selection.intervals import Estimate, estimate_effects, infl
 from ident.diagnosis.selection.refine import Refined, find_needless, refine
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import measure_tolerance
-from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, one_link_is_wrong
+from ident.diagnosis.selection.urdf_scale import added_evidence, best_belief, first_belief, one_link_is_wrong
 from ident.effects.base import SessionContext
 
 
@@ -56,7 +56,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     evidence = free.with_run_spread(spread)
     alone = replace(search, evidence=evidence)
     model = project(evidence.gram(), evidence, prior)
-    prior = Prior.believing(free, baseline, best_belief(alone, baseline, (), inflation(evidence, model)).error)
+    prior = Prior.believing(free, baseline, first_belief(alone, baseline, inflation(evidence, model)).error)
     for left in reversed(range(settings.most_settling)):
         evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
@@ -77,6 +77,19 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
             break
         spread, prior = now, Prior.believing(free, baseline, error)
     return replace(sure, found=_or_doubted(sure.found, sure.doubted))
+
+
+def keep_names(sure: Settled, kept: Sequence[int], session: SessionContext, baseline: Baseline, reason: str) -> Settled:
+    """Some of the names, estimated anew without the others, of which it is said why they do not stand."""
+    search, joints = sure.search, baseline.nominal.joint_names
+    dropped = [k for k in range(len(sure.estimates)) if k not in kept]
+    doubted = tuple(Reservation.of(sure.found.named[k], sure.estimates[k], joints, reason) for k in dropped)
+    found = search.only(sure.found, kept)
+    if not kept:
+        return Settled(search, found, [], None, sure.doubted + doubted)
+    fine = refine(search, session, baseline, [item.group for item in found.named])
+    estimates = estimate_effects(search, fine, session, found.named)
+    return Settled(search, found, estimates, fine, sure.doubted + doubted)
 
 
 def _or_doubted(found: SearchResults, doubted: Sequence[Reservation]) -> SearchResults:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.alternate import settle
+from ident.diagnosis.alternate import Settled, keep_names, settle
 from ident.diagnosis.baseline_record import TunedJoint, tuned_alone, tuned_beside
 from ident.diagnosis.detection_limits import find_limits
 from ident.diagnosis.gap.ceiling import Ceiling, measure_ceiling
@@ -17,9 +17,9 @@ from ident.diagnosis.gap.improvement import Reach, measure_reach, run_energy, sp
 from ident.diagnosis.gap.places import NamedPlace, in_order_of_gap, measure_harm, rank_places
 from ident.diagnosis.gap.residuals import RunResidual, compute_residuals
 from ident.diagnosis.heldout_gain import measure_shrink, slides
-from ident.diagnosis.regression.baseline import Baseline, fit_baseline
+from ident.diagnosis.regression.baseline import Baseline, UrdfError, fit_baseline
 from ident.diagnosis.regression.cross_validation import HeldOut
-from ident.diagnosis.regression.design import build_layout
+from ident.diagnosis.regression.design import Group, build_layout
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
 from ident.diagnosis.regression.least_squares import Prior, project
@@ -32,6 +32,7 @@ from ident.diagnosis.selection.intervals import Estimate, inflation
 from ident.diagnosis.selection.refine import Refined
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
+from ident.diagnosis.selection.urdf_scale import one_link_is_wrong
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.diagnosis.tuned_links import measure_tuned_links
 from ident.diagnosis.verdict import (
@@ -51,6 +52,9 @@ from ident.progress import stage
 from ident.recordings.recording import TelemetryIssue
 from ident.robot.arm import ArmModel
 from ident.robot.names import robot_argument
+
+# Why a name does not stand that a discrepancy explains as cheaply.
+NO_LAW = "a flexible function of the joint's state explains it as cheaply: no law of its own"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +107,7 @@ def diagnose(
     evidence = evidence.with_dispersion(measure_dispersion(session, baseline, evidence, prior))
     stage("searching laws", 0.6, 0.9)
     first = Search(evidence, prior, HeldOut(evidence, prior), seed, settings=settings.selection)
-    sure = settle(first, session, baseline)
+    sure, beside = _beside_discrepancy(settle(first, session, baseline), session, baseline, settings)
     search, found, estimates, fine = sure.search, sure.found, sure.estimates, sure.fine
     evidence, prior = search.evidence, search.prior
     groups = [item.group for item in found.named]
@@ -112,7 +116,6 @@ def diagnose(
     fixed = project(gram, evidence, search.fixed.prior)
     stage("what is left, and what could have been seen", 0.9, 1.0)
     series = compute_residuals(session, baseline, evidence, (before, after, fixed), groups, search.held_out)
-    beside = _beside_discrepancy(session, baseline, search, found, estimates, settings)
     steady = [item.without_friction_level(evidence.spread) for item in series]
     ceilings = tuple(measure_ceiling(steady, j, one, settings.gap.ceiling) for j, one in enumerate(beside.left))
     open_gap = find_unexplained(found, ceilings, evidence, settings.verdict)
@@ -121,7 +124,7 @@ def diagnose(
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
     spare = inflation(evidence, after)
-    tolerance = measure_tolerance(evidence, prior, after, spare, settings.selection)
+    tolerance = _tolerance(search, baseline, groups)
     links = measure_tuned_links(baseline, evidence, after, prior, spare)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
@@ -173,6 +176,18 @@ def diagnose(
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
+def _tolerance(search: Search, baseline: Baseline, groups: Sequence[Group]) -> Tolerance:
+    """How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is."""
+    gram, evidence = search.evidence.gram(), search.evidence
+    usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
+    for view in (usual, search):
+        model = project(gram, evidence, view.prior, groups)
+        spare = inflation(evidence, model)
+        if view is search or one_link_is_wrong(view, baseline, groups, spare):
+            break
+    return measure_tolerance(evidence, view.prior, model, spare, search.settings)
+
+
 @dataclass(frozen=True, eq=False)
 class _WithDiscrepancy:
     """What a discrepancy says of a session.
@@ -189,19 +204,30 @@ class _WithDiscrepancy:
 
 
 def _beside_discrepancy(
-    session: SessionContext,
-    baseline: Baseline,
-    search: Search,
-    found: SearchResults,
-    estimates: Sequence[Estimate],
-    settings: DiagnosisSettings,
-) -> _WithDiscrepancy:
+    sure: Settled, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings
+) -> tuple[Settled, _WithDiscrepancy]:
+    """Names that stand beside a discrepancy, and what it sees; a name that it explains as cheaply is none.
+
+    Each is weighed beside all others: what one explains must not count against its neighbour when it goes.
+    """
+    beside = _weigh(sure, session, baseline, settings)
+    names = believed(sure.estimates, beside.laws, settings.verdict)
+    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.selection.least_probability]
+    if len(kept) < len(names):
+        laws = tuple(beside.laws[k] for k in kept)
+        sure = keep_names(sure, kept, session, baseline, NO_LAW)
+        beside = replace(_weigh(sure, session, baseline, settings), laws=laws)
+    return sure, beside
+
+
+def _weigh(sure: Settled, session: SessionContext, baseline: Baseline, settings: DiagnosisSettings) -> _WithDiscrepancy:
     """A discrepancy beside the names, and in their place, where anything is named or stands out of the noise."""
+    search, found = sure.search, sure.found
     loud = [stands_out(search.evidence, found.ladder[-1], j, settings.verdict) for j in range(session.n)]
     explained = np.zeros(session.n)
-    if not (estimates or any(loud)):
+    if not (sure.estimates or any(loud)):
         return _WithDiscrepancy((None,) * session.n, (), explained)
-    points = [estimate.told for estimate in estimates]
+    points = [estimate.told for estimate in sure.estimates]
     acting = {j for item in found.named for j in item.shown}
     joints = sorted(acting | set(np.flatnonzero(loud).tolist()))
     posterior = Posterior.gather(session, baseline, search.evidence, search.prior, points, joints)

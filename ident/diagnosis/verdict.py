@@ -131,7 +131,7 @@ def believed(
     joint may stand in for another cause.
     """
     return [
-        replace(one, probability=settings.trust(law.share) * one.probability)
+        replace(one, probability=settings.trust(law) * one.probability)
         for one, law in zip(estimates, laws, strict=True)
     ]
 

@@ -6,8 +6,8 @@ complement), D w with w ~ N(0, S) adds to the log evidence
     L(S) = ½ gᵀ (G + S⁻¹)⁻¹ g − ½ log |I + S^½ G S^½|,    G = R_DD, g = R_Dy,
 
 and S, one variance a block, is where L is greatest. L is near zero where names and baseline explain a joint down to its
-noise; beside a law that stands in for another cause it is not. A law is believed by its part gain / (gain + L) of what
-can be explained at its joints, L beside it.
+noise; beside a law that stands in for another cause it is not. A law is worth what it adds to the evidence of a
+discrepancy alone, gain + L beside it − L in its place: names that a flexible function explains as cheaply are none.
 
 Source: Kennedy and O'Hagan 2001 (discrepancy); Searle, Casella and McCulloch 1992 (variance components); MacKay 1992.
 """
@@ -69,9 +69,9 @@ class Beside:
     instead: float
 
     @property
-    def share(self) -> float:
-        """The law's part of all that can be explained at its joints."""
-        return self.gain / max(self.gain + self.left, 1e-9)
+    def log_bayes_factor(self) -> float:
+        """What the law adds to the evidence of a discrepancy alone [nats]: little where that explains it as cheaply."""
+        return self.gain + self.left - self.instead
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,9 +279,7 @@ def estimate_variances(
     return Variances(best, variances, weights, freedom, np.array(kinds))
 
 
-def _log_evidence(
-    matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"]
-) -> float:
+def _log_evidence(matrix: Float[Array, "m m"], target: Float[Array, " m"], deviations: Float[Array, " m"]) -> float:
     """L(S) of blocks with given standard deviations [nats]."""
     root = np.linalg.cholesky(deviations[:, None] * matrix * deviations + np.eye(len(matrix)))
     half = solve_triangular(root, deviations * target, lower=True, check_finite=False)

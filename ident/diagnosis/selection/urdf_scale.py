@@ -61,6 +61,28 @@ def best_belief(
     return max(tried, key=lambda belief: belief.evidence)
 
 
+def first_belief(search: Search, baseline: Baseline, spare: float) -> Belief:
+    """How far off the URDF is before anything is named: alone, or beside the one body that explains most.
+
+    A load that is not yet named must not pass for a URDF that is wrong everywhere.
+
+    Args:
+        search: The session's sums.
+        baseline: What the belief is made of.
+        spare: How many times the modelled variance the misfit has.
+    """
+    alone = best_belief(search, baseline, (), spare)
+    if alone.error == search.prior.error:
+        return alone
+    tuned = project(search.evidence.gram(), search.evidence, search.prior)
+    tried = [alone]
+    for _, group in search.best_by_key(tuned).values():
+        if group.effect.inertia_like:
+            beside = best_belief(search, baseline, [group], spare)
+            tried.append(replace(beside, evidence=beside.evidence - search.cost_of(group)))
+    return max(tried, key=lambda belief: belief.evidence)
+
+
 def added_evidence(
     search: Search,
     session: SessionContext,

@@ -82,7 +82,8 @@ def test_a_name_is_believed_by_its_own_part_of_what_can_be_explained(short_arm: 
     """
     (finding,) = analyse(short_arm, spring_on_3).diagnosis.findings
     whole, half, tenth = (
-        believed([finding.estimate], [Beside(gain=gain, left=100.0 - gain)])[0] for gain in (100.0, 50.0, 10.0)
+        believed([finding.estimate], [Beside(gain=gain, left=1000.0 - gain, instead=400.0)])[0]
+        for gain in (1000.0, 500.0, 100.0)
     )
     assert whole.probability == pytest.approx(finding.estimate.probability, abs=0.01)
     assert tenth.probability < 0.5 < half.probability < whole.probability
