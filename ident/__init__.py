@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from ident.api.closing import close as close
     from ident.api.comparing import compare as compare
     from ident.api.diagnosing import diagnose as diagnose
+    from ident.api.exporting import patch as patch
     from ident.api.exporting import verify as verify
     from ident.api.fitting import evaluate as evaluate
     from ident.api.fitting import fit as fit
     from ident.api.fitting import fit_hybrid as fit_hybrid
     from ident.api.inspecting import inspect as inspect
-    from ident.api.patching import patch as patch
     from ident.api.planting import plant as plant
     from ident.api.ranging import ranges as ranges
     from ident.api.servo_arms import servo as servo
@@ -60,7 +60,7 @@ _HOMES = {
     "listening": "ident.progress",
     "new": "ident.api.starting",
     "open_sessions": "ident.sessions",
-    "patch": "ident.api.patching",
+    "patch": "ident.api.exporting",
     "plant": "ident.api.planting",
     "ranges": "ident.api.ranging",
     "servo": "ident.api.servo_arms",

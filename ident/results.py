@@ -29,7 +29,7 @@ class Result(ABC):
     """
 
     # How a result looks is known above, where pictures are made, and asked for by name when somebody looks:
-    # a module with `summary(result)` and `draw(result)`.
+    # a module with `write(console, result)` and `draw(result)`.
     SHOWN_BY: ClassVar[str] = "ident.show.results"
 
     provenance: Provenance = field(default_factory=Provenance)
@@ -54,7 +54,8 @@ class Result(ABC):
 
     def summary(self) -> str:
         """The result in plain lines, as the command prints it."""
-        return str(import_module(self.SHOWN_BY).summary(self))
+        as_text = import_module("ident.show.panels").as_text
+        return str(as_text(lambda console: import_module(self.SHOWN_BY).write(console, self)))
 
     def plot(self) -> Figure:
         """The result as a picture."""

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from ident.options import option
 
 DEFAULT_METHOD = "sqp"
-
-
-def option(default: Any, text: str, *names: str, **bounds: float) -> Any:
-    """A field with its help, its names on the command line if they are not its own, and bounds (`min`, `max`)."""
-    return field(default=default, metadata={"help": text, "names": names, "bounds": bounds})
 
 
 @dataclass(frozen=True)
@@ -23,7 +19,7 @@ class TaskOptions:
     variables: str | None = option(
         None, "What is searched: vias, times or both. Energy: vias; time: both, if not given."
     )
-    vias: Path | None = option(None, "File of taught via points ([[trial]] tables) to start from.")  # noqa: RUF009
+    vias: Path | None = option(None, "File of taught via points ([[trial]] tables) to start from.")
     trial: int = option(1, "Which of the taught motions, from 1.", min=1)
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
@@ -43,7 +39,7 @@ class SolveOptions(TaskOptions):
     evaluations: int | None = option(None, "Most trajectories evaluated.", min=1)
     seconds: float | None = option(None, "Longest search, in processor time [s].", min=0.0)
     gap: bool = option(True, "Run the default method too and report the gap to it.")
-    resume: Path | None = option(None, "Checkpoint file: written on the way, taken up if there.")  # noqa: RUF009
+    resume: Path | None = option(None, "Checkpoint file: written on the way, taken up if there.")
     workers: int = option(1, "Processes that share the starts.", min=1)
 
 

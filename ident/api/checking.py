@@ -7,7 +7,6 @@ from typing import Any
 
 from ident.benchmark.run import BlindOptions, Progress, Say, run_blind
 from ident.benchmark.summary import BlindReport
-from ident.errors import InputError
 
 
 def blind(
@@ -30,9 +29,4 @@ def blind(
     Raises:
         InputError: Options that make no sense, or another check in the folder.
     """
-    known = set(BlindOptions.__dataclass_fields__) - {"cases", "out"}
-    for name in options:
-        if name not in known:
-            raise InputError("blind", f"there is no option {name!r}", f"give some of: {', '.join(sorted(known))}")
-    chosen = BlindOptions(cases=cases, out=Path(out), **options)
-    return run_blind(chosen, say, progress)
+    return run_blind(BlindOptions.of("blind", {"cases": cases, "out": Path(out), **options}), say, progress)

@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from ident.api.fitting import Model, load_model
+from ident.api.fitting import load_model
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.diagnosis.result import Diagnosis
-from ident.diagnosis.sequential import RepeatedLooks, look_until
+from ident.diagnosis.sequential import look_until
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, load_catalogue
 from ident.errors import InputError
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
+from ident.options import DiagnoseOptions
 from ident.provenance import Provenance
-from ident.recordings.load import TOPIC
 from ident.recordings.recording import Session
 from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, inspect_sources
@@ -45,75 +46,29 @@ class Examined:
     model: HybridModel | None
 
 
-@dataclass(frozen=True)
-class DiagnoseOptions:
-    """How recordings are diagnosed; each is an option of `ident diagnose` too.
-
-    Attributes:
-        model: Model fitted to this arm, or its folder: its inertias count as known.
-        catalogue: Further effects, or a Python file with them (which is run).
-        cutoff: Corner of the filter for torques and columns [Hz]; from the encoders' noise, 25 Hz at most, if None.
-        seed: Of the sign-flip tests.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        accept: Names of telemetry issues whose refusal is overruled.
-        settings: The numbers by which it is decided; its `describe()` says what each is.
-    """
-
-    model: Model | None = None
-    catalogue: Catalogue | None = None
-    cutoff: float | None = None
-    seed: int = 0
-    topic: str = TOPIC
-    session_file: str | Path | None = None
-    accept: Sequence[str] = ()
-    settings: DiagnosisSettings = USUAL
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.settings, DiagnosisSettings):
-            what = f"a {type(self.settings).__name__} is no settings"
-            raise InputError("settings", what, "give an ident.DiagnosisSettings")
-
-
-def diagnose(
-    source: Sources,
-    robot: Robot | None = None,
-    *,
-    model: Model | None = None,
-    catalogue: Catalogue | None = None,
-    cutoff: float | None = None,
-    seed: int = 0,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    accept: Sequence[str] = (),
-    settings: DiagnosisSettings = USUAL,
-) -> Diagnosis:
+def diagnose(source: Sources, robot: Robot | None = None, **options: Any) -> Diagnosis:
     """Where the gap lies, which effect causes it, how far it shrinks; or why that can't be told.
 
     Args:
         source: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml.
-        model: Model fitted to this arm, or its folder: its inertias count as known.
-        catalogue: Further effects, or a Python file with them (which is run).
-        cutoff: Corner of the filter for torques and columns [Hz]; from the encoders' noise, 25 Hz at most, if None.
-        seed: Of the sign-flip tests.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        accept: Names of telemetry issues whose refusal is overruled.
-        settings: The numbers by which it is decided; its `describe()` says what each is.
+        options: Fields of `ident.options.DiagnoseOptions`: `model`, `catalogue`, `cutoff`, `seed`, `accept`,
+            `settings`, `topic`, `session_file`.
 
     Raises:
         InputError: Recordings, robot, model or effects can't be used, or an issue that can't be accepted.
     """
-    options = DiagnoseOptions(model, catalogue, cutoff, seed, topic, session_file, accept, settings)
-    return examine(source, robot, options).diagnosis
+    return examine(source, robot, DiagnoseOptions.of("diagnose", options)).diagnosis
 
 
 # Its matrices are small: threads of BLAS would wait for each other, on a busy machine five times as long.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
     """The same with all that pages and timelines need."""
-    model, settings, seed = options.model, options.settings, options.seed
+    model, settings, seed = options.model, options.settings or USUAL, options.seed
+    if not isinstance(settings, DiagnosisSettings):
+        what = f"a {type(settings).__name__} is no settings"
+        raise InputError("settings", what, "give an ident.DiagnosisSettings")
     loaded = None if model is None else load_model(model)
     effects = gather_effects(options.catalogue)
     given = Given(source, robot, options.topic, options.session_file)
@@ -136,9 +91,7 @@ def examine(source: Sources, robot: Robot | None, options: DiagnoseOptions) -> E
     return Examined(diagnosis.with_provenance(origin), analysis, motions, loaded)
 
 
-def examine_until(
-    sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions
-) -> tuple[Examined, RepeatedLooks]:
+def examine_until(sure: float, source: Sources, robot: Robot | None, options: DiagnoseOptions) -> Examined:
     """Looks at more and more runs, in their order, until the diagnosis is sure or no run is left.
 
     Args:
@@ -147,7 +100,7 @@ def examine_until(
         options: How each look is made.
 
     Returns:
-        The last look with all that pages need, and what all looks said.
+        The last look with all that pages need; its diagnosis holds what all looks found.
     """
     sessions = tuple(Given(source, robot, options.topic, options.session_file).parts())
     examined: list[Examined] = []
@@ -158,8 +111,10 @@ def examine_until(
         examined[:] = [found]
         return found.diagnosis
 
-    looks = look_until(look, sum(len(session.runs) for session in sessions), sure, options.settings)
-    return examined[0], looks
+    total = sum(len(session.runs) for session in sessions)
+    looks = look_until(look, total, sure, options.settings or USUAL)
+    (last,) = examined
+    return replace(last, diagnosis=replace(last.diagnosis, until=looks))
 
 
 def first_runs(sessions: Sequence[Session], count: int) -> list[Session]:

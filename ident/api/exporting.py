@@ -1,20 +1,41 @@
-"""Hands an identified arm on: what `ident export` and `ident verify` do."""
+"""Hands on what was identified: what `ident patch`, `ident export` and `ident verify` do."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ident.api.diagnosing import gather_effects
 from ident.api.fitting import Model, load_model
-from ident.api.patching import Written
-from ident.export.write import FILES, write_export
+from ident.diagnosis.result import Diagnosis
+from ident.errors import InputError
+from ident.export.identified import Diagnosed
+from ident.export.write import FILES, open_heldout, write_export, write_patch
 from ident.model.evaluation import VERIFICATION_SCHEMA, Check, evaluate, load_limits
+from ident.options import ExportOptions, PatchOptions, VerifyOptions
 from ident.provenance import Provenance, files_of, runs_of
-from ident.recordings.load import TOPIC
 from ident.results import Result
-from ident.sessions import Sources, open_sessions
+from ident.sessions import Robot, Sources, load_robot, open_sessions
+
+
+@dataclass(frozen=True, eq=False)
+class Written(Result):
+    """Files of an identified arm.
+
+    Attributes:
+        folder: Where they lie.
+        record: What `patch.json` or `export.json` holds.
+    """
+
+    SHOWN_BY = "ident.export.printing"
+
+    folder: Path
+    record: Mapping[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.record, "provenance": self.provenance.to_dict()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,73 +78,83 @@ class Verification(Result):
         }
 
 
-def export(
-    model: Model,
-    out: str | Path,
-    *,
-    formats: Sequence[str] = tuple(FILES),
-    nearest: bool = False,
-    on: Sources | None = None,
-    into: str | Path | None = None,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
+def patch(
+    diagnosis: Diagnosis | Mapping[str, Any] | str | Path, robot: Robot, out: str | Path, **options: Any
 ) -> Written:
+    """The named effects as URDF, MJCF, parameter file and Python module, each loaded back.
+
+    Args:
+        diagnosis: A diagnosis, its record, or the file of `ident diagnose --json`.
+        robot: The robot that was diagnosed.
+        out: Folder of the patch.
+        options: Fields of `ident.options.PatchOptions`: `on`, `into`, `catalogue`, `topic`, `session_file`.
+
+    Raises:
+        InputError: The diagnosis names nothing or is of another robot, or the folder holds something else.
+    """
+    chosen = PatchOptions.of("patch", options)
+    effects, arm = gather_effects(chosen.catalogue), load_robot(robot, ())
+    if isinstance(diagnosis, str | Path):
+        diagnosed = Diagnosed.load(Path(diagnosis), effects)
+    elif isinstance(diagnosis, Diagnosis | Mapping):
+        record = diagnosis.to_dict() if isinstance(diagnosis, Diagnosis) else dict(diagnosis)
+        diagnosed = Diagnosed.of_record(record, effects)
+    else:
+        what = f"a {type(diagnosis).__name__} is no diagnosis"
+        raise InputError("diagnosis", what, "give a Diagnosis, its record or its JSON file")
+    opened = None
+    if chosen.on is not None:
+        opened = open_heldout(chosen.on, arm, diagnosed, chosen.topic, chosen.session_file)
+    settings = {"diagnosis": diagnosed.path.name, "robot": arm.name}
+    origin = Provenance("ident patch", settings=settings, sessions=() if opened is None else opened.stamps)
+    motions = () if opened is None else opened.motions
+    into = None if chosen.into is None else Path(chosen.into)
+    return Written(Path(out), write_patch(diagnosed, arm, Path(out), motions, origin, into), provenance=origin)
+
+
+def export(model: Model, out: str | Path, **options: Any) -> Written:
     """What was identified, for others: URDF, MJCF, TOML, Python, C++, Isaac Lab, ros2_control.
 
     Args:
         model: A fitted model or its folder.
         out: Folder of the export.
-        formats: Which of `urdf`, `mjcf`, `toml`, `python`, `isaaclab`, `ros2_control`, `cpp`.
-        nearest: Whether links that no body could be are written as the nearest bodies.
-        on: Recordings to measure the files on; the best of the candidates is written.
-        into: Your own MJCF of this arm: a copy of it gets what was identified.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
+        options: Fields of `ident.options.ExportOptions`: `formats`, `nearest`, `on`, `into`, `topic`, `session_file`.
 
     Raises:
         InputError: An unknown format, links that no body could be, or recordings that can't be used.
     """
-    loaded = load_model(model)
-    opened = None if on is None else open_sessions(on, loaded, topic, session_file, learning=False)
-    name = loaded.robot.name if loaded is model else str(model)
-    stamps = () if opened is None else opened.stamps
-    origin = Provenance("ident export", settings={"model": name, "nearest": nearest}, sessions=stamps)
+    chosen, loaded = ExportOptions.of("export", options), load_model(model)
+    opened = None
+    if chosen.on is not None:
+        opened = open_sessions(chosen.on, loaded, chosen.topic, chosen.session_file, learning=False)
+    settings = {"model": loaded.robot.name if loaded is model else str(model), "nearest": chosen.nearest}
+    origin = Provenance("ident export", settings=settings, sessions=() if opened is None else opened.stamps)
     motions = () if opened is None else opened.motions
-    place = None if into is None else Path(into)
-    record = write_export(loaded, Path(out), tuple(formats), nearest, motions, place, origin)
+    into = None if chosen.into is None else Path(chosen.into)
+    formats = tuple(FILES if chosen.formats is None else chosen.formats)
+    record = write_export(loaded, Path(out), formats, chosen.nearest, motions, into, origin)
     return Written(Path(out), record, provenance=origin)
 
 
-def verify(
-    model: Model,
-    sessions: Sources,
-    limits: str | Path,
-    *,
-    in_sample: bool = False,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    cutoff: float | None = None,
-) -> Verification:
+def verify(model: Model, sessions: Sources, limits: str | Path, **options: Any) -> Verification:
     """A gate: whether a model keeps its limits on recordings that it was not fitted on.
 
     Args:
         model: A fitted model or its folder.
         sessions: The recordings.
         limits: A TOML file of limits.
-        in_sample: Whether recordings that the model was fitted on are accepted.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        cutoff: Corner of the filter for torques [Hz].
+        options: Fields of `ident.options.VerifyOptions`: `in_sample`, `cutoff`, `topic`, `session_file`.
 
     Raises:
         InputError: Model, recordings or limits can't be used.
     """
-    loaded = load_model(model)
+    chosen, loaded = VerifyOptions.of("verify", options), load_model(model)
     wanted = load_limits(Path(limits), loaded.joint_names, loaded.rungs)
-    opened = open_sessions(sessions, loaded, topic, session_file, cutoff, learning=False)
+    opened = open_sessions(sessions, loaded, chosen.topic, chosen.session_file, chosen.cutoff, learning=False)
     name = loaded.robot.name if loaded is model else Path(str(model)).name
     scores = evaluate(loaded, opened.groups, name).sessions
     checks = tuple(check for score in scores for check in wanted.check(score))
     seen = bool(files_of(loaded.provenance) & runs_of(opened.stamps))
     origin = Provenance("ident verify", settings={"model": name, "limits": str(limits)}, sessions=opened.stamps)
-    return Verification(name, loaded.robot.name, loaded.joint_names, checks, seen, in_sample, provenance=origin)
+    arm = loaded.robot.name, loaded.joint_names
+    return Verification(name, *arm, checks, seen, chosen.in_sample, provenance=origin)

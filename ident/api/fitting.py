@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ident.errors import ModelError
 from ident.model import hybrid
 from ident.model.hybrid import FitOptions, FitResults, HybridModel
 from ident.model.named_fit import read_named_laws
+from ident.options import FilterOptions
 from ident.progress import step
 from ident.provenance import Provenance
-from ident.recordings.load import TOPIC
+from ident.results import Result
 from ident.sessions import Opened, Robot, Sources, open_sessions
 
 if TYPE_CHECKING:
@@ -26,11 +27,9 @@ def fit_hybrid(
     robot: Robot | None = None,
     options: FitOptions | None = None,
     *,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    cutoff: float | None = None,
     checkpoint: Path | None = None,
     named: str | Path | None = None,
+    **reading: Any,
 ) -> FitResults:
     """Fits analytic + loss + named laws + residual net to recordings.
 
@@ -38,20 +37,19 @@ def fit_hybrid(
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         robot: URDF path, name or arm; None takes the one named in session.toml.
         options: What is fitted.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        cutoff: Corner of the common filter [Hz].
         checkpoint: Folder in which the net's training may stop and go on.
         named: JSON of a diagnosis whose laws of joints are to be part of the model.
+        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings, robot or diagnosis can't be used.
     """
-    options = options or FitOptions()
-    if isinstance(source, Opened):
-        opened = source
-    else:
-        opened = open_sessions(source, robot, topic, session_file, cutoff, accept=options.accept, motion=options.motion)
+    options, read = options or FitOptions(), FilterOptions.of("fit", reading)
+    opened = (
+        source
+        if isinstance(source, Opened)
+        else open_sessions(source, robot, **vars(read), accept=options.accept, motion=options.motion)
+    )
     laws = None if named is None else read_named_laws(Path(named), opened.arm)
     data = opened.data_records()
     found = hybrid.fit_hybrid(opened.motions, opened.arm, options, data, step, checkpoint, laws)
@@ -65,40 +63,47 @@ def fit_hybrid(
 fit = fit_hybrid  # as the command is called
 
 
-def evaluate(
-    source: Sources | Opened,
-    model: Model,
-    *,
-    name: str | None = None,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    cutoff: float | None = None,
-) -> Evaluation:
+def evaluate(source: Sources | Opened, model: Model, *, name: str | None = None, **reading: Any) -> Evaluation:
     """Scores every rung of a model's ladder on recordings that its fit did not see.
 
     Args:
         source: Folders or files of runs, sessions, tables in memory, or what `open_sessions` gave.
         model: The model, or its folder.
         name: Of the model in reports; that of its folder or robot if None.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        cutoff: Corner of the common filter [Hz].
+        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings or model can't be used.
     """
     from ident.model import evaluation
 
-    loaded = load_model(model)
-    opened = (
-        source
-        if isinstance(source, Opened)
-        else open_sessions(source, loaded, topic, session_file, cutoff, learning=False)
-    )
+    loaded, read = load_model(model), FilterOptions.of("evaluate", reading)
+    opened = source if isinstance(source, Opened) else open_sessions(source, loaded, **vars(read), learning=False)
     named = name or (loaded.robot.name if isinstance(model, HybridModel) else Path(model).name)
     settings = {"model": str(named), "cutoff_hz": opened.motions[0].lowpass.cutoff}
     origin = Provenance("ident evaluate", settings=settings, sessions=opened.stamps)
     return evaluation.evaluate(loaded, opened.groups, named).with_provenance(origin)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluations(Result):
+    """Scores of several models on the same recordings.
+
+    Attributes:
+        models: Of each.
+    """
+
+    models: tuple[Evaluation, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        first = self.models[0]
+        return {
+            "schema": "ident.evaluations/1",
+            "robot": first.robot,
+            "joints": list(first.pooled.joints),
+            "models": [one.to_dict() for one in self.models],
+            "provenance": first.provenance.to_dict(),
+        }
 
 
 def load_model(model: Model) -> HybridModel:

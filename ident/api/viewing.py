@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ident.api.fitting import Model, load_model
+from ident.options import FilterOptions
 from ident.provenance import Provenance
-from ident.recordings.load import TOPIC
 from ident.results import Result
 from ident.sessions import Robot, Sources, open_sessions
 from ident.show import timeline
@@ -39,9 +39,7 @@ def view(
     *,
     model: Model | None = None,
     rrd: str | Path | None = None,
-    topic: str = TOPIC,
-    session_file: str | Path | None = None,
-    cutoff: float | None = None,
+    **reading: Any,
 ) -> View:
     """Measured torque against every rung of a model, residuals, energy, and the moving arm.
 
@@ -50,20 +48,15 @@ def view(
         robot: URDF path, name or arm; that of the model or of session.toml if None.
         model: Model whose rungs are compared, or its folder; measured curves only if None.
         rrd: File for the timeline; Rerun's window is opened if None, and the call returns when it is closed.
-        topic: Topic of bags.
-        session_file: A session.toml for folders that can't hold one.
-        cutoff: Corner of the common filter [Hz].
+        reading: Fields of `ident.options.FilterOptions`: `topic`, `session_file`, `cutoff`.
 
     Raises:
         InputError: Recordings, robot or model can't be used, or there is no screen.
     """
     if rrd is None:
         timeline.require_screen()
-    loaded = None if model is None else load_model(model)
-    if loaded is not None:
-        opened = open_sessions(source, loaded, topic, session_file, cutoff, learning=False)
-    else:
-        opened = open_sessions(source, robot, topic, session_file, cutoff, learning=False)
+    read, loaded = FilterOptions.of("view", reading), None if model is None else load_model(model)
+    opened = open_sessions(source, loaded or robot, **vars(read), learning=False)
     if rrd is None:
         timeline.show_timeline(opened.arm, opened.motions, loaded, opened.issues)
     else:

@@ -6,15 +6,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
+
 from ident.benchmark.statistics import Score
 from ident.benchmark.summary import EDIT_WITHIN, NUMBERS, WORDS, BlindReport, Stratum
 from ident.errors import plural
 from ident.show.panels import draw_bars
-from ident.show.report.confusion import ConfusionSection
 from ident.show.report.diagnosis_pages import write_diagnosis_report
 from ident.show.report.numbers import DASH, fixed, percent
-from ident.show.report.page import FilledSection, Section, write_report
-from ident.show.report.provenance import FactsSection
+from ident.show.report.page import Section, write_report
+from ident.show.report.sections import confusion_section, facts_section
 from ident.show.report.words import effect_name, parameter_name
 
 if TYPE_CHECKING:
@@ -83,14 +84,14 @@ def write_blind_pages(report: BlindReport, diagnoses: Mapping[str, Mapping[str, 
     subtitle = f"{report.robot} · {plural(len(report.outcomes), 'case')} · seed {report.seed}"
     sections = [
         *_tables(report),
-        FilledSection("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
-        FactsSection(report.run),
+        Section("seals", "Seals", "blind_seals.html", {"seals": list(report.seals.items())}),
+        facts_section(report.run),
     ]
-    sections.insert(3, ConfusionSection(report.confusion))
+    sections.insert(3, confusion_section(report.confusion))
     return write_report(out / PAGE_NAME, "Does the diagnosis find what was hidden?", sections, subtitle)
 
 
-def _tables(report: BlindReport) -> Iterator[Section]:
+def _tables(report: BlindReport) -> Iterator[Section | None]:
     """The tables of a check, the scores first."""
     scores, share_of = report.scores, _percents
     visible, healthy = scores["class_aware"], scores["false_alarm"]
@@ -160,7 +161,7 @@ def _tables(report: BlindReport) -> Iterator[Section]:
 
 def _table(
     anchor: str, title: str, columns: str, rows: Sequence[Sequence[Any]], headline: str = "", alarm: str = ""
-) -> Section:
+) -> Section | None:
     """Words and a table of a check; left out where there is no row.
 
     Args:
@@ -172,7 +173,7 @@ def _table(
     names, lead = columns.split("|"), LEADS.get(anchor, "")
     values: dict[str, Any] = {"title": title, "lead": lead, "rows": rows, "headline": headline, "alarm": alarm}
     values |= {"columns": [name.lstrip("#") for name in names], "text": [name.startswith("#") for name in names]}
-    return FilledSection(anchor, title, "blind_table.html", values, bool(rows))
+    return Section(anchor, title, "blind_table.html", values) if rows else None
 
 
 def _cells(text: str, score: Score, written: Callable[[float | None], str] = percent) -> list[str]:
@@ -194,8 +195,8 @@ def _place(one: Stratum) -> str:
     return one.value or (low if low == high else f"{low} to {high}")
 
 
-def summary(report: BlindReport) -> str:
-    """Every score with its 95 % interval, a line each; efficiency by size, the worst worlds."""
+def write(console: Console, report: BlindReport) -> None:
+    """Prints every score with its 95 % interval, a line each; efficiency by size, the worst worlds."""
     record = report.to_dict()
     lines = []
     for name, value in record["scores"].items():
@@ -209,7 +210,7 @@ def summary(report: BlindReport) -> str:
     if record["worst_stratum"] is not None:
         worst = record["worst_stratum"]
         lines.append(f"  worst stratum: {worst['world']}: strict {worst['strict']:.2f} of {worst['cases']}")
-    return "\n".join(lines)
+    console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
 
 def draw(report: BlindReport) -> Figure:

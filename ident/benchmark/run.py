@@ -22,6 +22,7 @@ from ident.benchmark.scoring import score_case
 from ident.benchmark.summary import BlindReport
 from ident.errors import InputError
 from ident.files import atomic_write
+from ident.options import CheckOptions
 from ident.provenance import Provenance
 from ident.safe_read import read_json
 from ident.simulation.answer import open_envelope
@@ -35,21 +36,12 @@ T = TypeVar("T", MakeTask, ExamineTask, EditTask)
 
 
 @dataclass(frozen=True)
-class BlindOptions:
-    """What to check."""
+class BlindOptions(CheckOptions):
+    """What to check, with what Python alone can choose."""
 
-    cases: int = 40  # number of cases
-    seed: int | None = None  # of the check; drawn from the system's entropy if None
-    out: Path = Path("out/blind")  # folder for everything; a check that was stopped there goes on
-    workers: int = 1  # processes on this machine
-    scheduler: str | None = None  # address of a Dask scheduler instead; its workers must see `out` by the same path
     mix: Mapping[str, float] = field(default_factory=lambda: dict(FULL_MIX))  # shares of the kinds of case
-    robot: str = "tm5-900"  # URDF path or name
     runs: int = 10  # of each session; of a world, its own
     duration: float = 8.0  # rough duration of a run [s]; of a world, its own
-    worlds: str = ""  # names of the worlds that cases are drawn from (`find_worlds`); empty for the plant's own
-    oracle: bool = True  # whether the most that anybody can name is worked out, for single effects in worlds
-    edit: bool = False  # whether single effects are put to the edit test; a check that is done may go on with it
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -8,12 +8,13 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import Cutoff, JsonFile, Robot, Sessions, app, console
+from ident.cli.shared import JsonFile, Robot, Sessions, app, console, hand_over, takes
 from ident.errors import InputError, visible
-from ident.files import deliver, write_record
+from ident.files import write_record
+from ident.options import WatchOptions
 from ident.outputs import SESSION_KIND, check_outputs
 from ident.progress import stage, step
-from ident.show.console import print_issues, progress_line
+from ident.show.console import progress_line
 
 
 @app.command()
@@ -31,55 +32,39 @@ def new(
     folders = {"SESSION": (session, SESSION_KIND)} if tables else {}
     check_outputs([*(tables or [session]), robot], {"--json": json_file}, folders)
     found = guess(session, robot, tables=tables or ())
-
-    def show() -> None:
-        console.print(visible(found.summary(), lines=True), markup=False, highlight=False, soft_wrap=True)
-        if found.report is not None:
-            print_issues(console, found.report.issues)
-        console.print(f"written to {found.file}: look through it, then `ident inspect`", markup=False, soft_wrap=True)
-
-    deliver(show, lambda: write_record(json_file, found.to_dict()))
+    hand_over(found, json_file)
+    console.print(f"written to {found.file}: look through it, then `ident inspect`", soft_wrap=True)
 
 
 @app.command()
 def servo(
     sessions: Sessions,
     robot: Robot = None,
-    cutoff: Cutoff = None,
+    cutoff: Annotated[float | None, typer.Option(help="Corner of the filter for all signals [Hz].")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Arms that log goal and position only: lag, delay, dead band, droop, gain, and what can't be told."""
     from ident.api.servo_arms import servo as find
 
     check_outputs([*sessions, robot], {"--json": json_file})
-    found = find(list(sessions), robot, cutoff=cutoff)
-    words = visible(found.summary(), lines=True)
-    deliver(
-        lambda: console.print(words, markup=False, highlight=False, soft_wrap=True),
-        lambda: write_record(json_file, found.to_dict()),
-    )
+    hand_over(find(sessions, robot, cutoff=cutoff), json_file)
 
 
 @app.command()
+@takes
 def watch(
     folder: Annotated[Path, typer.Argument(help="Folder of sessions, or of arms that hold sessions.")],
     store: Annotated[Path, typer.Option(help="Folder of the results: tables, diagnoses, pages.")],
-    robot: Robot = None,
-    model: Annotated[Path | None, typer.Option(help="Fitted model whose inertias all figures refer to.")] = None,
+    options: WatchOptions,
     once: Annotated[bool, typer.Option("--once", help="Look once and end, as cron wants it.")] = False,
     every: Annotated[float, typer.Option(help="Look again after so many seconds.")] = 60.0,
-    settle: Annotated[float, typer.Option(help="Leave a session alone that was written to within so many s.")] = 10.0,
-    diagnose: Annotated[bool, typer.Option(help="Diagnose each session too (ten times the work).")] = True,
-    level: Annotated[float, typer.Option(help="Chance of any false alarm in an arm's life.")] = 0.05,
-    workers: Annotated[int, typer.Option(help="Processes on this machine.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Follows arms through time: new sessions as they come, figures over dates, alarms, a page for each arm."""
     from ident.api.watching import watch as look
     from ident.monitor.folder import NoSession
 
-    check_outputs([robot, model], {"--json": json_file})
+    check_outputs([options.robot, options.model], {"--json": json_file})
     if not every > 0.0:
         raise InputError("--every", f"{every:g} is no time", "give seconds")
     shown = ""
@@ -87,18 +72,7 @@ def watch(
         try:
             with progress_line(console, "watch"):
                 stage("sessions")
-                found = look(
-                    folder,
-                    store,
-                    robot,
-                    model=model,
-                    diagnosed=diagnose,
-                    level=level,
-                    settle=settle,
-                    workers=workers,
-                    scheduler=scheduler,
-                    progress=step,
-                )
+                found = look(folder, store, **vars(options), progress=step)
         except NoSession as error:
             if once:
                 raise
@@ -107,7 +81,7 @@ def watch(
             words = f"{found.summary()}\nwritten to {store}; look at {store / 'index.html'}"
             write_record(json_file, found.to_dict())
         if words != shown:
-            console.print(visible(words, lines=True), markup=False, highlight=False, soft_wrap=True)
+            console.print(visible(words, lines=True), highlight=False, soft_wrap=True)
         if once:
             return
         shown = words

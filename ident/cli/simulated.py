@@ -1,4 +1,4 @@
-"""The commands of the simulated arm: `ident simulate` and `ident blind`."""
+"""The commands of the simulated arm: `ident simulate`, `ident blind` and `ident close`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, app, console
-from ident.errors import InputError, plural
+from ident.cli.shared import JsonFile, app, console, hand_over, takes
+from ident.errors import InputError, plural, visible
 from ident.files import deliver, write_record
+from ident.options import CheckOptions, CloseOptions
 from ident.outputs import SESSION_KIND, check_outputs
 from ident.progress import stage, step
 from ident.provenance import Provenance
@@ -106,25 +107,11 @@ def simulate(
 
 
 @app.command()
+@takes
 def blind(
-    cases: Annotated[int, typer.Option(help="Number of cases.")] = 40,
-    seed: Annotated[int | None, typer.Option(help="Of the check; the system's entropy if not given.", min=0)] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the check; one that was stopped there goes on.")] = Path(
-        "out/blind"
-    ),
-    workers: Annotated[int, typer.Option(help="Processes on this machine.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
-    robot: Annotated[str, typer.Option(help="URDF path or name.")] = "tm5-900",
+    options: CheckOptions,
     semi_real: Annotated[Path | None, typer.Option(help="Real recordings to which known effects are added.")] = None,
-    worlds: Annotated[
-        str,
-        typer.Option(help="Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without)."),
-    ] = "",
     mix: Annotated[str, typer.Option(help="Kinds of case and their shares: single=20,healthy=5,…")] = "",
-    oracle: Annotated[bool, typer.Option(help="Work out what an oracle would name (in worlds; takes time).")] = True,
-    edit: Annotated[
-        bool, typer.Option(help="Take named causes out of the patched model; judge it on the arm without them.")
-    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """The check on withheld effects: draws, simulates, seals, diagnoses from the recordings alone, scores."""
@@ -132,30 +119,34 @@ def blind(
     from ident.benchmark.real_check import check_on_real
     from ident.benchmark.run import BlindOptions, run_blind
 
-    check_outputs([robot, semi_real], {"--json": json_file})
-    if worlds and semi_real:
+    check_outputs([options.robot, semi_real], {"--json": json_file})
+    if options.worlds and semi_real:
         raise InputError("--worlds", "worlds and real recordings", "choose --worlds or --semi-real")
-    options = BlindOptions(
-        cases=cases,
-        seed=seed,
-        out=out,
-        workers=workers,
-        scheduler=scheduler,
-        robot=robot,
-        worlds=worlds,
-        mix=parse_mix(mix) if mix else FULL_MIX,
-        oracle=oracle,
-        edit=edit,
-    )
+    chosen = BlindOptions(**vars(options), mix=parse_mix(mix) if mix else FULL_MIX)
     with progress_line(console, "blind"):
         report: Result = (run_blind if semi_real is None else partial(check_on_real, semi_real))(
-            options,
+            chosen,
             lambda line: console.print(line, soft_wrap=True, highlight=False),
             lambda words, done, total: stage(words, done / max(total, 1)),
         )
+    hand_over(report, json_file)
+    console.print(f"written to {options.out}")
 
-    def show() -> None:
-        console.print(report.summary(), highlight=False)
-        console.print(f"written to {out}")
 
-    deliver(show, lambda: write_record(json_file, report.to_dict()))
+@app.command()
+@takes
+def close(
+    out: Annotated[Path, typer.Option(help="Folder for close.json and each arm's diagnosis and patch.")],
+    options: CloseOptions,
+    robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",
+    json_file: JsonFile = None,
+) -> None:
+    """Closes the gap: diagnose, patch, record what is open, and again, until only noise is left; tells the minutes."""
+    from ident.api.closing import close as run
+
+    def say(line: str) -> None:
+        console.print(visible(line), highlight=False, soft_wrap=True)
+
+    check_outputs([robot], {"--json": json_file})
+    hand_over(run(robot, out, say=say, **vars(options)), json_file)
+    console.print(f"written to {out}", soft_wrap=True)

@@ -189,7 +189,7 @@ class Exportable(Result):
 
     def export(self, robot: Any, out: str | Path, **options: Any) -> Any:
         """Writes its effects for simulators, as `ident.patch` does: URDF, MJCF, parameters, Python module."""
-        return import_module("ident.api.patching").patch(self.to_dict(), robot, out, **options)
+        return import_module("ident.api.exporting").patch(self.to_dict(), robot, out, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,6 +230,7 @@ class Diagnosis(Exportable):
         catalogue: The effects that were asked for.
         settings: The numbers by which it was decided.
         robot_option: What `--robot` takes for the robot.
+        until: The looks at more and more runs of which it is the last (`RepeatedLooks`), or None.
     """
 
     robot: str
@@ -247,6 +248,7 @@ class Diagnosis(Exportable):
     catalogue: tuple[Effect, ...] = CATALOGUE
     settings: DiagnosisSettings = USUAL
     robot_option: str = ""
+    until: Any = None
 
     @staticmethod
     def load(path: str | Path) -> SavedDiagnosis:
@@ -277,4 +279,5 @@ class Diagnosis(Exportable):
             "next_experiment": next_experiment(findings, silent, self.catalogue, self.robot_option or self.robot),
             **({} if self.details is None else self.details.to_dict(self.joints)),
             "provenance": self.provenance.to_dict(),
+            **({} if self.until is None else {"until": self.until.to_dict()}),
         }

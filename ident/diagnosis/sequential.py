@@ -17,7 +17,7 @@ from typing import Any
 
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.settings import USUAL, DiagnosisSettings
-from ident.errors import InputError, plural
+from ident.errors import InputError
 
 # The first look: fewer runs can't be left out whole (as in the block sums); each later one has this many times the
 # runs of the one before, so that all looks together cost about three times the last (both chosen).
@@ -79,14 +79,6 @@ class RepeatedLooks:
             **{key: last[key] for key in ("runs", "minutes", "missing")},
             "looks": [look.to_dict() for look in self.looks],
         }
-
-    def words(self) -> str:
-        """In one line."""
-        last = self.looks[-1]
-        amount = f"{plural(last.runs, 'run')} ({last.seconds / 60.0:.1f} min)"
-        if self.enough:
-            return f"sure after {amount}, looked at {len(self.looks)} times: that much is enough"
-        return f"not sure after {amount}: {'; '.join(last.missing)}"
 
 
 def look_until(

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ident.console import styled
-from ident.errors import plural
+from ident.errors import plural, visible
 from ident.export.formats import FORMATS
 
 WHEN = {
@@ -86,14 +86,14 @@ def gap_table(heldout: dict[str, Any]) -> Table:
     return table
 
 
-def summary(result: Any) -> str:
-    """A patch, an export or a verification in plain lines."""
+def write(console: Console, result: Any) -> None:
+    """Prints a patch, an export or a verification in plain lines."""
     record = result.to_dict()
     if "effects" in record:
-        from ident.show.panels import as_text
-
-        return as_text(lambda console: print_patch(console, record, result.folder))
-    return "\n".join(_verification(record) if "checks" in record else _export(record, result.folder))
+        print_patch(console, record, result.folder)
+        return
+    lines = _verification(record) if "checks" in record else _export(record, result.folder)
+    console.print(visible("\n".join(lines), lines=True), highlight=False, soft_wrap=True)
 
 
 def draw(result: Any) -> Any:

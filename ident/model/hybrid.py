@@ -23,7 +23,7 @@ from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
-from ident.motion.settings import USUAL_MOTION, MotionSettings
+from ident.options import FULL_ARM, LUMPED, FitOptions
 from ident.progress import stage
 from ident.recordings.recording import Payload
 from ident.results import Result
@@ -39,9 +39,6 @@ SCHEMA = "ident.model/1"
 # What a model's folder is marked as.
 MODEL_KIND = "model"
 FIT_SCHEMA = "ident.fit/1"
-# Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
-FULL_ARM, LUMPED = 6, 3
-NetPreset = Literal["default", "paper", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,48 +242,6 @@ def loss_torque(
     """All that motors and gears take [N m]."""
     own = loss.torque(dq, ddq)
     return own if coupling is None else own + coupling.torque(dq, ddq)
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """How a hybrid model is fitted.
-
-    Attributes:
-        links: 6 for the full arm, however many joints it has; 3 for the paper's lumped one.
-        inertia: `nominal`, `base` or `consistent`.
-        net: `default`, `paper` or `none`.
-        offset: Whether a constant torque is a loss figure too.
-        robust: Whether stretches that fit badly lose their pull.
-        seed: Of the net.
-        coupling: Two joints that share a shaft, as `5,6`; `5,-6` where they turn against each other. Empty for none.
-        accept: Issues of the recordings whose refusal the user overruled.
-        smoother: `fast`, or `filterpy`: the same numbers by its general filter, at some hundred times the time.
-    """
-
-    links: int = FULL_ARM
-    inertia: Mode = "consistent"
-    net: NetPreset = "default"
-    offset: bool = False
-    robust: bool = False
-    seed: int = 0
-    accept: tuple[str, ...] = ()
-    coupling: str = ""
-    smoother: str = "fast"
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("--links", self.links, (LUMPED, FULL_ARM)),
-            ("--inertia", self.inertia, ("nominal", "base", "consistent")),
-            ("--net", self.net, ("default", "paper", "none")),
-            ("--smoother", self.smoother, ("fast", "filterpy")),
-        ):
-            if value not in allowed:
-                raise InputError(name, f"{value!r} is unknown", f"use one of: {', '.join(map(str, allowed))}")
-
-    @property
-    def motion(self) -> MotionSettings:
-        """How recordings become the motions that are fitted."""
-        return replace(USUAL_MOTION, smoother=self.smoother)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from ident.monitor.estimates import unit_of
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, outlier_line
 from ident.show.report.numbers import significant
-from ident.show.report.page import FilledSection, Section, write_report
-from ident.show.report.provenance import FactsSection
+from ident.show.report.page import Section, write_report
+from ident.show.report.sections import facts_section
 from ident.show.report.words import effect_name
 
 # What a person at the cell does about a parameter that has changed.
@@ -58,7 +58,7 @@ def write_pages(store: Path, found: Watch) -> None:
         found: All that is in it.
     """
     kept = Store(store)
-    facts = FactsSection(found.provenance.to_dict())
+    facts = facts_section(found.provenance.to_dict())
     for arm in found.arms:
         last = arm.sessions[-1]
         subtitle = f"{plural(len(arm.sessions), 'session')}, {arm.sessions[0]['date'][:10]} to {last['date'][:10]}"
@@ -100,7 +100,7 @@ def verdict_section(headline: str, alarms: Iterable[Alarm], odd: list[str], **va
     """One sentence, and every change with what to do."""
     cards = [alarm_card(alarm) for alarm in alarms]
     values |= {"headline": headline, "cards": cards, "odd": odd}
-    return FilledSection("verdict", "What has changed", "watch_verdict.html", {"hint": None, **values})
+    return Section("verdict", "What has changed", "watch_verdict.html", {"hint": None, **values})
 
 
 def arm_verdict(arm: ArmHistory, level: float) -> Section:
@@ -135,7 +135,7 @@ def fleet_verdict(found: Watch) -> Section:
     return verdict_section(headline, alarms, odd, level=found.level, fleet=True)
 
 
-def arm_estimates(arm: ArmHistory) -> Section:
+def arm_estimates(arm: ArmHistory) -> Section | None:
     """Every estimate over the dates, with intervals and the changes marked."""
     marks: dict[tuple[str, str], list[str]] = defaultdict(list)
     for alarm in arm.alarms:
@@ -147,7 +147,7 @@ def arm_estimates(arm: ArmHistory) -> Section:
         svg = draw_strip(points, marks.get((joint, name), []), f"{NAMES[name]} of {joint} over the sessions")
         rows[joint].append({"name": NAMES[name], "last": words, "svg": svg})
     values = {"rows": list(rows.items())}
-    return FilledSection("figures", "Estimates over time", "watch_figures.html", values, bool(rows))
+    return Section("figures", "Estimates over time", "watch_figures.html", values) if rows else None
 
 
 def draw_strip(points: Sequence[Point], changes: Sequence[str], description: str) -> Markup:
@@ -211,7 +211,7 @@ def arm_sessions(arm: ArmHistory) -> Section:
         for row in reversed(arm.sessions)
     ]
     values = {"rows": rows, "said": any(row["said"] for row in rows), "named": bool(arm.effects)}
-    return FilledSection("sessions", "Sessions", "watch_sessions.html", values)
+    return Section("sessions", "Sessions", "watch_sessions.html", values)
 
 
 def fleet_table(found: Watch, store: Store) -> Section:
@@ -220,7 +220,7 @@ def fleet_table(found: Watch, store: Store) -> Section:
     diagnosed = any(row["verdict"] for arm in found.arms for row in arm.done)
     heads += ["effects in the last session"] * diagnosed
     values = {"rows": [_arm_row(arm, store) for arm in found.arms], "heads": heads, "diagnosed": diagnosed}
-    return FilledSection("arms", "Arms", "watch_arms.html", values)
+    return Section("arms", "Arms", "watch_arms.html", values)
 
 
 def _arm_row(arm: ArmHistory, store: Store) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def _arm_row(arm: ArmHistory, store: Store) -> dict[str, Any]:
     }
 
 
-def fleet_effects(found: Watch, store: Store) -> Section:
+def fleet_effects(found: Watch, store: Store) -> Section | None:
     """Which arms share which effect, by the last session of each."""
     shared: dict[str, list[dict[str, str]]] = defaultdict(list)
     for arm in sorted(found.arms, key=lambda one: one.arm):
@@ -251,4 +251,4 @@ def fleet_effects(found: Watch, store: Store) -> Section:
     rows = [{"effect": effect, "arms": arms} for effect, arms in sorted(shared.items(), key=lambda one: -len(one[1]))]
     values = {"rows": rows, "count": len(found.arms)}
     present = any(arm.effects for arm in found.arms)
-    return FilledSection("effects", "Which arms share which effect", "watch_effects.html", values, present)
+    return Section("effects", "Which arms share which effect", "watch_effects.html", values) if present else None

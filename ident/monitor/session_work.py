@@ -17,30 +17,8 @@ from ident.monitor.estimates import UNITS, estimate_session
 from ident.monitor.folder import FoundSession, as_text, date_of
 from ident.monitor.store import DONE, Store
 from ident.motion.motion import prepare
+from ident.options import WatchOptions
 from ident.sessions import Given, inspect_sources
-
-
-@dataclass(frozen=True)
-class WatchOptions:
-    """How a folder is watched.
-
-    Attributes:
-        robot: URDF path or name; None takes the one named in session.toml.
-        model: Folder of a fitted model whose inertias are the reference of all estimates.
-        diagnosed: Whether each session is diagnosed too.
-        level: Chance of any false alarm in an arm's life.
-        settle: A session is looked at when nothing was written to it for so long [s].
-        workers: Processes on this machine.
-        scheduler: Address of a Dask scheduler instead.
-    """
-
-    robot: str | None = None
-    model: str | None = None
-    diagnosed: bool = True
-    level: float = LEVEL
-    settle: float = 10.0
-    workers: int = 1
-    scheduler: str | None = None
 
 
 def examine_session(task: tuple[FoundSession, Path, WatchOptions]) -> str:

@@ -15,8 +15,9 @@ from ident.monitor.alarms import LEVEL, Alarm, Point, find_changes
 from ident.monitor.estimates import UNITS, unit_of
 from ident.monitor.folder import STORE_KIND, find_sessions
 from ident.monitor.outliers import Outlier, find_outliers
-from ident.monitor.session_work import WatchOptions, examine_session
+from ident.monitor.session_work import examine_session
 from ident.monitor.store import Store, write_rows
+from ident.options import WatchOptions
 from ident.outputs import begin_folder
 from ident.results import Result
 from ident.workers import run_tasks

@@ -11,28 +11,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.errors import plural
+from ident.console import styled
+from ident.errors import plural, visible
 from ident.results import Result
 from ident.show.console import LadderTable, print_effort, print_issues
 from ident.show.palette import MEASURED, NAMED, NOISE, TREES, TUNED, rung_colours
-from ident.show.panels import as_text, draw_bars, framed, panel, words_and_picture
+from ident.show.panels import draw_bars, framed, panel, words_and_picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.checks.report import Inspection
+    from ident.infer.new_session import NewSession
     from ident.model.evaluation import Evaluation
     from ident.model.hybrid import FitResults
 
 
-def summary(result: Result) -> str:
-    """A result in plain lines; where it has no words of its own, its figures."""
-    words = _of_kind(WORDS, result)
-    if words is not None:
-        return words(result)
-    record = result.to_dict()
-    plain = {name: value for name, value in record.items() if not isinstance(value, dict | list)}
-    return "\n".join(f"{name}: {value}" for name, value in plain.items())
+def write(console: Console, result: Result) -> None:
+    """Prints a result; one that has no words of its own by its plain values."""
+    own = _of_kind(WORDS, result)
+    if own is not None:
+        own(console, result)
+    elif type(result).summary is not Result.summary:
+        console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
+    else:
+        for name, value in result.to_dict().items():
+            if not isinstance(value, dict | list):
+                console.print(f"{name}: {value}", soft_wrap=True)
 
 
 def draw(result: Result) -> Figure:
@@ -49,14 +54,14 @@ def as_html(result: Result) -> str:
     return words_and_picture(result.summary(), result.plot()) if page is None else framed(page(result))
 
 
-def _of_kind(table: Mapping[str, Callable[[Any], Any]], result: Result) -> Callable[[Any], Any] | None:
+def _of_kind(table: Mapping[str, Callable[..., Any]], result: Result) -> Callable[..., Any] | None:
     return next((table[kind.__name__] for kind in type(result).__mro__ if kind.__name__ in table), None)
 
 
-def _tell_diagnosis(result: Result) -> str:
+def _print_diagnosis(console: Console, result: Result) -> None:
     from ident.show.terminal import print_diagnosis
 
-    return as_text(lambda console: print_diagnosis(console, result.to_dict()))
+    print_diagnosis(console, result.to_dict())
 
 
 def _draw_diagnosis(result: Result) -> Figure:
@@ -81,13 +86,15 @@ def _page_of_diagnosis(result: Result) -> str:
     return render_diagnosis_report(result.to_dict())
 
 
-def _tell_evaluation(result: Evaluation) -> str:
-    def write(console: Console) -> None:
-        console.print(result.model)
-        for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
-            console.print(LadderTable(one))
+def _print_evaluation(console: Console, result: Evaluation) -> None:
+    console.print(styled((result.model, "bold")))
+    for one in (*result.sessions, result.pooled) if len(result.sessions) > 1 else result.sessions:
+        console.print(LadderTable(one))
 
-    return as_text(write)
+
+def _print_evaluations(console: Console, result: Any) -> None:
+    for one in result.models:
+        _print_evaluation(console, one)
 
 
 def _draw_evaluation(result: Evaluation) -> Figure:
@@ -98,7 +105,7 @@ def _draw_evaluation(result: Evaluation) -> Figure:
     return draw_bars(list(score.joints), rows, "torque RMSE [N m]", result.model)
 
 
-def _tell_fit(result: FitResults) -> str:
+def _print_fit(console: Console, result: FitResults) -> None:
     from ident.model.identification import describe
     from ident.model.net_shrinkage import describe_gate
 
@@ -106,7 +113,7 @@ def _tell_fit(result: FitResults) -> str:
     lines += [f"left out of what the diagnosis names: {one}" for one in result.model.provenance["named_left_out"]]
     if result.model.net is not None and result.model.net.gate:
         lines.append(describe_gate(result.model.net.gate, result.model.joint_names))
-    return "\n".join(lines)
+    console.print("\n".join(lines), soft_wrap=True)
 
 
 def _draw_fit(result: FitResults) -> Figure:
@@ -120,17 +127,14 @@ def _draw_fit(result: FitResults) -> Figure:
     return draw_bars(list(result.model.joint_names), rows, "loss figures", result.model.robot.name)
 
 
-def _tell_inspection(result: Inspection) -> str:
-    def write(console: Console) -> None:
-        for report in result.reports:
-            session = report.session
-            size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
-            console.print(f"{session.name}: {size}")
-            print_effort(console, report.effort)
-            print_issues(console, report.issues)
-            console.print(report.verdict)
-
-    return as_text(write)
+def _print_inspection(console: Console, result: Inspection) -> None:
+    for report in result.reports:
+        session = report.session
+        size = f"{plural(len(session.runs), 'run')}, {session.samples} samples, {session.duration:.1f} s"
+        console.print(f"{session.name}: {size}")
+        print_effort(console, report.effort)
+        print_issues(console, report.issues)
+        console.print(report.verdict if report.is_fit else styled((report.verdict, "red")))
 
 
 def _draw_inspection(result: Inspection) -> Figure:
@@ -146,10 +150,16 @@ def _draw_inspection(result: Inspection) -> Figure:
     return figure
 
 
-def _tell_comparison(result: Result) -> str:
+def _print_comparison(console: Console, result: Result) -> None:
     from ident.show.changes import print_comparison
 
-    return as_text(lambda console: print_comparison(console, result.to_dict()))
+    print_comparison(console, result.to_dict())
+
+
+def _print_guesses(console: Console, result: NewSession) -> None:
+    console.print(visible(result.summary(), lines=True), highlight=False, soft_wrap=True)
+    if result.report is not None:
+        print_issues(console, result.report.issues)
 
 
 def _draw_comparison(result: Result) -> Figure:
@@ -164,13 +174,15 @@ def _page_of_comparison(result: Result) -> str:
     return render_comparison_report(result.to_dict())
 
 
-WORDS: dict[str, Callable[[Any], str]] = {
-    "ArmComparison": _tell_comparison,
-    "Diagnosis": _tell_diagnosis,
-    "SavedDiagnosis": _tell_diagnosis,
-    "Evaluation": _tell_evaluation,
-    "FitResults": _tell_fit,
-    "Inspection": _tell_inspection,
+WORDS: dict[str, Callable[[Console, Any], None]] = {
+    "ArmComparison": _print_comparison,
+    "Diagnosis": _print_diagnosis,
+    "SavedDiagnosis": _print_diagnosis,
+    "Evaluation": _print_evaluation,
+    "Evaluations": _print_evaluations,
+    "FitResults": _print_fit,
+    "Inspection": _print_inspection,
+    "NewSession": _print_guesses,
 }
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "ArmComparison": _draw_comparison,

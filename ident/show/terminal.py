@@ -11,23 +11,21 @@ from rich.console import Console
 from ident.console import styled
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.gap.axes import Axis, session_axes
-from ident.diagnosis.sequential import RepeatedLooks
 from ident.errors import plural
 from ident.show.console import print_serious
-from ident.show.limits import describe_limits
 from ident.show.palette import NAMED, TUNED
 from ident.show.report.diagnosis_verdict import (
     describe_reservations,
     describe_unnamed,
+    energy_pair,
     first_action,
     is_small,
     order_of,
 )
-from ident.show.report.findings import energy_pair
 from ident.show.report.numbers import significant
 from ident.show.report.words import axis_name, interval_words, parameters_in_words
 from ident.show.timeline import Curve, Mark
-from ident.show.untestable import group_silent
+from ident.show.untestable import describe_limits, group_silent
 
 VERDICTS = {
     "no_gap": "no gap: the tuned model explains these recordings down to their noise",
@@ -69,6 +67,10 @@ def print_diagnosis(console: Console, record: Mapping[str, Any]) -> None:
     lines += [describe_limits(record) if verdict == "no_gap" else "", *group_silent(record["not_testable"])]
     for line in filter(None, lines):
         console.print(f"  {line}", soft_wrap=True, highlight=False)
+    if until := record.get("until"):
+        console.print(describe_looks(until), soft_wrap=True, highlight=False)
+        if not until["enough"] and record["next_experiment"] is not None:
+            console.print(f"  record next: {record['next_experiment']['motion']}", soft_wrap=True, highlight=False)
 
 
 def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
@@ -78,12 +80,12 @@ def describe_gap(gap: tuple[str, Mapping[str, Any]]) -> str:
     return f"{joint}: {one['rms_Nm']:.3f} N m against {one['noise_floor_Nm']:.3f} of noise{left}"
 
 
-def print_looks(console: Console, looks: RepeatedLooks) -> None:
-    """Whether enough was recorded; else what is missing, and what to record."""
-    console.print(looks.words(), soft_wrap=True, highlight=False)
-    following = looks.diagnosis.to_dict()["next_experiment"]
-    if not looks.enough and following is not None:
-        console.print(f"  record next: {following['motion']}", soft_wrap=True, highlight=False, markup=False)
+def describe_looks(until: Mapping[str, Any]) -> str:
+    """Whether the runs of repeated looks were enough, or what is missing, in one line."""
+    amount = f"{plural(until['runs'], 'run')} ({until['minutes']:.1f} min)"
+    if until["enough"]:
+        return f"sure after {amount}, looked at {len(until['looks'])} times: that much is enough"
+    return f"not sure after {amount}: {'; '.join(until['missing'])}"
 
 
 def describe(finding: Mapping[str, Any], runs: int) -> str:

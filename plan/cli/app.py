@@ -10,12 +10,11 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.shared import JsonFile, console, make_app
+from ident.cli.shared import JsonFile, console, make_app, takes
 from ident.files import write_record
 from ident.outputs import check_outputs
 from ident.process import run_command
 from ident.show.console import progress_line
-from plan.cli.options import takes
 from plan.options import CompareOptions, ExciteOptions, PaperOptions, SolveOptions
 from plan.show.console import print_comparison, print_result, progress_bar
 
@@ -30,7 +29,7 @@ ModelFolder = Annotated[
 
 
 @app.command()
-@takes(SolveOptions)
+@takes
 def solve(
     scene: SceneFile,
     options: SolveOptions,
@@ -77,7 +76,7 @@ def solve(
 
 
 @app.command()
-@takes(CompareOptions)
+@takes
 def compare(
     scene: SceneFile,
     options: CompareOptions,
@@ -101,7 +100,7 @@ def compare(
 
 
 @app.command()
-@takes(PaperOptions)
+@takes
 def paper(
     options: PaperOptions,
     model: ModelFolder = None,
@@ -120,7 +119,7 @@ def paper(
 
 
 @app.command()
-@takes(ExciteOptions)
+@takes
 def excite(
     options: ExciteOptions,
     robot: Annotated[str, typer.Option(help="URDF path, tm5-900, or a name of example-robot-data.")] = "tm5-900",

@@ -36,7 +36,6 @@ from tests.fuzz.samples import (
     LINKS,
     SCENE,
     SESSION_TOML,
-    SETTINGS,
     VIAS,
     WORLD,
     XACRO,
@@ -138,7 +137,6 @@ def _settings(folder: Path) -> None:
     (folder / "links.xacro").write_text(LINKS)
     (folder / "limits.toml").write_text(LIMITS)
     (folder / "world.toml").write_text(WORLD)
-    (folder / "settings.toml").write_text(SETTINGS)
     (folder / "own_effect.py").write_text(CATALOGUE)
     _store(folder / "store")
     place = folder / "marked"

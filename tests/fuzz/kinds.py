@@ -15,8 +15,6 @@ from rosbags.rosbag2 import StoragePlugin
 
 from ident.checks import inspect
 from ident.checks.report import TelemetryReport
-from ident.diagnosis.settings import DiagnosisSettings
-from ident.diagnosis.settings_file import read_settings
 from ident.effects.catalogue import load_catalogue
 from ident.export.identified import Diagnosed
 from ident.model.evaluation import load_limits
@@ -239,16 +237,12 @@ def settings(folder: Path, arm: ArmModel) -> list[Kind]:
         for points in (one for arm in found for one in arm.figures.values()):
             finite("a figure", *((one.value, one.low, one.high, one.std) for one in points))
 
-    def numbers(found: DiagnosisSettings) -> None:
-        finite("a setting", *(v for v in vars(found.selection).values() if isinstance(v, int | float)))
-
     stored = [
         Kind(f"store/{name}", folder / f"store/{name}/left/2026-05-10.parquet", histories, check_histories, 0.1)
         for name in ("figures", "effects", "sessions")
     ]
     return [
         *stored,
-        Kind("settings.toml", folder / "settings.toml", read_settings, numbers),
         Kind("session.toml", folder / "session.toml", load_session_file),
         Kind("urdf", folder / "robot.urdf", lambda path: ArmModel.load(str(path)), check_arm),
         Kind("xacro", folder / "arm.xacro", lambda path: ArmModel.load(str(path)), check_arm),

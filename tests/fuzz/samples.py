@@ -69,15 +69,6 @@ joint_1 = 3.5
 [energy_error_J]
 total = 5.0
 """
-SETTINGS = """calibration = "of a sample"
-[selection]
-family_error = 0.04
-flips = 499
-[regression]
-inertia_share = 0.05
-[regression.wandering]
-own = [0.0, 0.01, 0.02]
-"""
 WORLD = """preset = "any"
 rate_hz = [100, 500]
 robot = ["tm5-900", "panda"]

@@ -6,21 +6,13 @@ from ident.lazy import lazily
 
 if TYPE_CHECKING:
     from ident.show.report.diagnosis_pages import write_diagnosis_report as write_diagnosis_report
-    from ident.show.report.page import Section as Section
-    from ident.show.report.page import write_report as write_report
-    from ident.show.report.pages import evaluation_sections as evaluation_sections
-    from ident.show.report.pages import write_evaluation_report as write_evaluation_report
-    from ident.show.report.source import DiagnosisInput as DiagnosisInput
-    from ident.show.report.source import ReportInput as ReportInput
+    from ident.show.report.evaluation import ReportInput as ReportInput
+    from ident.show.report.evaluation import write_evaluation_report as write_evaluation_report
 
 # The words of a verdict are asked for by the terminal too, which needs no pictures.
 _HOMES = {
-    "DiagnosisInput": "ident.show.report.source",
-    "ReportInput": "ident.show.report.source",
-    "Section": "ident.show.report.page",
-    "evaluation_sections": "ident.show.report.pages",
+    "ReportInput": "ident.show.report.evaluation",
     "write_diagnosis_report": "ident.show.report.diagnosis_pages",
-    "write_evaluation_report": "ident.show.report.pages",
-    "write_report": "ident.show.report.page",
+    "write_evaluation_report": "ident.show.report.evaluation",
 }
 __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -1,74 +1,192 @@
-"""Which sections make a page of a diagnosis."""
+"""The page of a diagnosis: verdict, names and what to do, where the gap lies, and what to record next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ident.recordings.recording import TelemetryIssue
-from ident.show.report.confusion import ConfusionSection
-from ident.show.report.diagnosis_verdict import DiagnosisVerdictSection
-from ident.show.report.findings import FindingsSection
-from ident.show.report.next_steps import OutlookSection
+import numpy as np
+
+from ident.diagnosis.gap.settings import USUAL_MAP
+from ident.show.report.diagnosis_verdict import energy_pair, order_of, verdict_section
+from ident.show.report.evaluation import ReportInput, evaluation_sections
+from ident.show.report.numbers import fixed, percent, significant
 from ident.show.report.page import Section, render_page, save_page
-from ident.show.report.pages import evaluation_sections
-from ident.show.report.provenance import FactsSection, describe_origin, provenance_facts
-from ident.show.report.source import DiagnosisInput, ReportInput
-from ident.show.report.telemetry import TelemetrySection
-from ident.show.report.verdict import VerdictSection
-from ident.show.report.where import WhereSection
+from ident.show.report.sections import describe_origin, facts_section, provenance_facts, telemetry_section
+from ident.show.report.words import (
+    axis_name,
+    axis_unit,
+    effect_name,
+    interval_words,
+    join_words,
+    parameter_cells,
+    sentence,
+    shade,
+)
+from ident.show.untestable import limit_rows, silent_groups
 
+if TYPE_CHECKING:
+    from ident.show.report.laws import LawPicture
 
-def diagnosis_sections(source: DiagnosisInput) -> list[Section]:
-    """All sections of a diagnosis, the verdict first."""
-    issues = [
-        TelemetryIssue(one["issue"], tuple(one["joints"]), one["severity"], one["evidence"], one["remedy"])
-        for one in source.record.get("telemetry", [])
-    ]
-    return [
-        DiagnosisVerdictSection(source),
-        FindingsSection(source),
-        WhereSection(source),
-        OutlookSection(source),
-        ConfusionSection(source.confusion),
-        TelemetrySection(issues),
-        FactsSection(source.provenance or provenance_facts(source.record)),
-    ]
+MOST_SENTENCES = 5
+# A cell this many times as dense as the mean has the darkest shade.
+DENSEST = 3.0
 
 
 def write_diagnosis_report(
-    path: str | Path, diagnosis: DiagnosisInput | Mapping[str, Any], evaluation: ReportInput | None = None
+    path: str | Path,
+    record: Mapping[str, Any],
+    evaluation: ReportInput | None = None,
+    pictures: Sequence[LawPicture | None] = (),
 ) -> Path:
-    """Writes the page of a diagnosis, whole or not at all.
-
-    Args:
-        path: The file to be written.
-        diagnosis, evaluation: As for `render_diagnosis_report`.
+    """Writes the page of a diagnosis, whole or not at all; arguments as for `render_diagnosis_report`.
 
     Raises:
         InputError: The folder can't be written to.
     """
-    return save_page(path, render_diagnosis_report(diagnosis, evaluation))
+    return save_page(path, render_diagnosis_report(record, evaluation, pictures))
 
 
 def render_diagnosis_report(
-    diagnosis: DiagnosisInput | Mapping[str, Any], evaluation: ReportInput | None = None
+    record: Mapping[str, Any], evaluation: ReportInput | None = None, pictures: Sequence[LawPicture | None] = ()
 ) -> str:
-    """The page of a diagnosis as text.
+    """The page of a diagnosis as text, the verdict first.
 
     Args:
-        diagnosis: The record of `ident.diagnosis/1`, alone or with confusion and provenance.
+        record: `ident.diagnosis/1`.
         evaluation: A model's evaluation, shown below the diagnosis if given.
+        pictures: One of each finding's law, in their order; None where there is none.
     """
-    source = diagnosis if isinstance(diagnosis, DiagnosisInput) else DiagnosisInput(diagnosis)
-    sections = diagnosis_sections(source)
+    sections = [
+        verdict_section(record),
+        findings_section(record, pictures),
+        where_section(record),
+        outlook_section(record),
+        telemetry_section(record.get("telemetry", [])),
+        facts_section(provenance_facts(record)),
+    ]
     if evaluation is not None:
-        shown = {section.anchor for section in sections if section.is_present}
-        sections += [s for s in evaluation_sections(evaluation) if _is_new(s, shown)]
-    title = f"{source.record['robot']}: why does the arm not move as its model says?"
-    return render_page(title, sections, describe_origin(source.record))
+        shown = {"verdict", *(section.anchor for section in sections if section is not None)}
+        sections += [one for one in evaluation_sections(evaluation) if one is not None and one.anchor not in shown]
+    title = f"{record['robot']}: why does the arm not move as its model says?"
+    return render_page(title, sections, describe_origin(record))
 
 
-def _is_new(section: Section, told: set[str]) -> bool:
-    return not isinstance(section, VerdictSection) and section.anchor not in told
+def findings_section(record: Mapping[str, Any], pictures: Sequence[LawPicture | None] = ()) -> Section | None:
+    """The named effects, a card each: how sure, how large, how far they shrink the gap, and their twins."""
+    findings = record.get("findings", [])
+    if not findings:
+        return None
+    drawn = [*pictures, *[None] * (len(findings) - len(pictures))]
+    cards = [{**finding_card(one, record), "picture": picture} for one, picture in zip(findings, drawn, strict=False)]
+    return Section("findings", "What causes it, and what to do", "findings.html", {"findings": cards})
+
+
+def finding_card(finding: Mapping[str, Any], record: Mapping[str, Any]) -> dict[str, Any]:
+    """A finding of a record as text; of a single run its energy error has no spread."""
+    runs = record.get("session", {}).get("runs", 2)
+    heldout = finding["heldout"]
+    twins = [effect_name(effect) for effect in finding.get("class", []) if effect != finding["effect"]]
+    return {
+        "effect": sentence(effect_name(finding["effect"])),
+        "joints": join_words(finding["joints"]),
+        "probability": percent(finding.get("probability")),
+        "twins": join_words(twins),
+        "action": sentence(order_of(finding, record)),
+        "gain": significant(heldout["gain_rms_Nm"]) if "gain_rms_Nm" in heldout else "",
+        "shrink": percent(heldout["shrink"]),
+        "share": percent(heldout.get("share")) if "share" in heldout else "",
+        "bar": round(100.0 * float(np.clip(heldout["shrink"], 0.0, 1.0)), 1),
+        "torque": [
+            f"{joint} {significant(before)} → {significant(heldout['rms_after_Nm'].get(joint))} N m"
+            for joint, before in heldout["rms_before_Nm"].items()
+        ],
+        "energy": f"{energy_pair(heldout, 'before', runs)} → {energy_pair(heldout, 'after', runs)} J",
+        "parameters": [parameter_cells(name, value) for name, value in finding.get("parameters", {}).items()],
+    }
+
+
+def where_section(record: Mapping[str, Any]) -> Section | None:
+    """The cells that matter in words, then the map: against the tuned model, and against it as it is."""
+    if not record.get("where") and not record.get("maps"):
+        return None
+    places = [one for one in record.get("where", []) if one["p_value"] <= USUAL_MAP.significant]
+    values = {
+        "sentences": [describe_place(one) for one in places[:MOST_SENTENCES]],
+        "map": map_table(record.get("maps", []), record["joints"]),
+        "fixed": map_table(record.get("maps_fixed", []), record["joints"]),
+    }
+    return Section("where", "Where the gap lies", "where.html", values)
+
+
+def describe_place(place: Mapping[str, Any]) -> str:
+    """A cell of the map in words."""
+    where = interval_words(place["axis"], place["low"], place["high"])
+    where = f"in moving {where}" if place["axis"] == "direction" else f"at {axis_name(place['axis'])} {where}"
+    text = f"{place['joint']}: {percent(place['share_of_gap'])} of its gap lies {where}"
+    if place.get("share_of_time") is not None:
+        whole = "noise" if place["axis"] == "frequency" else "time"
+        text += f", in {percent(place['share_of_time'])} of the {whole}"
+    return f"{text} (p = {significant(place['p_value'], 1)})."
+
+
+def map_table(strips: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Any]:
+    """Rows of strips: a row a joint, a column an axis."""
+    axes = list(dict.fromkeys(strip["axis"] for strip in strips))
+    table = {(strip["joint"], strip["axis"]): strip for strip in strips}
+    shown = [joint for joint in joints if any(joint == own for own, _ in table)]
+    rows = [{"joint": j, "strips": [_strip(table[j, a]) if (j, a) in table else None for a in axes]} for j in shown]
+    heads = [{"name": axis_name(axis), "unit": axis_unit(axis)} for axis in axes]
+    return {"axes": heads, "rows": rows}
+
+
+def _strip(strip: Mapping[str, Any]) -> dict[str, Any]:
+    """Cells of one axis, with what a pointer over them tells."""
+    edges = strip["edges"]
+    columns = ("share_of_gap", "share_of_time", "energy_J", "p_value")
+    cells = []
+    for k, (gap, time, energy, p_value) in enumerate(zip(*(strip[name] for name in columns), strict=True)):
+        words = [f"{interval_words(strip['axis'], edges[k], edges[k + 1])}: {percent(gap)} of the gap"]
+        words += [f"in {percent(time)} of the {'noise' if energy is None else 'time'}"]
+        words += [] if energy is None else [f"{fixed(energy)} J"]
+        cells.append(
+            {
+                "colour": shade(_depth(gap, time)),
+                "sure": p_value <= USUAL_MAP.significant and gap > time,
+                "share": percent(gap),
+                "words": f"{', '.join(words)}, p = {significant(p_value, 1)}",
+            }
+        )
+    low = 0.0 if abs(edges[0]) < 1e-3 * abs(edges[-1]) else edges[0]
+    ends = ("−", "+") if strip["axis"] == "direction" else (significant(low), significant(edges[-1]))
+    return {"cells": cells, "low": ends[0], "high": ends[1]}
+
+
+def _depth(gap: float, time: float) -> float:
+    """Shade of a cell by its density: none up to the mean, full at several times the mean."""
+    return (gap / max(time, 1e-9) - 1.0) / (DENSEST - 1.0)
+
+
+def outlook_section(record: Mapping[str, Any]) -> Section | None:
+    """The next experiment first; then the effects that could not be tested."""
+    if not any(record.get(key) for key in ("next_experiment", "not_testable", "detectable")):
+        return None
+    following, silent = record.get("next_experiment") or {}, record.get("not_testable", [])
+    values = {
+        "motion": following.get("motion", ""),
+        "minutes": f"{following['minutes']:g}" if "minutes" in following else "",
+        "separates": join_words([effect_name(effect) for effect in following.get("separates", [])]),
+        "tied": any(len(finding["class"]) > 1 for finding in record.get("findings", [])),
+        "limits": limit_rows(record),
+        "silent": silent_groups(silent),
+        "not_testable": [
+            {
+                "effect": effect_name(one["effect"]),
+                "joints": ", ".join(one.get("joints", [])) or "all",
+                "reason": one["reason"],
+            }
+            for one in silent
+        ],
+    }
+    return Section("next", "What to record next", "outlook.html", values)

@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from ident.diagnosis.verdict import above_noise
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import plural
 from ident.show.report.numbers import DASH, fixed, glue, pair, percent, row_places, significant
 from ident.show.report.page import Section
-from ident.show.report.source import DiagnosisInput
-from ident.show.report.words import effect_name, join_words, with_units
+from ident.show.report.words import effect_name, join_words, sentence, with_units
 
 # Tuned on other runs a model that errs by so many times what it does untuned has learned what does not carry over.
 OVERTUNED = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class DiagnosisVerdictSection(Section):
+def verdict_section(record: Mapping[str, Any]) -> Section:
     """Verdict, what to make of it, and the gap joint by joint."""
-
-    source: DiagnosisInput
-    anchor: ClassVar[str] = "verdict"
-    title: ClassVar[str] = "Verdict"
-    template: ClassVar[str] = "diagnosis_verdict.html"
-
-    def context(self) -> dict[str, Any]:
-        record = self.source.record
-        session = record.get("session", {})
-        return {
-            "headline": diagnosis_headline(record),
-            "first": first_action(record),
-            "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
-            "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
-            "motion": glue(describe_motion(record)),
-            "doubts": [glue(line) for line in describe_reservations(record)],
-            "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
-            f"{fixed(session.get('duration_s', 0.0), 0)} s",
-            "gaps": gap_rows(record),
-            "untuned": untuned(record),
-        }
+    session = record.get("session", {})
+    values = {
+        "headline": diagnosis_headline(record),
+        "first": first_action(record),
+        "lead": glue(" ".join(filter(None, (describe_findings(record), describe_unnamed(record))))),
+        "fatal": [issue for issue in record.get("telemetry", []) if issue["severity"] == "fatal"],
+        "motion": glue(describe_motion(record)),
+        "doubts": [glue(line) for line in describe_reservations(record)],
+        "session": f"{plural(session.get('runs', 0), 'run')}, {session.get('samples', 0):,} samples, "
+        f"{fixed(session.get('duration_s', 0.0), 0)} s",
+        "gaps": gap_rows(record),
+        "untuned": untuned(record),
+    }
+    return Section("verdict", "Verdict", "diagnosis_verdict.html", values)
 
 
 def diagnosis_headline(record: Mapping[str, Any]) -> str:
@@ -73,7 +63,7 @@ def first_action(record: Mapping[str, Any]) -> str:
     believed = any(one.get("probability", 1.0) >= LIKELY for one in findings)
     if record["verdict"] not in ("not_testable", "none_of_catalogue") and (believed or not doubted):
         action = next(filter(None, (order_of(one, record) for one in findings)), "")
-        return f"{action[0].upper()}{action[1:]}." if action else ""
+        return f"{sentence(action)}." if action else ""
     if overtuned_joints(record):
         return "Record this again, longer and wider: several minutes, each joint over its whole range, at all speeds."
     if tuned_away_joints(record):
@@ -283,3 +273,9 @@ def _finding(finding: Mapping[str, Any]) -> str:
     joints = finding["joints"]
     where = join_words(joints) if len(joints) <= 3 else "the whole arm"
     return f"{effect_name(finding['effect'])} in {where}" if where else effect_name(finding["effect"])
+
+
+def energy_pair(heldout: Mapping[str, Any], when: str, runs: int) -> str:
+    """Mean energy error of a run, with its spread over the runs where there are several."""
+    spread = heldout.get(f"energy_error_{when}_std_J") if runs > 1 else None
+    return pair(heldout.get(f"energy_error_{when}_J"), spread)

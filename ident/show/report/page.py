@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -16,50 +15,30 @@ from ident.show.palette import NAMED, NOISE, TREES, TUNED, rung_colours, rung_na
 from ident.show.report.numbers import fixed, pair, significant
 
 
-class Section(ABC):
-    """One section of the page: a heading, and what its template is told.
+@dataclass(frozen=True, eq=False)
+class Section:
+    """One section of a page.
 
     Attributes:
         anchor: Its address on the page.
         title: Its heading.
         template: File name of its template.
+        values: What the template gets.
     """
 
-    anchor: ClassVar[str]
-    title: ClassVar[str]
-    template: ClassVar[str]
-
-    @property
-    def is_present(self) -> bool:
-        """Whether there is anything to show."""
-        return True
-
-    @abstractmethod
-    def context(self) -> dict[str, Any]:
-        """What the template is told."""
-
-
-@dataclass(frozen=True, eq=False)
-class FilledSection(Section):
-    """A section whose template gets values that are known already; left out where there is nothing to show."""
-
-    anchor: str  # type: ignore[misc]
-    title: str  # type: ignore[misc]
-    template: str  # type: ignore[misc]
+    anchor: str
+    title: str
+    template: str
     values: Mapping[str, Any]
-    is_present: bool = True
-
-    def context(self) -> dict[str, Any]:
-        return dict(self.values)
 
 
-def write_report(path: str | Path, title: str, sections: Sequence[Section], subtitle: str = "") -> Path:
-    """Writes one self-contained HTML page, whole or not at all; sections with nothing to show are left out.
+def write_report(path: str | Path, title: str, sections: Sequence[Section | None], subtitle: str = "") -> Path:
+    """Writes one self-contained HTML page, whole or not at all.
 
     Args:
         path: The file to be written.
         title: Heading of the page.
-        sections: What it shows, in this order.
+        sections: What it shows, in this order; None for one that has nothing to show.
         subtitle: A line under the heading: robot, recordings.
 
     Raises:
@@ -75,22 +54,8 @@ def save_page(path: str | Path, page: str) -> Path:
     return Path(path)
 
 
-def render_page(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
+def render_page(title: str, sections: Sequence[Section | None], subtitle: str = "") -> str:
     """The page as text."""
-    environment = _environment()
-    shown = [section for section in sections if section.is_present]
-    bodies = [
-        {
-            "anchor": section.anchor,
-            "title": section.title,
-            "html": Markup(environment.get_template(section.template).render(section.context())),
-        }
-        for section in shown
-    ]
-    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=bodies)
-
-
-def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("ident.show.report"),
         autoescape=True,
@@ -98,12 +63,20 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(
-        fixed=fixed, pair=pair, significant=significant, rung=rung_name, breakable=breakable, coded=coded
-    )
-    environment.globals |= {"rung_colours": rung_colours, "TUNED": TUNED, "NAMED": NAMED}
-    environment.globals |= {"TREES": TREES, "NOISE": NOISE}
-    return environment
+    filters = {"fixed": fixed, "pair": pair, "significant": significant, "rung": rung_name}
+    environment.filters.update({**filters, "breakable": breakable, "coded": coded})
+    colours = {"TUNED": TUNED, "NAMED": NAMED, "TREES": TREES, "NOISE": NOISE}
+    environment.globals |= {"rung_colours": rung_colours, **colours}
+    bodies = [
+        {
+            "anchor": one.anchor,
+            "title": one.title,
+            "html": Markup(environment.get_template(one.template).render(one.values)),
+        }
+        for one in sections
+        if one is not None
+    ]
+    return environment.get_template("page.html").render(title=title, subtitle=subtitle, sections=bodies)
 
 
 def breakable(name: str) -> Markup:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from ident.model.hybrid import HybridModel, LossFigure
 from ident.model.loss import NAMES
 from ident.show.palette import model_colour
+from ident.show.report.evaluation import ReportInput
 from ident.show.report.figures import make_panel, to_svg
 from ident.show.report.numbers import fixed, significant
 from ident.show.report.page import Section
-from ident.show.report.source import ReportInput
 
 WORDS = {
     "motor_inertia": "Rotor inertia B_m",
@@ -24,35 +23,27 @@ WORDS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class ParameterSection(Section):
-    """One picture a figure, joints in rows, models side by side; then the numbers."""
-
-    source: ReportInput
-    anchor: ClassVar[str] = "parameters"
-    title: ClassVar[str] = "What was fitted"
-    template: ClassVar[str] = "parameters.html"
-
-    def context(self) -> dict[str, Any]:
-        names = [one.model for one in self.source.evaluations]
-        shown = [name for name in NAMES if any(f.name == name for m in self.source.models for f in m.figures)]
-        return {
-            "models": [(name, model_colour(k)) for k, name in enumerate(names)],
-            "pictures": [draw_figures(self.source.models, name) for name in shown],
-            "model": self.source.evaluation.model,
-            "columns": [(WORDS[name], _unit(self.source.model, name)) for name in shown],
-            "rows": [
-                {"joint": joint, "cells": [_cell(self.source.model, joint, name) for name in shown]}
-                for joint in self.source.model.joint_names
-            ],
-            "inertia": describe_inertia(self.source.model),
-            "links": link_rows(self.source.model),
-            "base": base_rows(self.source.model),
-            "tied": tied_pairs(self.source.model),
-            "named": [law.describe(self.source.model.joint_names) for law in self.source.model.named],
-            "left_out": self.source.model.provenance.get("named_left_out", []),
-            "net": net_rows(self.source.model),
-        }
+def parameters_section(source: ReportInput) -> Section:
+    """Loss figures with their 95 % intervals: one picture each, joints in rows, models side by side; then numbers."""
+    model = source.model
+    shown = [name for name in NAMES if any(f.name == name for m in source.models for f in m.figures)]
+    values = {
+        "models": [(one.model, model_colour(k)) for k, one in enumerate(source.evaluations)],
+        "pictures": [draw_figures(source.models, name) for name in shown],
+        "model": source.evaluation.model,
+        "columns": [(WORDS[name], next((f.unit for f in model.figures if f.name == name), "")) for name in shown],
+        "rows": [
+            {"joint": joint, "cells": [_cell(model, joint, name) for name in shown]} for joint in model.joint_names
+        ],
+        "inertia": describe_inertia(model),
+        "links": link_rows(model),
+        "base": base_rows(model),
+        "tied": [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])],
+        "named": [law.describe(model.joint_names) for law in model.named],
+        "left_out": model.provenance.get("named_left_out", []),
+        "net": net_rows(model),
+    }
+    return Section("parameters", "What was fitted", "parameters.html", values)
 
 
 def draw_figures(models: Sequence[HybridModel], name: str) -> dict[str, Any]:
@@ -142,17 +133,8 @@ def net_rows(model: HybridModel) -> list[dict[str, str]]:
     ]
 
 
-def tied_pairs(model: HybridModel) -> list[str]:
-    """Figures that the training motions can't tell apart."""
-    return [" with ".join(pair["figures"]) for pair in model.provenance.get("tied", [])]
-
-
 def _vector(values: Sequence[float] | np.ndarray) -> str:
     return ", ".join(fixed(value, 3) for value in values)
-
-
-def _unit(model: HybridModel, name: str) -> str:
-    return next((figure.unit for figure in model.figures if figure.name == name), "")
 
 
 def _cell(model: HybridModel, joint: str, name: str) -> str:

@@ -109,6 +109,11 @@ def with_units(text: str) -> str:
     return re.sub(rf"\b(?P<key>[a-z]\w*(?:{keys}))\b(?P<number> -?\d[\d.e+-]*)?", told, text)
 
 
+def sentence(text: str) -> str:
+    """The text with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
 def axis_name(axis: str) -> str:
     """An axis of the map as words."""
     return AXES.get(axis, (axis, ""))[0]
@@ -130,3 +135,10 @@ def interval_words(axis: str, low: float, high: float) -> str:
 def join_words(words: Sequence[str]) -> str:
     """A list in a sentence."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def shade(share: float) -> str:
+    """White to a light orange that black text stays readable on."""
+    depth = min(1.0, max(0.0, share))
+    red, green, blue = (round(255 + depth * (end - 255)) for end in (240, 150, 70))
+    return f"#{red:02x}{green:02x}{blue:02x}"

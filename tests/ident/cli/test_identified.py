@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ident.cli.app import app
-from ident.cli.identified import NOT_PASSED
 from ident.files import sha256_of
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
+from ident.process import NOT_PASSED
 from ident.robot.arm import ArmModel
 from ident.robot.names import data_path
 

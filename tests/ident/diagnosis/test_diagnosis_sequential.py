@@ -18,6 +18,7 @@ from ident.effects.catalogue import find_effect
 from ident.errors import InputError
 from ident.recordings.recording import Recording, Session
 from ident.robot.arm import ArmModel
+from ident.show.terminal import describe_looks
 from tests.ident.diagnosis.planted import record, spring_on_3
 
 
@@ -57,14 +58,14 @@ def test_it_stops_when_it_is_sure() -> None:
     assert asked[1][1].selection.family_error < asked[0][1].selection.family_error
     assert found.enough
     assert found.to_dict()["runs"] == 8
-    assert found.words().startswith("sure after 8 runs (1.3 min)")
+    assert describe_looks(found.to_dict()).startswith("sure after 8 runs (1.3 min)")
 
 
 def test_what_is_missing_is_told_at_the_end() -> None:
     found = look_until(lambda runs, settings: empty("none_of_catalogue", runs), 9, 0.9)
     assert not found.enough
     assert len(found.looks) == 3
-    assert "the gap has no name" in found.words()
+    assert "the gap has no name" in describe_looks(found.to_dict())
 
 
 @pytest.mark.parametrize("sure", [0.2, 0.999, float("nan")])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ident.api.patching import patch
+from ident.api.exporting import patch
 from ident.export.identified import Diagnosed, IdentifiedArm
 from ident.export.mjcf import write_mjcf
 from ident.export.urdf import write_urdf

@@ -9,7 +9,7 @@ from ident.model.evaluation import evaluate
 from ident.model.hybrid import HybridModel, LossFigure
 from ident.model.loss import LossParameters
 from ident.recordings.recording import Payload, TelemetryIssue
-from ident.show.report.source import ReportInput
+from ident.show.report import ReportInput
 from tests.ident.made_up import made_motions, two_joint_arm
 
 COULOMB = np.array([6.0, 9.0])

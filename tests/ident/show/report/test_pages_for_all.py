@@ -9,7 +9,7 @@ import numpy as np
 from ident.monitor.pages import write_pages
 from ident.monitor.store import Store
 from ident.monitor.watch import ArmHistory, Watch, make_history
-from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report, write_evaluation_report
+from ident.show.report import ReportInput, write_diagnosis_report, write_evaluation_report
 from tests.accessible import PHONE, find_violations, width_on_a_phone
 from tests.ident.show.report.test_report_diagnosis import RECORD
 
@@ -22,7 +22,7 @@ def test_the_page_of_an_evaluation(source: ReportInput, tmp_path: Path) -> None:
 
 
 def test_the_page_of_a_diagnosis_by_night(tmp_path: Path) -> None:
-    page = write_diagnosis_report(tmp_path / "page.html", DiagnosisInput(RECORD))
+    page = write_diagnosis_report(tmp_path / "page.html", RECORD)
     assert find_violations(page, tmp_path, dark=True) == []
     assert width_on_a_phone(page, tmp_path) <= PHONE
 

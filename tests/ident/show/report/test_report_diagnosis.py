@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from ident.show.report import DiagnosisInput, ReportInput, write_diagnosis_report
+from ident.show.report import ReportInput, write_diagnosis_report
+from ident.show.report.diagnosis_pages import describe_place
 from ident.show.report.diagnosis_verdict import diagnosis_headline, first_action
-from ident.show.report.where import describe_place, shade
-from ident.show.report.words import parameter_name, with_units
+from ident.show.report.sections import confusion_section
+from ident.show.report.words import parameter_name, shade, with_units
 from tests.ident.show.report.reader import read
 
 RECORD: dict[str, Any] = {
@@ -56,7 +57,7 @@ RECORD: dict[str, Any] = {
 }  # fmt: skip
 
 
-def written(path: Path, record: DiagnosisInput | dict[str, Any], evaluation: ReportInput | None = None) -> str:
+def written(path: Path, record: dict[str, Any], evaluation: ReportInput | None = None) -> str:
     return read(write_diagnosis_report(path / "d.html", record, evaluation).read_text(encoding="utf-8")).text
 
 
@@ -192,17 +193,18 @@ def test_headline_names_no_more_than_three(tmp_path: Path) -> None:
     assert diagnosis_headline(record).endswith("and 2 more.")
 
 
-def test_confusion_and_evaluation_are_added(source: ReportInput, tmp_path: Path) -> None:
-    """Optional pictures appear, the evaluation's sections follow, and no section stands twice."""
-    confusion = {"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}}
-    page = write_diagnosis_report(
-        tmp_path / "d.html", DiagnosisInput(RECORD, confusion, {"versions": {"armgap": "0.1"}}), source
-    ).read_text(encoding="utf-8")
-    reader = read(page)
-    assert "11 of 12 cases were named rightly" in reader.text
-    assert "versions: armgap" in reader.text
+def test_an_evaluation_is_added(source: ReportInput, tmp_path: Path) -> None:
+    """Its sections follow, and no section stands twice."""
+    reader = read(write_diagnosis_report(tmp_path / "d.html", RECORD, source).read_text(encoding="utf-8"))
     assert len(reader.ids) == len(set(reader.ids))
-    assert {"findings", "confusion", "ladder", "fits"} <= set(reader.ids)
+    assert {"findings", "ladder", "fits"} <= set(reader.ids)
+
+
+def test_confusion_counts_the_diagonal() -> None:
+    section = confusion_section({"payload": {"payload": 7, "torque_offset": 1}, "torque_offset": {"torque_offset": 4}})
+    assert section is not None
+    assert "11 of 12 cases were named rightly" in section.values["summary"]
+    assert confusion_section({}) is None
 
 
 STRIP = {
@@ -274,3 +276,29 @@ def test_black_text_stays_readable_on_every_shade() -> None:
         linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
         luminance = sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
         assert (luminance + 0.05) / 0.05 > 7
+
+
+SCALE = {
+    "issue": "torque_scale",
+    "joints": ["elbow"],
+    "severity": "warning",
+    "evidence": "elbow reads 1.32 ± 0.05 of the model's gravity torque",
+    "remedy": "check its drive gain",
+}
+
+
+def acted_on(effect: str, probability: float, *telemetry: dict[str, Any]) -> dict[str, Any]:
+    finding = {"effect": effect, "joints": ["elbow"], "class": [effect], "probability": probability, "action": "do so"}
+    return {"verdict": "named", "findings": [finding], "telemetry": list(telemetry), "gap": {}}
+
+
+@pytest.mark.parametrize("effect", ["stribeck_friction", "load_dependent_friction"])
+def test_a_torque_off_by_a_factor_comes_before_friction(effect: str) -> None:
+    assert first_action(acted_on(effect, 0.97)) == "Do so."
+    assert first_action(acted_on(effect, 0.97, SCALE)).startswith("elbow reads 1.32")
+
+
+@pytest.mark.parametrize("effect", ["payload", "torque_gain_error"])
+def test_a_likely_name_of_the_factor_comes_in_its_place(effect: str) -> None:
+    assert first_action(acted_on(effect, 0.97, SCALE)) == "Do so."
+    assert first_action(acted_on(effect, 0.30, SCALE)).startswith("elbow reads 1.32")

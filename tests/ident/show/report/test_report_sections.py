@@ -12,14 +12,11 @@ from hypothesis import strategies as st
 from ident.model.net_shrinkage import JointGate
 from ident.show.palette import RUNG_COLOURS, rung_colours, rung_name
 from ident.show.report import ReportInput
-from ident.show.report.comparison import ComparisonSection, restrict
+from ident.show.report.evaluation import describe_steps, headline, payload_section, reductions, worse_joints
+from ident.show.report.evaluation_figures import comparison_section, fits_section, rest_spans, restrict, run_errors
 from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
-from ident.show.report.fits import FitSection, rest_spans, run_errors
-from ident.show.report.ladder import reductions
 from ident.show.report.numbers import fixed, glue, percent, places_for, significant
 from ident.show.report.parameters import net_rows
-from ident.show.report.payloads import PayloadSection
-from ident.show.report.verdict import describe_steps, headline, worse_joints
 
 
 def scaled(score, factors):  # type: ignore[no-untyped-def]
@@ -88,14 +85,18 @@ def test_main_model_is_the_one_of_most_samples(source: ReportInput) -> None:
 
 def test_payload_rows_stand_by_mass(source: ReportInput) -> None:
     """Table 2: one row without payload, then the payloads; one column a rung."""
-    context = PayloadSection(source).context()
+    section = payload_section(source)
+    assert section is not None
+    context = section.values
     assert [row["name"] for row in context["tables"][0]["rows"]] == ["none", "500 g"]
     assert [name for name, _ in context["rungs"]] == ["analytic", "+ loss"]
 
 
 def test_comparison_covers_sessions_and_their_pool(source: ReportInput) -> None:
     """Figure 9: E1, E2 and both, for every model; payloads stay out."""
-    context = ComparisonSection(source).context()
+    section = comparison_section(source)
+    assert section is not None
+    context = section.values
     assert context["sessions"] == ["E1", "E2", "E1 + E2"]
     assert [row["name"] for row in context["rows"]] == ["half", "nearly all"]
     score = source.evaluations[0].sessions[0]
@@ -113,7 +114,7 @@ def test_restricted_score_is_that_of_its_joints(source: ReportInput) -> None:
 
 def test_worst_run_has_the_largest_error(source: ReportInput) -> None:
     errors = run_errors(source.evaluation)
-    runs = FitSection(source).context()["runs"]
+    runs = fits_section(source).values["runs"]
     assert runs[1]["error"] == fixed(errors.max())
     assert len(errors) == len(source.evaluation.traces) == 4
 
@@ -164,6 +165,16 @@ def test_picture_says_what_it_shows() -> None:
     assert svg.startswith('<svg role="img" aria-label="a &#34;quoted&#34; &lt;line&gt;" viewBox="0 0 ')
     assert "torque [N m]" in svg
     assert "metadata" not in svg
+
+
+def test_a_joint_s_name_is_no_formula() -> None:
+    """A name with the signs of a formula, which is none that can be set, stands in the picture as it is."""
+    name = "a$x^{$b"
+    figure, axes = make_panel(f"speed of {name} [rad/s]", name)
+    axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
+    axes.set_title(name)
+    axes.legend()
+    assert to_svg(figure, name).count(name) >= 5
 
 
 @pytest.mark.parametrize(

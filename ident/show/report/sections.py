@@ -1,40 +1,69 @@
-"""Where the numbers come from: data, options, versions. Folded, for those who need it."""
+"""Sections of every page: what the telemetry check found, where the numbers come from, what was taken for what."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ident.diagnosis.settings import USUAL
 from ident.errors import plural
 from ident.model.hybrid import HybridModel
+from ident.show.report.numbers import fixed
 from ident.show.report.page import Section
+from ident.show.report.words import effect_name, shade
 
 # Clocks beyond this count seconds since 1970: 2001-09-09 [s].
 EPOCH_FROM = 1e9
 # Sessions that are named under a title.
 MOST_STAMPS = 4
 UNKNOWN = "not recorded"
+SEVERITIES = ("fatal", "warning", "note")
 
 
-@dataclass(frozen=True, eq=False)
-class ProvenanceSection(Section):
-    """One folded block a model."""
+def telemetry_section(issues: Sequence[Mapping[str, Any]]) -> Section:
+    """A table of issues, the worst first."""
+    ordered = sorted(issues, key=lambda issue: SEVERITIES.index(issue["severity"]))
+    return Section("telemetry", "Telemetry", "telemetry.html", {"issues": ordered})
 
-    models: Sequence[tuple[str, HybridModel]]
-    anchor: ClassVar[str] = "provenance"
-    title: ClassVar[str] = "Provenance"
-    template: ClassVar[str] = "provenance.html"
 
-    @property
-    def is_present(self) -> bool:
-        return bool(self.models)
+def confusion_section(counts: Mapping[str, Mapping[str, float]]) -> Section | None:
+    """How often the check took one effect (row) for another (column); the diagonal is right."""
+    if not counts:
+        return None
+    true = list(counts)
+    named = [*true, *sorted({name for row in counts.values() for name in row} - set(true))]
+    named = [name for name in named if any(row.get(name) for row in counts.values())]
+    total = sum(sum(row.values()) for row in counts.values())
+    right = sum(row.get(effect, 0) for effect, row in counts.items())
+    rows = []
+    for effect, row in counts.items():
+        most = sum(row.values())
+        cells = [
+            {
+                "count": f"{row[name]:g}" if row.get(name) else "",
+                "colour": shade(row.get(name, 0) / most if most else 0.0),
+                "right": name == effect,
+            }
+            for name in named
+        ]
+        rows.append({"effect": effect_name(effect), "cells": cells})
+    summary = f"{fixed(right, 0)} of {fixed(total, 0)} cases were named rightly."
+    values = {"named": [effect_name(name) for name in named], "rows": rows, "summary": summary}
+    return Section("confusion", "How often such a name is right", "confusion.html", values)
 
-    def context(self) -> dict[str, Any]:
-        return {"models": [{"name": name, **_facts(model)} for name, model in self.models]}
+
+def facts_section(facts: Mapping[str, Any]) -> Section | None:
+    """Names and values, nested ones flattened; folded, for those who need it."""
+    values = {"facts": list(_flat(facts))}
+    return Section("provenance", "Provenance", "facts.html", values) if facts else None
+
+
+def models_section(models: Sequence[tuple[str, HybridModel]]) -> Section:
+    """Where models come from: data, options, versions; one folded block a model."""
+    values = {"models": [{"name": name, **_facts(model)} for name, model in models]}
+    return Section("provenance", "Provenance", "provenance.html", values)
 
 
 def _facts(model: HybridModel) -> dict[str, Any]:
@@ -57,23 +86,6 @@ def _facts(model: HybridModel) -> dict[str, Any]:
         told = "; ".join(f"{issue['issue']} ({issue['evidence']})" for issue in past["accepted"])
         facts.insert(3, ("refusals overruled", told))
     return {"facts": facts, "data": past.get("data", [])}
-
-
-@dataclass(frozen=True, eq=False)
-class FactsSection(Section):
-    """Names and values, nested ones flattened."""
-
-    facts: Mapping[str, Any]
-    anchor: ClassVar[str] = "provenance"
-    title: ClassVar[str] = "Provenance"
-    template: ClassVar[str] = "facts.html"
-
-    @property
-    def is_present(self) -> bool:
-        return bool(self.facts)
-
-    def context(self) -> dict[str, Any]:
-        return {"facts": list(_flat(self.facts))}
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -1,0 +1,243 @@
+"""Options of the jobs, each once: the functions take them by name; commands, help and reference are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from ident.motion.settings import MotionSettings
+
+Inertia = Literal["nominal", "base", "consistent"]
+Net = Literal["default", "paper", "none"]
+# Names of the two kinds of arm, after the paper's six-jointed one; a full arm of seven joints is a 6 too.
+FULL_ARM, LUMPED = 6, 3
+# Seeds of the arms that follow the first fit below the simulator's own bound.
+LARGEST_SEED = 2**62
+
+
+def option(default: Any, text: str, *names: str, typed: Any = None, **bounds: float) -> Any:
+    """A field of options.
+
+    Args:
+        default: Its value where it is not given.
+        text: Its help.
+        names: Its names on the command line, if they are not its own.
+        typed: Its type on the command line, where Python takes more.
+        bounds: `min` and `max`.
+    """
+    return field(default=default, metadata={"help": text, "names": names, "typed": typed, "bounds": bounds})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Base of a job's options; fields without a help text are for Python alone."""
+
+    @classmethod
+    def of(cls, job: str, given: Mapping[str, Any]) -> Self:
+        """The options of a job by their names.
+
+        Raises:
+            InputError: There is no such option.
+        """
+        known = [one.name for one in fields(cls)]
+        for name in given:
+            if name not in known:
+                raise InputError(job, f"there is no option {name!r}", f"give some of: {', '.join(sorted(known))}")
+        return cls(**given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions(Options):
+    """How recordings are read."""
+
+    topic: str = option("/joint_states", "Topic of the joint states, for ROS 2 bags.")
+    session_file: Path | None = option(None, "A session.toml, for folders that can't hold one.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterOptions(ReadOptions):
+    """How recordings are read and filtered."""
+
+    cutoff: float | None = option(None, "Corner of the filter for torques and columns [Hz].")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CatalogueOptions(ReadOptions):
+    """Recordings, and effects beside the catalogue's: a Python file, or in Python objects."""
+
+    catalogue: Any = option(
+        None, "A Python file with further effects. It is run: give none that you don't trust.", typed=Path | None
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(CatalogueOptions, FilterOptions):
+    """How recordings are diagnosed.
+
+    Attributes:
+        settings: The numbers by which it is decided, an `ident.DiagnosisSettings`; as shipped if None.
+    """
+
+    model: Any = option(None, "Model fitted to this arm: its inertias count as known.", typed=Path | None)
+    seed: int = option(0, "Seed of the sign-flip tests.", min=0)
+    accept: tuple[str, ...] = option(
+        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
+    )
+    settings: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(FilterOptions):
+    """How two sets of recordings are compared."""
+
+    seed: int = option(0, "Seed of the sign-flip tests.", min=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WriteOptions(ReadOptions):
+    """On which recordings written files are measured, and what else gets what was identified."""
+
+    on: Any = option(
+        None, "Sessions to measure the files on: the best of their candidates is written.", typed=list[Path] | None
+    )
+    into: Path | None = option(None, "Your own MJCF of this arm: a copy gets what was identified.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchOptions(WriteOptions, CatalogueOptions):
+    """How what a diagnosis named is written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(WriteOptions):
+    """How the arm of a fitted model is written."""
+
+    formats: tuple[str, ...] | None = option(
+        None,
+        "urdf, mjcf, toml, python, isaaclab, ros2_control or cpp; all if not given.",
+        "--format",
+        typed=list[str] | None,
+    )
+    nearest: bool = option(False, "Write links that no body could be as the nearest bodies.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyOptions(FilterOptions):
+    """How a model is held against limits."""
+
+    in_sample: bool = option(False, "Accept recordings that the model was fitted on.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangesOptions(FilterOptions):
+    """How ranges for domain randomisation are found."""
+
+    model: Any = option(None, "Fitted model whose inertias all days refer to.", typed=Path | None)
+    out: Path | None = option(None, "Folder for randomisation files of Isaac Lab and MuJoCo Playground.")
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a hybrid model is fitted."""
+
+    links: int = option(FULL_ARM, "6 for the full arm with all its joints, 3 for the lumped one.")
+    inertia: Inertia = option("consistent", "nominal, base or consistent.", typed=str)
+    net: Net = option("default", "default, paper or none.", typed=str)
+    offset: bool = option(False, "Fit a constant torque a joint too.")
+    robust: bool = option(False, "Stretches that fit badly lose their pull.")
+    seed: int = option(0, "Seed of the net.", min=0)
+    accept: tuple[str, ...] = option(
+        (), "Use the recordings although this issue refuses them; may be given again.", typed=list[str] | None
+    )
+    coupling: str = option("", "Two joints on one motor's shaft, as 5,6; 5,-6 where they turn against each other.")
+    smoother: str = option("fast", "fast, or filterpy: the same numbers, slowly.")
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (
+            ("--links", self.links, (LUMPED, FULL_ARM)),
+            ("--inertia", self.inertia, ("nominal", "base", "consistent")),
+            ("--net", self.net, ("default", "paper", "none")),
+            ("--smoother", self.smoother, ("fast", "filterpy")),
+        ):
+            if value not in allowed:
+                raise InputError(name, f"{value!r} is unknown", f"use one of: {', '.join(map(str, allowed))}")
+
+    @property
+    def motion(self) -> MotionSettings:
+        """How recordings become the motions that are fitted."""
+        from ident.motion.settings import USUAL_MOTION
+
+        return replace(USUAL_MOTION, smoother=self.smoother)
+
+
+@dataclass(frozen=True)
+class WatchOptions(Options):
+    """How a folder is watched; the robot is a URDF path or a name."""
+
+    robot: str | None = option(
+        None,
+        "URDF path, tm5-900, or a name of example-robot-data (panda, baxter:left_w2, …).",
+    )
+    model: str | Path | None = option(None, "Fitted model whose inertias all figures refer to.", typed=Path | None)
+    diagnosed: bool = option(True, "Diagnose each session too (ten times the work).", "--diagnose/--no-diagnose")
+    level: float = option(0.05, "Chance of any false alarm in an arm's life.")
+    settle: float = option(10.0, "Leave a session alone that was written to within so many s.")
+    workers: int = option(1, "Processes on this machine.")
+    scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.level < 1.0:
+            raise InputError("--level", f"{self.level:g} is no chance", "give a number between 0 and 1, such as 0.05")
+        if not self.settle >= 0.0:
+            raise InputError("--settle", f"{self.settle:g} is no time", "give seconds")
+        if self.workers < 1:
+            raise InputError("--workers", f"{self.workers} processes can do nothing", "give 1 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseOptions(Options):
+    """How the gap of arms is closed."""
+
+    arms: int = option(1, "Simulated arms, each with three random effects.")
+    seed: int = option(0, "Of the first arm; the next ones count up.", min=0)
+    rounds: int = option(8, "Most rounds of recording an arm.")
+    effects: tuple[str, ...] | None = option(
+        None, "ID:JOINT:SIZE instead of random effects.", "--effect", typed=list[str] | None
+    )
+    recorder: Any = option(
+        None,
+        "Command that moves a real arm: {commands} and {session} in it become folders.",
+        "--record",
+        typed=str | None,
+    )
+    compared: bool = option(True, "Make rivals of the same data, try a controller with each.", "--compare/--no-compare")
+
+    def __post_init__(self) -> None:
+        if self.arms < 1:
+            raise InputError("--arms", f"{self.arms} arms", "give 1 or more")
+        if not 0 <= self.seed < LARGEST_SEED:
+            raise InputError("--seed", f"{self.seed} is no seed", f"give a number from 0 to {LARGEST_SEED - 1}")
+        if self.rounds < 2:
+            raise InputError("--rounds", f"{self.rounds} round(s) can't be checked", "give 2 or more")
+        if self.recorder is not None and self.arms != 1:
+            raise InputError("--arms", f"{self.arms} arms behind one recorder", "record one arm at a time")
+
+
+@dataclass(frozen=True)
+class CheckOptions(Options):
+    """What the check on withheld effects checks."""
+
+    cases: int = option(40, "Number of cases.")
+    seed: int | None = option(None, "Of the check; the system's entropy if not given.", min=0)
+    out: Path = option(Path("out/blind"), "Folder of the check; one that was stopped there goes on.")
+    workers: int = option(1, "Processes on this machine.")
+    scheduler: str | None = option(None, "Address of a Dask scheduler instead.")
+    robot: str = option("tm5-900", "URDF path or name.")
+    worlds: str = option("", "Arms and sensors of other worlds: all, development, quoted, NAME,… (-NAME: without).")
+    oracle: bool = option(True, "Work out what an oracle would name (in worlds; takes time).")
+    edit: bool = option(False, "Take named causes out of the patched model; judge it on the arm without them.")

@@ -1,0 +1,412 @@
+"""The page of an evaluation: verdict, ladder, payloads, and which sections follow them.
+
+The ladder stands in the shape of the paper's table 1, payloads in that of its table 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Float
+from ident.errors import plural
+from ident.model.evaluation import Evaluation, SessionScore
+from ident.model.hybrid import HybridModel
+from ident.recordings.recording import TelemetryIssue
+from ident.show.palette import RUNG_MEANINGS, rung_colours, rung_name
+from ident.show.report.numbers import MINUS, fixed, glue, pair, percent, places_for, table_places
+from ident.show.report.page import Section, write_report
+from ident.show.report.sections import models_section, telemetry_section
+
+# Share of the URDF's torque error that may be left for "follows", and for "follows in part".
+FOLLOWS, IN_PART = 0.25, 0.7
+# A rung that leaves more than this share of both errors isn't worth a word in the lead.
+UNTOLD = 0.9
+# From here on a joint is told to be worse: less is within the scatter of the runs.
+WORSE = 1.02
+SUBJECTS = {
+    "inertia": "fitting the inertias",
+    "loss": "friction",
+    "named": "named laws",
+    "net": "the net",
+}
+MOST_NAMES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class ReportInput:
+    """Models and their scores on the same sessions.
+
+    Attributes:
+        models: Fitted models.
+        evaluations: The evaluation of each model, in the same order.
+        issues: What the telemetry check of the evaluated sessions found.
+    """
+
+    models: tuple[HybridModel, ...]
+    evaluations: tuple[Evaluation, ...]
+    issues: tuple[TelemetryIssue, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("models", "evaluations", "issues"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if not self.models or len(self.models) != len(self.evaluations):
+            raise ValueError(f"{len(self.models)} models and {len(self.evaluations)} evaluations")
+
+    @property
+    def main(self) -> int:
+        """Which model the page speaks of first: that of most training samples, of equals the first."""
+        samples = [model.provenance.get("samples", 0) for model in self.models]
+        return samples.index(max(samples))
+
+    @property
+    def model(self) -> HybridModel:
+        return self.models[self.main]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        return self.evaluations[self.main]
+
+    def seen_runs(self) -> int:
+        """How many evaluated runs the main model was fitted on: they flatter it."""
+        trained = [(d.get("session"), str(d.get("file", ""))) for d in self.model.provenance.get("data", [])]
+        stems = {(session, file.rsplit(".", 1)[0]) for session, file in trained}
+        return sum((score.name, run) in stems for score in self.evaluation.sessions for run in score.runs)
+
+
+def pool_name(score: SessionScore, longest: int = 70) -> str:
+    """Name of a group of runs; a count of its sessions where their names would fill the line."""
+    parts = score.name.split(" + ")
+    return score.name if len(parts) == 1 or len(score.name) <= longest else f"all {len(parts)} sessions"
+
+
+def evaluation_sections(source: ReportInput) -> list[Section | None]:
+    """All sections of an evaluation, the verdict first."""
+    from ident.show.report.evaluation_figures import comparison_section, fits_section, residuals_section
+    from ident.show.report.parameters import parameters_section
+
+    names = [evaluation.model for evaluation in source.evaluations]
+    return [
+        verdict_section(source),
+        ladder_section(source),
+        payload_section(source),
+        comparison_section(source),
+        fits_section(source),
+        residuals_section(source),
+        parameters_section(source),
+        telemetry_section([one.to_dict() for one in source.issues]),
+        models_section(list(zip(names, source.models, strict=True))),
+    ]
+
+
+def write_evaluation_report(
+    path: str | Path,
+    models: Sequence[HybridModel],
+    evaluations: Sequence[Evaluation],
+    issues: Sequence[TelemetryIssue] = (),
+) -> Path:
+    """Writes the page of an evaluation.
+
+    Args:
+        path: The file to be written.
+        models: Fitted models; the page speaks first of the one fitted on most samples.
+        evaluations: The evaluation of each.
+        issues: What the telemetry check of the evaluated sessions found.
+
+    Raises:
+        InputError: The folder can't be written to.
+    """
+    source = ReportInput(tuple(models), tuple(evaluations), tuple(issues))
+    scores = source.evaluation.sessions
+    runs = sum(len(score.runs) for score in scores)
+    names = ", ".join(score.name for score in scores) if len(scores) <= MOST_NAMES else f"{len(scores)} sessions"
+    subtitle = f"{source.model.robot.name} · {names} · {plural(runs, 'run')}"
+    return write_report(path, "Does the model follow the arm?", evaluation_sections(source), subtitle)
+
+
+def verdict_section(source: ReportInput) -> Section:
+    """One sentence, the ladder at a glance, and the facts that a reader must know."""
+    score = source.evaluation.pooled
+    facts = [
+        *_largest_rest(source, score),
+        *worse_joints(score),
+        *_payload_facts(source),
+        *_judged(source, score),
+        *_telemetry_facts(source),
+    ]
+    values = {
+        "headline": glue(headline(score)),
+        "lead": glue(describe_steps(score)),
+        "seen": source.seen_runs(),
+        "runs": sum(len(one.runs) for one in source.evaluation.sessions),
+        "rows": glance_rows(score),
+        "facts": [(kind, glue(text)) for kind, text in facts],
+        "joints": joint_bars(score),
+        "colours": rung_colours(score.rungs),
+        "session": pool_name(score),
+    }
+    return Section("verdict", "Verdict", "verdict.html", values)
+
+
+def _largest_rest(source: ReportInput, score: SessionScore) -> list[tuple[str, str]]:
+    rest = score.rmse_mean[-1, :-1]
+    if np.all(np.isnan(rest)):
+        return []
+    worst = int(np.nanargmax(rest))
+    torque = np.concatenate([trace.motion.tau_filtered[:, worst] for trace in source.evaluation.traces])
+    size = np.sqrt(np.mean(torque**2))
+    share = f", {percent(rest[worst] / size)} of its rms torque" if size > 0 else ""
+    text = f"Largest torque error left: {score.joints[worst]}, {fixed(rest[worst], 2)} N m{share}."
+    r2 = score.r2[-1]
+    if np.any(np.isfinite(r2)):
+        low = int(np.nanargmin(r2))
+        text += f" Least explained: {score.joints[low]}, R² {fixed(r2[low], 3)}."
+    return [("", text)]
+
+
+def _payload_facts(source: ReportInput) -> list[tuple[str, str]]:
+    loaded = [one for one in source.evaluation.sessions if one.payload_kg > 0]
+    if not loaded or len(loaded) == len(source.evaluation.sessions):
+        return []
+    errors = np.array([one.rmse_mean[:, -1] for one in loaded])
+    ordered = bool(np.all(np.diff(errors, axis=1) < 0))
+    heaviest = max(one.payload_kg for one in loaded)
+    order = "every rung still helps" if ordered else "not every rung helps any more"
+    text = (
+        f"With up to {1000 * heaviest:.0f} g at the flange {order}; "
+        f"torque error at most {fixed(errors[:, -1].max(), 2)} N m."
+    )
+    return [("good" if ordered else "warning", text)]
+
+
+def _judged(source: ReportInput, score: SessionScore) -> list[tuple[str, str]]:
+    if source.seen_runs():
+        return []
+    known = bool(source.model.provenance.get("data"))
+    unseen = "that the fit never saw" if known else "(which runs the model was fitted on is not recorded)"
+    text = f"Judged on {pool_name(score)}: {plural(len(score.runs), 'run')} {unseen}."
+    return [("good" if known else "warning", text)]
+
+
+def _telemetry_facts(source: ReportInput) -> list[tuple[str, str]]:
+    for severity, noun in (("fatal", "fatal issue"), ("warning", "warning")):
+        if count := sum(one.severity == severity for one in source.issues):
+            return [("warning", f"Telemetry: {plural(count, noun)}. See the table below.")]
+    return []
+
+
+def headline(score: SessionScore) -> str:
+    """Whether the last rung follows the arm, in one sentence with numbers."""
+    first, last = score.rmse_mean[0, -1], score.rmse_mean[-1, -1]
+    share = last / first if first > 0 else 1.0
+    place = places_for([first, last])
+    numbers = f"torque error {fixed(last, place)} N m; the URDF alone {fixed(first, place)} N m"
+    if len(score.rungs) == 1:
+        return f"Only the URDF was judged: torque error {fixed(first, place)} N m."
+    below, with_last = np.sqrt(np.mean(score.energy_error[-2:].sum(axis=2) ** 2, axis=1))
+    energy = ""
+    if with_last > WORSE * below:
+        off, before = (fixed(value, table_places([value])) for value in (with_last, below))
+        last_rung = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
+        energy = f" Not in energy: with {last_rung} a run is off by {off} J, without by {before} J."
+    words = "follows the arm" if share <= FOLLOWS else "follows the arm in part" if share <= IN_PART else ""
+    return f"{f'The fitted model {words}' if words else 'The fit helps little'}: {numbers}.{energy}"
+
+
+def describe_steps(score: SessionScore) -> str:
+    """What each rung that matters does to the energy error of a run and to the torque error."""
+    energy, torque = score.energy_mean[:, -1], score.rmse_mean[:, -1]
+    told = [0]
+    for k in range(1, len(score.rungs)):
+        if torque[k] <= UNTOLD * torque[told[-1]] or abs(energy[k]) <= UNTOLD * abs(energy[told[-1]]):
+            told.append(k)
+    joule = [fixed(value, table_places([value])) for value in energy]
+    start = joule[0]
+    if len(told) == 1:
+        return f"The energy error of a run is {start} J, and no rung changes that much."
+    first = f"{SUBJECTS.get(score.rungs[told[1]], score.rungs[told[1]])} brings the energy error of a run from {start}"
+    steps = [f"{first[0].upper()}{first[1:]} to {joule[told[1]]} J"]
+    steps += [f"{SUBJECTS.get(score.rungs[k], score.rungs[k])} to {joule[k]} J" for k in told[2:]]
+    return f"{', '.join(steps)}; torque error {' → '.join(fixed(torque[k], 2) for k in told)} N m."
+
+
+def glance_rows(score: SessionScore) -> list[dict[str, Any]]:
+    """The ladder's totals with bars: one row a rung."""
+    energy, spread, torque = score.energy_mean[:, -1], score.energy_std[:, -1], score.rmse_mean[:, -1]
+    several = len(score.runs) > 1
+    colours = rung_colours(score.rungs)
+    return [
+        {
+            "name": rung_name(rung),
+            "meaning": RUNG_MEANINGS.get(rung, "named effects"),
+            "colour": colours[rung],
+            "energy": pair(energy[k], spread[k] if several else None, table_places([energy[k]])),
+            "energy_bar": _share(abs(energy[k]), np.abs(energy)),
+            "torque": fixed(torque[k], table_places([torque[k]])),
+            "torque_bar": _share(torque[k], torque),
+        }
+        for k, rung in enumerate(score.rungs)
+    ]
+
+
+def worse_joints(score: SessionScore) -> list[tuple[str, str]]:
+    """Joints on which the last rung makes the torque error larger than the rung before it."""
+    if len(score.rungs) < 2:
+        return []
+    before, after = score.rmse_mean[-2, :-1], score.rmse_mean[-1, :-1]
+    worse = [
+        f"{joint} ({fixed(a)} → {fixed(b)} N m)"
+        for joint, a, b in zip(score.joints, before, after, strict=True)
+        if b > WORSE * a
+    ]
+    subject = SUBJECTS.get(score.rungs[-1], score.rungs[-1])
+    return [("warning", f"Worse with {subject} than without: {', '.join(worse)}.")] if worse else []
+
+
+def joint_bars(score: SessionScore) -> list[dict[str, Any]]:
+    """Torque error of every joint and rung, bars on one scale."""
+    rmse = score.rmse_mean[:, :-1]
+    places = places_for(rmse.ravel())
+    return [
+        {
+            "joint": joint,
+            "bars": [
+                {"rung": rung, "value": fixed(rmse[k, j], places), "bar": _share(rmse[k, j], rmse)}
+                for k, rung in enumerate(score.rungs)
+            ],
+        }
+        for j, joint in enumerate(score.joints)
+    ]
+
+
+def _share(value: float, of: Float[Array, "..."] | Sequence[float]) -> float:
+    """Length of a bar in per cent of the longest."""
+    top = float(np.nanmax(of)) if np.any(np.isfinite(of)) else 0.0
+    return round(100.0 * float(value) / top, 1) if top > 0 and np.isfinite(value) else 0.0
+
+
+def ladder_section(source: ReportInput) -> Section:
+    """The main model on all runs without payload, then each session and each other model, folded."""
+    evaluation = source.evaluation
+    sessions = evaluation.sessions if len(evaluation.sessions) > 1 else ()
+    others = [one for k, one in enumerate(source.evaluations) if k != source.main]
+    values = {
+        "main": ladder_tables(evaluation.pooled),
+        "model": evaluation.model,
+        "reductions": reductions(evaluation.pooled),
+        "sessions": [ladder_tables(score) for score in sessions],
+        "others": [{"model": one.model, **ladder_tables(one.pooled)} for one in others],
+    }
+    return Section("ladder", "The ladder, joint by joint", "ladder.html", values)
+
+
+def ladder_tables(score: SessionScore) -> dict[str, Any]:
+    """Energy error, torque RMSE and R² as tables of text."""
+    joints = list(score.joints)
+    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+    return {
+        "name": pool_name(score),
+        "runs": plural(len(score.runs), "run") + payload,
+        "tables": [
+            _table(score, "Energy error of a run [J]", joints, "total", score.energy_mean, score.energy_std),
+            _table(score, "Torque error, RMS [N m]", joints, "all joints", score.rmse_mean, score.rmse_std),
+            _r2_table(score),
+        ],
+    }
+
+
+def _table(
+    score: SessionScore,
+    caption: str,
+    joints: list[str],
+    last: str,
+    mean: Float[Array, "R n+1"],
+    std: Float[Array, "R n+1"],
+) -> dict[str, Any]:
+    colours = rung_colours(score.rungs)
+    spread: list[Any] = list(std) if len(score.runs) > 1 else [[None] * len(row) for row in mean]
+    rows = [
+        {
+            "name": rung_name(rung),
+            "colour": colours[rung],
+            "cells": [pair(a, b, table_places(mean[k])) for a, b in zip(mean[k], spread[k], strict=True)],
+        }
+        for k, rung in enumerate(score.rungs)
+    ]
+    return {
+        "caption": f"{caption}, mean ± standard deviation over the runs",
+        "columns": [*joints, last],
+        "total": True,
+        "rows": rows,
+    }
+
+
+def _r2_table(score: SessionScore) -> dict[str, Any]:
+    colours = rung_colours(score.rungs)
+    rows = [
+        {"name": rung_name(rung), "colour": colours[rung], "cells": [fixed(v, 3) for v in score.r2[k]]}
+        for k, rung in enumerate(score.rungs)
+    ]
+    return {
+        "caption": "Share of the torque's variance explained, R², where the joint moves",
+        "columns": list(score.joints),
+        "total": False,
+        "rows": rows,
+    }
+
+
+def reductions(score: SessionScore) -> list[str]:
+    """How much of the energy and torque error each rung takes away from the one below it."""
+    energy, torque = np.abs(score.energy_mean[:, -1]), score.rmse_mean[:, -1]
+    lines = []
+    for k in range(1, len(score.rungs)):
+        told = [_change(word, of[k - 1], of[k]) for word, of in (("energy error", energy), ("torque error", torque))]
+        lines.append(glue(f"{rung_name(score.rungs[k])}: {', '.join(told)}"))
+    return lines
+
+
+def _change(word: str, before: float, after: float) -> str:
+    if not before > 0:
+        return f"{word} as before"
+    share = 1.0 - after / before
+    if abs(share) < 0.0005:
+        return f"{word} unchanged"
+    return f"{word} {MINUS if share >= 0 else '+'}{percent(abs(share))}"
+
+
+def payload_section(source: ReportInput) -> Section | None:
+    """Energy and torque error of the main model, one row a payload, the lightest first, one column a rung."""
+    loaded = [score for score in source.evaluation.sessions if score.payload_kg > 0]
+    if not loaded:
+        return None
+    free = source.evaluation.pooled
+    scores = [*([free] if free.payload_kg == 0 else []), *sorted(loaded, key=lambda score: score.payload_kg)]
+    rungs, colours = scores[0].rungs, rung_colours(scores[0].rungs)
+    tables = [
+        _payload_table("Energy error of a run, all joints [J]", scores, "energy_mean", "energy_std"),
+        _payload_table("Torque error, RMS over all joints [N m]", scores, "rmse_mean", "rmse_std"),
+    ]
+    values = {"rungs": [(rung_name(rung), colours[rung]) for rung in rungs], "tables": tables}
+    return Section("payload", "With payload", "payload.html", values)
+
+
+def _payload_table(caption: str, scores: list[SessionScore], mean: str, std: str) -> dict[str, Any]:
+    centre = np.array([getattr(score, mean)[:, -1] for score in scores])
+    spread = np.array([getattr(score, std)[:, -1] for score in scores])
+    rows = [
+        {
+            "name": f"{1000 * score.payload_kg:.0f} g" if score.payload_kg else "none",
+            "session": pool_name(score),
+            "runs": len(score.runs),
+            "cells": [
+                pair(a, b if len(score.runs) > 1 else None, table_places(centre[k]))
+                for a, b in zip(centre[k], spread[k], strict=True)
+            ],
+        }
+        for k, score in enumerate(scores)
+    ]
+    return {"caption": f"{caption}, mean ± standard deviation over the runs", "rows": rows}

@@ -1,0 +1,299 @@
+"""Pictures of an evaluation: models side by side, torque over time, and what is left against speed, position, time."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ident.arrays import Array, Bool, Float
+from ident.errors import plural
+from ident.model.evaluation import Evaluation, RunTrace, SessionScore
+from ident.model.hybrid import HybridModel
+from ident.show.palette import MEASURED, model_colour, rung_colours, rung_name
+from ident.show.report.evaluation import ReportInput, pool_name
+from ident.show.report.figures import WIDE, binned, envelope, make_panel, thin, to_svg
+from ident.show.report.numbers import fixed, pair, table_places
+from ident.show.report.page import Section
+from ident.show.report.words import sentence
+
+TICK_WIDTH = 16  # [characters]
+REST = "#e4e4df"
+BINS = 14
+
+
+def comparison_section(source: ReportInput) -> Section | None:
+    """The last rung of every model on every session without payload, over the joints that all models have.
+
+    As the paper's figure 9: bars with their standard deviation.
+    """
+    evaluations = source.evaluations
+    if len(evaluations) == 1 and len(compared_scores(source.evaluation)) == 1:
+        return None
+    joints = tuple(j for j in evaluations[0].pooled.joints if all(j in e.pooled.joints for e in evaluations))
+    groups = [[restrict(score, joints) for score in compared_scores(one)] for one in evaluations]
+    names = [pool_name(score, 24) for score in groups[0]]
+    several = [len(score.runs) > 1 for score in groups[0]]
+    energy, energy_std = _totals(groups, "energy_mean"), _totals(groups, "energy_std")
+    torque, torque_std = _totals(groups, "rmse_mean"), _totals(groups, "rmse_std")
+    models = [one.model for one in evaluations]
+    values = {
+        "models": [(name, model_colour(k)) for k, name in enumerate(models)],
+        "joints": joints,
+        "all_joints": all(len(one.pooled.joints) == len(joints) for one in evaluations),
+        "sessions": names,
+        "figures": [
+            draw_bars("energy error of a run [J]", names, models, energy, energy_std),
+            draw_bars("torque error, RMS [N m]", names, models, torque, torque_std),
+        ],
+        "rows": [
+            {
+                **_row(model, one, k),
+                "energy": _cells(energy[k], energy_std[k], several),
+                "torque": _cells(torque[k], torque_std[k], several),
+            }
+            for k, (model, one) in enumerate(zip(source.models, evaluations, strict=True))
+        ],
+    }
+    return Section("comparison", "Side by side", "comparison.html", values)
+
+
+def compared_scores(evaluation: Evaluation) -> list[SessionScore]:
+    """Sessions without payload and, where there are several, all of them together; all sessions if each has one."""
+    free = [score for score in evaluation.sessions if score.payload_kg == 0] or list(evaluation.sessions)
+    return [*free, evaluation.pooled] if len(free) > 1 else free
+
+
+def restrict(score: SessionScore, joints: tuple[str, ...]) -> SessionScore:
+    """The same scores over some joints only: totals of other joints can't be compared."""
+    columns = [score.joints.index(joint) for joint in joints]
+    return replace(
+        score,
+        joints=joints,
+        energy_error=score.energy_error[..., columns],
+        squares=score.squares[..., columns],
+        rest_squares=score.rest_squares[..., columns],
+        r2=score.r2[:, columns],
+    )
+
+
+def draw_bars(
+    label: str,
+    sessions: list[str],
+    models: list[str],
+    mean: Float[Array, "m s"],
+    std: Float[Array, "m s"],
+) -> dict[str, Any]:
+    """Grouped bars: one group a session, one bar a model, black lines one standard deviation each way."""
+    ticks = [textwrap.fill(name, TICK_WIDTH) for name in sessions]
+    lines = max(tick.count("\n") for tick in ticks)
+    figure, axes = make_panel("evaluated on", label, WIDE, bottom=0.42 + 0.13 * lines)
+    width = 0.8 / len(models)
+    for k in range(len(models)):
+        x = np.arange(len(sessions)) + (k - (len(models) - 1) / 2) * width
+        axes.bar(x, mean[k], 0.88 * width, color=model_colour(k))
+        axes.errorbar(x, mean[k], std[k], fmt="none", ecolor="#111111", elinewidth=0.9, capsize=2)
+    axes.axhline(0.0, color="#333333", linewidth=0.6)
+    axes.set_xticks(np.arange(len(sessions)), ticks)
+    return {"title": sentence(label), "svg": to_svg(figure, f"{label} of {', '.join(models)}")}
+
+
+def _totals(groups: list[list[SessionScore]], name: str) -> Float[Array, "m s"]:
+    return np.array([[getattr(score, name)[-1, -1] for score in scores] for scores in groups])
+
+
+def _cells(mean: Float[Array, " s"], std: Float[Array, " s"], several: list[bool]) -> list[str]:
+    places = table_places(mean)
+    return [pair(a, b if more else None, places) for a, b, more in zip(mean, std, several, strict=True)]
+
+
+def _row(model: HybridModel, evaluation: Evaluation, index: int) -> dict[str, Any]:
+    past = model.provenance
+    trained = f"{plural(past['runs'], 'run')}, {past['samples']:,} samples" if "samples" in past else "not recorded"
+    return {
+        "name": evaluation.model,
+        "colour": model_colour(index),
+        "trained": trained,
+        "joints": len(model.joint_names),
+        "inertia": model.inertia,
+        "net": f"{past.get('net_parameters', 0):,}" if model.net is not None else "none",
+    }
+
+
+def fits_section(source: ReportInput) -> Section:
+    """Measured torque against every rung, one panel a joint, for a typical run and for the worst one."""
+    evaluation = source.evaluation
+    errors = run_errors(evaluation)
+    order = np.argsort(errors)
+    typical, worst = int(order[(len(order) - 1) // 2]), int(order[-1])
+    chosen = [("A typical run", typical), ("The worst run", worst)] if typical != worst else [("The run", worst)]
+    colours = rung_colours(evaluation.pooled.rungs)
+    values = {
+        "legend": [
+            ("measured", MEASURED),
+            *((rung_name(rung), colour) for rung, colour in colours.items()),
+            ("at rest: not judged", REST),
+        ],
+        "runs": [
+            {
+                "title": title,
+                "name": run_name(evaluation, k),
+                "error": fixed(errors[k], 2),
+                "panels": draw_fits(evaluation.traces[k]),
+            }
+            for title, k in chosen
+        ],
+    }
+    return Section("fits", "Torque, measured and modelled", "fits.html", values)
+
+
+def run_errors(evaluation: Evaluation) -> Float[Array, " K"]:
+    """Torque RMSE of the last rung over all joints where they move, run by run [N m]."""
+    squares = np.concatenate([score.squares[-1] for score in evaluation.sessions])
+    there = np.isfinite(squares)
+    return np.sqrt(np.where(there, squares, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
+
+
+def run_name(evaluation: Evaluation, index: int) -> str:
+    """Session and run of a trace."""
+    names = [(score, run) for score in evaluation.sessions for run in score.runs]
+    score, run = names[index]
+    payload = f", {1000 * score.payload_kg:.0f} g at the flange" if score.payload_kg else ""
+    return (run if run == score.name else f"{score.name}/{run}") + payload
+
+
+def rest_spans(time: Float[Array, " t"], moving: Bool[Array, " t"]) -> list[tuple[float, float]]:
+    """Stretches in which a joint rests, where no model of its state can tell the torque."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moving, [0]]).astype(int)))
+    return [(float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2) if b - a > 1]
+
+
+def draw_fits(trace: RunTrace) -> list[dict[str, Any]]:
+    """Measured torque and every rung over time, one panel a joint."""
+    time = trace.time - trace.time[0]
+    colours = rung_colours(tuple(trace.rungs))
+    panels = []
+    for j, joint in enumerate(trace.motion.joints):
+        figure, axes = make_panel("time [s]", "torque [N m]")
+        for start, end in rest_spans(time, trace.motion.moving[:, j]):
+            axes.axvspan(start, end, color=REST, linewidth=0)
+        axes.plot(*thin(time, trace.motion.tau_filtered[:, j]), color=MEASURED, linewidth=1.7)
+        for rung, torque in trace.filtered.items():
+            axes.plot(*thin(time, torque[:, j]), color=colours[rung], linewidth=0.95)
+        axes.margins(x=0.01)
+        panels.append({"title": joint, "svg": to_svg(figure, f"torque of {joint} over time, measured and modelled")})
+    return panels
+
+
+def residuals_section(source: ReportInput) -> Section:
+    """Medians of measured less modelled torque: what a rung leaves has a shape, and the shape names its cause."""
+    traces, robot = source.evaluation.traces, source.model.robot
+    sliding = dict(zip(robot.joint_names, robot.sliding_joints, strict=True))
+    units = ["m" if sliding.get(joint, False) else "rad" for joint in traces[0].motion.joints]
+    rungs, close = tuple(traces[0].rungs), close_up(tuple(traces[0].rungs))
+    colours = rung_colours(rungs)
+    values = {
+        "legend": [(rung_name(rung), colours[rung]) for rung in rungs],
+        "last": rung_name(rungs[-1]),
+        "close": ", ".join(rung_name(rung) for rung in close),
+        "speed": draw_against("speed", traces, units, rungs),
+        "speed_close": draw_against("speed", traces, units, close) if close != rungs else [],
+        "position": draw_against("position", traces, units, close),
+        "time": draw_over_time(traces, rungs[-1]),
+    }
+    return Section("residuals", "What is left, and where", "residuals.html", values)
+
+
+def close_up(rungs: tuple[str, ...]) -> tuple[str, ...]:
+    """The rungs that hold friction: beside the others nothing of theirs could be seen."""
+    return rungs[rungs.index("loss") :] if "loss" in rungs else rungs
+
+
+def draw_against(
+    axis: str, traces: Sequence[RunTrace], units: Sequence[str], rungs: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    """Residual of each joint over an axis, in bins of like counts.
+
+    Over `speed` the shape of friction, no bin across zero; over `position` gravity, springs and wrong masses.
+    """
+    own = [trace.motion.dq if axis == "speed" else trace.motion.q for trace in traces]
+    values = np.concatenate([one[trace.motion.coarse] for one, trace in zip(own, traces, strict=True)])
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    panels = []
+    for j, joint in enumerate(traces[0].motion.joints):
+        x = np.where(moving[:, j], values[:, j], np.nan)
+        parts = [_edges(x[x < 0]), _edges(x[x > 0])] if axis == "speed" else [_edges(x[np.isfinite(x)], 2 * BINS)]
+        label = f"{axis} [{units[j]}{'/s' if axis == 'speed' else ''}]"
+        panels.append(_draw(traces, rungs, j, x, parts, label, f"{joint}: residual against {axis}"))
+    return panels
+
+
+def draw_over_time(traces: Sequence[RunTrace], rung: str) -> list[dict[str, Any]]:
+    """Residual of one rung where the joint moves, over all runs: its span, and each run's median."""
+    residuals = [_residual(trace, rung) for trace in traces]
+    lengths = [trace.time[-1] - trace.time[0] for trace in traces]
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    time = np.concatenate([trace.time - trace.time[0] + start for trace, start in zip(traces, starts, strict=False)])
+    stacked = np.concatenate(residuals)
+    moving = np.concatenate([trace.motion.moving for trace in traces])
+    colour = rung_colours(tuple(traces[0].rungs))[rung]
+    panels = []
+    for j, joint in enumerate(traces[0].motion.joints):
+        figure, axes = make_panel("time, runs end to end [s]", "residual [N m]")
+        for start in starts[1:-1] if len(starts) < 60 else []:
+            axes.axvline(start, color="#e3e3e3", linewidth=0.5)
+        span = envelope(time, np.where(moving[:, j], stacked[:, j], np.nan))
+        axes.fill_between(*span, color=colour, alpha=0.45, linewidth=0.3)
+        axes.hlines(_medians(traces, residuals, j), starts[:-1], starts[1:], color="#111111", linewidth=1.4)
+        axes.axhline(0.0, color="#333333", linewidth=0.5)
+        axes.margins(x=0.01)
+        panels.append({"title": joint, "svg": to_svg(figure, f"{joint}: residual over time")})
+    return panels
+
+
+def _draw(
+    traces: Sequence[RunTrace],
+    rungs: tuple[str, ...],
+    j: int,
+    x: Float[Array, " t"],
+    groups: Sequence[Array],
+    label: str,
+    description: str,
+) -> dict[str, Any]:
+    """Median of every rung's residual in bins, and for the last rung the band of 80 % of the samples."""
+    colours = rung_colours(tuple(traces[0].rungs))
+    figure, axes = make_panel(label, "residual [N m]")
+    axes.axhline(0.0, color="#333333", linewidth=0.5)
+    for rung in rungs:
+        y = np.concatenate([_residual(trace, rung)[:, j] for trace in traces])
+        for edges in groups:
+            rows = binned(x, y, edges)
+            if rung == rungs[-1]:
+                axes.fill_between(rows[:, 0], rows[:, 1], rows[:, 3], color=colours[rung], alpha=0.2, linewidth=0)
+            axes.plot(rows[:, 0], rows[:, 2], color=colours[rung], linewidth=1.2)
+    return {"title": traces[0].motion.joints[j], "svg": to_svg(figure, description)}
+
+
+def _medians(traces: Sequence[RunTrace], residuals: Sequence[Array], j: int) -> list[float]:
+    """Median residual of each run where the joint moves; not a number where it never does."""
+    own = [residual[trace.motion.moving[:, j], j] for trace, residual in zip(traces, residuals, strict=True)]
+    return [float(np.median(values)) if len(values) else np.nan for values in own]
+
+
+def _residual(trace: RunTrace, rung: str) -> Float[Array, "t n"]:
+    """Measured less modelled torque after the common filter [N m]."""
+    return trace.motion.tau_filtered - trace.filtered[rung]
+
+
+def _edges(values: Float[Array, " k"], bins: int = BINS) -> Float[Array, " b"]:
+    """Edges of bins of like counts; none where there is too little."""
+    if len(values) < 10 * bins:
+        bins = max(1, len(values) // 10)
+    if len(values) < 10:
+        return np.zeros(0)
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
+    edges[-1] = np.nextafter(edges[-1], np.inf)
+    return edges
