@@ -7,7 +7,7 @@ from typing import Any
 
 from ident.api.fitting import load_model
 from ident.errors import RecordingError
-from ident.export.randomised import RANGES_KIND, write_ranges
+from ident.export.controllers import RANGES_KIND, write_ranges
 from ident.monitor.ranges import Ranges, find_ranges
 from ident.options import RangesOptions
 from ident.provenance import Provenance

@@ -26,7 +26,7 @@ from ident.benchmark.scoring import is_true, shown_joints
 from ident.diagnosis.from_reports import diagnose_reports
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.law_model import LawModel, log_error
+from ident.export.loaded import LawModel, log_error
 from ident.files import atomic_write
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import within_band

@@ -19,7 +19,7 @@ from scipy.stats import t as student
 
 from ident.arrays import Array, Float
 from ident.effects.hysteresis_thermal import warm_up
-from ident.export.law_model import LawModel, SimulatorModel, log_error
+from ident.export.loaded import LawModel, SimulatorModel, log_error
 from ident.motion.motion import Motion
 
 # A gap within so much of the noise counts as closed.

@@ -23,7 +23,7 @@ from ident.diagnosis.from_reports import diagnose_reports
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.law_model import LawModel
+from ident.export.loaded import LawModel
 from ident.motion.motion import Motion, prepare
 from ident.recordings.recording import Session
 from ident.robot.arm import ArmModel

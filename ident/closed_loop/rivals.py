@@ -17,7 +17,7 @@ from ident.closed_loop.gap import follow_warmth, measure_floors
 from ident.closed_loop.loop import Taught
 from ident.closed_loop.simulated import REST_S, SimulatedArm
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.law_model import LawModel, SimulatorModel
+from ident.export.loaded import LawModel, SimulatorModel
 from ident.export.python import describe_arm
 from ident.laws.motion import Losses
 from ident.model.residual_net import PRESETS, ResidualNet, fit_residual_net

@@ -18,8 +18,7 @@ import numpy as np
 from ident.arrays import Array
 from ident.export.formats import express
 from ident.export.identified import IdentifiedArm, in_module
-from ident.export.law_model import LawModel
-from ident.export.loaded import LoadedMjcf, LoadedModel, LoadedUrdf
+from ident.export.loaded import LawModel, LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.export.mjcf import write_mjcf
 from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf

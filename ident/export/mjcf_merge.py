@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,31 +40,7 @@ LEFT_OUT = {
 STATES = 50
 
 
-@dataclass(frozen=True, eq=False)
-class Merged:
-    """An edit that was made.
-
-    Attributes:
-        text: The file.
-        joints: Which joint of the file is which of the arm.
-        left_out: What the edit does not say, and why.
-        torque_difference: Largest difference of its torque from the identified arm's, at random states [N m].
-    """
-
-    text: str
-    joints: dict[str, str]
-    left_out: tuple[str, ...]
-    torque_difference: float
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "joints": self.joints,
-            "left_out": list(self.left_out),
-            "torque_difference_Nm": self.torque_difference,
-        }
-
-
-def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path | None = None) -> Merged:
+def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path | None = None) -> dict[str, Any]:
     """Writes a copy of an MJCF with what was identified.
 
     Args:
@@ -73,6 +48,10 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
         out: The copy; paths of its meshes point to where they are.
         identified: The arm.
         placed: Where the copy will lie in the end, if `out` is only where it is put together.
+
+    Returns:
+        Which joint of the file is which of the arm, what the copy does not say and why, and the largest difference of
+        its torque from the identified arm's at random states [N m].
 
     Raises:
         InputError: The file can't be read, is of another arm, or what hangs on a link weighs more than was identified.
@@ -95,11 +74,12 @@ def merge_mjcf(source: Path, out: Path, identified: IdentifiedArm, placed: Path 
     text = ET.tostring(root, encoding="unicode") + "\n"
     with atomic_write(out) as part:
         part.write_text(text, encoding="utf-8")
-    told = tuple(f"{one.effect}: {LEFT_OUT[said]}" for one in changes if (said := one.part("mjcf")) in LEFT_OUT)
+    left_out = [f"{one.effect}: {LEFT_OUT[left]}" for one in changes if (left := one.part("mjcf")) in LEFT_OUT]
     whole = arm.with_inertial_parameters(links.ravel()).with_gravity(identified.gravity)
     _point_to_meshes(compiler, folders, here, None)
     far = _difference(ET.tostring(root, encoding="unicode"), match, whole, identified.losses, bool(changes))
-    return Merged(text, dict(zip(arm.joint_names, match.joints, strict=True)), told, far)
+    joints = dict(zip(arm.joint_names, match.joints, strict=True))
+    return {"joints": joints, "left_out": left_out, "torque_difference_Nm": far}
 
 
 def _child(root: ET.Element, tag: str) -> ET.Element:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.export.choose import Chosen, choose
-from ident.export.cpp import write_cpp
+from ident.export.controllers import write_cpp, write_isaac, write_limits
 from ident.export.formats import (
     FORMATS,
     LOADED,
@@ -31,13 +31,11 @@ from ident.export.formats import (
     usual_run,
 )
 from ident.export.identified import Change, Diagnosed, IdentifiedArm
-from ident.export.isaac import write_isaac
 from ident.export.loading import FILE_OF, WrittenFile, load_module, random_states
 from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, measure_gap
 from ident.export.mjcf_merge import merge_mjcf
 from ident.export.parameters import write_parameters
 from ident.export.python import InFile, write_module
-from ident.export.ros2_control import write_limits
 from ident.files import atomic_folder
 from ident.model.hybrid import HybridModel
 from ident.motion.motion import Motion
@@ -283,7 +281,7 @@ class _Files:
         stated = (
             self.written["mjcf"].stated if "mjcf" in self.written else state_arm(self.identified, "mjcf", self.runs)
         )
-        return merge_mjcf(into, self.folder / MERGED, stated, self.out / MERGED).to_dict()
+        return merge_mjcf(into, self.folder / MERGED, stated, self.out / MERGED)
 
     def structure(self) -> dict[str, Any]:
         """How near each loaded file is to what it should hold."""

@@ -1,7 +1,4 @@
-"""The page of an evaluation: verdict, ladder, payloads, and which sections follow them.
-
-The ladder stands in the shape of the paper's table 1, payloads in that of its table 2.
-"""
+"""The page of an evaluation: verdict, the ladder in the shape of the paper's table 1, and which sections follow."""
 
 from __future__ import annotations
 
@@ -86,7 +83,12 @@ def pool_name(score: SessionScore, longest: int = 70) -> str:
 
 def evaluation_sections(source: ReportInput) -> list[Section | None]:
     """All sections of an evaluation, the verdict first."""
-    from ident.show.report.evaluation_figures import comparison_section, fits_section, residuals_section
+    from ident.show.report.evaluation_figures import (
+        comparison_section,
+        fits_section,
+        payload_section,
+        residuals_section,
+    )
     from ident.show.report.parameters import parameters_section
 
     names = [evaluation.model for evaluation in source.evaluations]
@@ -376,37 +378,3 @@ def _change(word: str, before: float, after: float) -> str:
     if abs(share) < 0.0005:
         return f"{word} unchanged"
     return f"{word} {MINUS if share >= 0 else '+'}{percent(abs(share))}"
-
-
-def payload_section(source: ReportInput) -> Section | None:
-    """Energy and torque error of the main model, one row a payload, the lightest first, one column a rung."""
-    loaded = [score for score in source.evaluation.sessions if score.payload_kg > 0]
-    if not loaded:
-        return None
-    free = source.evaluation.pooled
-    scores = [*([free] if free.payload_kg == 0 else []), *sorted(loaded, key=lambda score: score.payload_kg)]
-    rungs, colours = scores[0].rungs, rung_colours(scores[0].rungs)
-    tables = [
-        _payload_table("Energy error of a run, all joints [J]", scores, "energy_mean", "energy_std"),
-        _payload_table("Torque error, RMS over all joints [N m]", scores, "rmse_mean", "rmse_std"),
-    ]
-    values = {"rungs": [(rung_name(rung), colours[rung]) for rung in rungs], "tables": tables}
-    return Section("payload", "With payload", "payload.html", values)
-
-
-def _payload_table(caption: str, scores: list[SessionScore], mean: str, std: str) -> dict[str, Any]:
-    centre = np.array([getattr(score, mean)[:, -1] for score in scores])
-    spread = np.array([getattr(score, std)[:, -1] for score in scores])
-    rows = [
-        {
-            "name": f"{1000 * score.payload_kg:.0f} g" if score.payload_kg else "none",
-            "session": pool_name(score),
-            "runs": len(score.runs),
-            "cells": [
-                pair(a, b if len(score.runs) > 1 else None, table_places(centre[k]))
-                for a, b in zip(centre[k], spread[k], strict=True)
-            ],
-        }
-        for k, score in enumerate(scores)
-    ]
-    return {"caption": f"{caption}, mean ± standard deviation over the runs", "rows": rows}

@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: models side by side, torque over time, and what is left against speed, position, time."""
+"""Sections of an evaluation: payloads as in the paper's table 2, models side by side, torque, what is left of it."""
 
 from __future__ import annotations
 
@@ -23,6 +23,40 @@ from ident.show.report.words import sentence
 TICK_WIDTH = 16  # [characters]
 REST = "#e4e4df"
 BINS = 14
+
+
+def payload_section(source: ReportInput) -> Section | None:
+    """Energy and torque error of the main model, one row a payload, the lightest first, one column a rung."""
+    loaded = [score for score in source.evaluation.sessions if score.payload_kg > 0]
+    if not loaded:
+        return None
+    free = source.evaluation.pooled
+    scores = [*([free] if free.payload_kg == 0 else []), *sorted(loaded, key=lambda score: score.payload_kg)]
+    rungs, colours = scores[0].rungs, rung_colours(scores[0].rungs)
+    tables = [
+        _payload_table("Energy error of a run, all joints [J]", scores, "energy_mean", "energy_std"),
+        _payload_table("Torque error, RMS over all joints [N m]", scores, "rmse_mean", "rmse_std"),
+    ]
+    values = {"rungs": [(rung_name(rung), colours[rung]) for rung in rungs], "tables": tables}
+    return Section("payload", "With payload", "payload.html", values)
+
+
+def _payload_table(caption: str, scores: list[SessionScore], mean: str, std: str) -> dict[str, Any]:
+    centre = np.array([getattr(score, mean)[:, -1] for score in scores])
+    spread = np.array([getattr(score, std)[:, -1] for score in scores])
+    rows = [
+        {
+            "name": f"{1000 * score.payload_kg:.0f} g" if score.payload_kg else "none",
+            "session": pool_name(score),
+            "runs": len(score.runs),
+            "cells": [
+                pair(a, b if len(score.runs) > 1 else None, table_places(centre[k]))
+                for a, b in zip(centre[k], spread[k], strict=True)
+            ],
+        }
+        for k, score in enumerate(scores)
+    ]
+    return {"caption": f"{caption}, mean ± standard deviation over the runs", "rows": rows}
 
 
 def comparison_section(source: ReportInput) -> Section | None:

@@ -58,7 +58,9 @@ def write_timeline(
     """
     target = Path(path)
     with atomic_write(target) as part:
-        recording = rr.RecordingStream("armgap", recording_id=_recording_id(motions))
+        recording = rr.RecordingStream(
+            "armgap", recording_id=f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
+        )
         joints = motions[0].joints
         layout = make_blueprint(joints, model is not None or bool(further), arm_reach(arm) if link_boxes(arm) else 0.0)
         recording.save(part, default_blueprint=layout)
@@ -93,10 +95,6 @@ def run_starts(motions: Sequence[Motion]) -> list[float]:
     """Start of each run on the timeline [s]."""
     lengths = [motion.time[-1] - motion.time[0] + PAUSE for motion in motions]
     return [0.0, *np.cumsum(lengths)[:-1].tolist()]
-
-
-def _recording_id(motions: Sequence[Motion]) -> str:
-    return f"{len(motions)}-runs-{motions[0].name}-{motions[-1].name}"
 
 
 def _log(
@@ -145,7 +143,8 @@ def _send_curve(recording: rr.RecordingStream, path: str, pieces: Sequence[tuple
         times += [time, time[-1:] + PAUSE / 2]
         values += [curve.values, np.array([np.nan])]
     first = pieces[0][1]
-    style = rr.SeriesLines(colors=_rgb(first.colour), names=first.label, widths=2.5 if first.path[1] == "mark" else 1.2)
+    colour = [int(first.colour[k : k + 2], 16) for k in (1, 3, 5)]
+    style = rr.SeriesLines(colors=colour, names=first.label, widths=2.5 if first.path[1] == "mark" else 1.2)
     recording.log(path, style, static=True)
     index = rr.TimeColumn(TIMELINE, duration=np.concatenate(times))
     recording.send_columns(path, [index], rr.Scalars.columns(scalars=np.concatenate(values)))
@@ -205,7 +204,3 @@ def _send_log(
 def _describe(motion: Motion) -> str:
     payload = f", {1000 * motion.payload.mass_kg:.0f} g at the flange" if motion.payload else ""
     return f"run {motion.name}: {motion.time[-1] - motion.time[0]:.2f} s{payload}"
-
-
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]

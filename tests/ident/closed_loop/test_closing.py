@@ -18,7 +18,7 @@ from ident.closed_loop.simulated import draw_effects
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
 from ident.export.identified import Diagnosed, IdentifiedArm
-from ident.export.law_model import LawModel
+from ident.export.loaded import LawModel
 from ident.motion.motion import prepare
 from ident.motion.settings import FOR_DIAGNOSIS
 from ident.recordings.recording import Session

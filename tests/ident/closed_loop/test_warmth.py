@@ -14,7 +14,7 @@ from ident.closed_loop import loop
 from ident.closed_loop.gap import follow_warmth, heat_along
 from ident.closed_loop.rivals import PlannedRun, put_on_a_clock
 from ident.effects.catalogue import find_effect
-from ident.export.law_model import LawModel
+from ident.export.loaded import LawModel
 from ident.export.python import describe_arm
 from ident.laws.motion import Losses
 from ident.motion.motion import prepare

@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.export.cpp import write_cpp
+from ident.export.controllers import write_cpp, write_isaac, write_limits
 from ident.export.identified import IdentifiedArm
-from ident.export.isaac import write_isaac
 from ident.export.loading import load_module
-from ident.export.ros2_control import write_limits
 from ident.export.write import FILES, write_export
 from ident.laws.carried import NamedLaw
 from ident.laws.motion import Losses

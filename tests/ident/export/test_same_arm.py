@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
+from ident.export.controllers import DRAWN, write_ranges
 from ident.export.identified import Diagnosed
-from ident.export.randomised import DRAWN, write_ranges
 from ident.export.write import write_patch
 from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters

@@ -12,8 +12,15 @@ from hypothesis import strategies as st
 from ident.model.net_shrinkage import JointGate
 from ident.show.palette import RUNG_COLOURS, rung_colours, rung_name
 from ident.show.report import ReportInput
-from ident.show.report.evaluation import describe_steps, headline, payload_section, reductions, worse_joints
-from ident.show.report.evaluation_figures import comparison_section, fits_section, rest_spans, restrict, run_errors
+from ident.show.report.evaluation import describe_steps, headline, reductions, worse_joints
+from ident.show.report.evaluation_figures import (
+    comparison_section,
+    fits_section,
+    payload_section,
+    rest_spans,
+    restrict,
+    run_errors,
+)
 from ident.show.report.figures import binned, envelope, make_panel, thin, to_svg
 from ident.show.report.numbers import fixed, glue, percent, places_for, significant
 from ident.show.report.parameters import net_rows
