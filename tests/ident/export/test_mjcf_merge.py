@@ -94,7 +94,7 @@ def test_the_torque_is_the_identified_arms_and_the_rest_is_the_users(arm: ArmMod
     (tmp_path / "out").mkdir()
     merged = merge_mjcf(source, tmp_path / "out/robot.xml", changed(arm, heavier(arm)))
     assert merged["torque_difference_Nm"] < 1e-6
-    assert merged.joints["joint_2"] == "servo/joint_2"
+    assert merged["joints"]["joint_2"] == "servo/joint_2"
     assert source.read_text() == before
     old, new = (mujoco.MjModel.from_xml_path(str(one)) for one in (source, tmp_path / "out/robot.xml"))
     assert (new.ngeom, new.nmesh, new.nu, new.nbody) == (old.ngeom, old.nmesh, old.nu, old.nbody)
