@@ -6,9 +6,10 @@ from functools import singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.console import Console
 
 from ident.results import Result
-from ident.show.panels import as_text, panel
+from ident.show.panels import panel
 from ident.trajectories.reference import TICK_S
 from plan.experiment.console import print_excitation
 from plan.experiment.result import Excitation
@@ -22,21 +23,20 @@ if TYPE_CHECKING:
 SAMPLES = 300
 
 
-@singledispatch
-def summary(result: Result) -> str:
-    """A result in plain lines, as the command prints it."""
-    raise TypeError(f"{type(result).__name__} has no words")
+def write(console: Console, result: PlanResult | Comparison | Excitation) -> None:
+    """Prints a result in plain lines, as the command does."""
+    if isinstance(result, PlanResult):
+        print_result(console, result)
+    elif isinstance(result, Comparison):
+        print_comparison(console, result)
+    else:
+        print_excitation(console, result)
 
 
 @singledispatch
 def draw(result: Result) -> Figure:
     """A result as a picture."""
     raise TypeError(f"{type(result).__name__} has no picture")
-
-
-@summary.register(PlanResult)
-def _(result: PlanResult) -> str:
-    return as_text(lambda console: print_result(console, result))
 
 
 @draw.register(PlanResult)
@@ -52,21 +52,11 @@ def _(result: PlanResult) -> Figure:
     return figure
 
 
-@summary.register(Comparison)
-def _(result: Comparison) -> str:
-    return as_text(lambda console: print_comparison(console, result))
-
-
 @draw.register(Comparison)
 def _(result: Comparison) -> Figure:
     from plan.show.pictures import draw_comparison
 
     return draw_comparison(result)
-
-
-@summary.register(Excitation)
-def _(result: Excitation) -> str:
-    return as_text(lambda console: print_excitation(console, result))
 
 
 @draw.register(Excitation)
