@@ -76,7 +76,7 @@ class ExciteOptions:
     shapes: str | None = option(
         None, "For links without <collision>: visual (their visual shapes), capsules or boxes (fitted)."
     )
-    scene: Path | None = option(  # noqa: RUF009
+    scene: Path | None = option(
         None, "Scene file (TOML): obstacles, floor, what is carried, limits; its task is left aside."
     )
     floor: str = option("0", "Height of the floor above the base [m], or none; a scene's own floor counts instead.")

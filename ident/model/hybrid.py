@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
@@ -16,14 +16,14 @@ from ident.errors import InputError, ModelError
 from ident.files import atomic_folder
 from ident.laws.carried import NamedLaw, named_torque
 from ident.model.identification import HowToIdentify, Identified, InertiaFigure
-from ident.model.inertia import InertiaResults, Mode
+from ident.model.inertia import InertiaResults
 from ident.model.loss import NAMES, Coupling, LossFigure, LossParameters, LossResults, Shaft, loss_figures
 from ident.model.named_fit import NamedLaws, identify_named
 from ident.model.training_range import TrainingRange, find_training_range
 from ident.model.versions import read_versions
 from ident.motion.motion import Motion
 from ident.motion.out_of_core import few, runs_recorded, select_joints
-from ident.options import FULL_ARM, LUMPED, FitOptions
+from ident.options import LUMPED, FitOptions
 from ident.progress import stage
 from ident.recordings.recording import Payload
 from ident.results import Result

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from ident.effects.catalogue import CATALOGUE
 from ident.errors import InputError
 from ident.files import atomic_write
 from ident.model.hybrid import HybridModel
-from ident.monitor.alarms import LEVEL
 from ident.monitor.estimates import UNITS, estimate_session
 from ident.monitor.folder import FoundSession, as_text, date_of
 from ident.monitor.store import DONE, Store
