@@ -1,4 +1,4 @@
-"""What the README, the documentation and the example scripts tell a reader to type does what they say."""
+"""What the README, the documentation and the example scripts show a reader does what they say."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LONGEST_SCRIPT = 40
 INLINE = re.compile(r"`((?:ident|plan) [a-z]+ [^`…]+)`")
 
 
-def told_commands() -> list[str]:
+def shown_commands() -> list[str]:
     """Commands of ours on the pages: lines indented as code, without what is remarked behind them, and those within a
 
     sentence that say more than their name.
@@ -48,8 +48,8 @@ def told_commands() -> list[str]:
     return list(dict.fromkeys(found))
 
 
-@pytest.mark.parametrize("command", told_commands())
-def test_every_told_command_is_one_with_these_options(command: str) -> None:
+@pytest.mark.parametrize("command", shown_commands())
+def test_every_shown_command_is_one_with_these_options(command: str) -> None:
     package, name, *arguments = shlex.split(command)
     group = typer.main.get_command(COMMANDS[package])
     chosen = group.commands[name]  # type: ignore[attr-defined]
@@ -85,8 +85,8 @@ def test_the_front_page_is_short_and_shows_few_numbers() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 150
     sure = text.partition("## How sure")[2].partition("\n## ")[0]
-    told = re.sub(r"`[^`]*`|commit \w+|\d{4}-\d\d-\d\d|Seed \d+", "", sure)
-    assert len(re.findall(r"\d[\d.,]*", told)) <= 40
+    plain = re.sub(r"`[^`]*`|commit \w+|\d{4}-\d\d-\d\d|Seed \d+", "", sure)
+    assert len(re.findall(r"\d[\d.,]*", plain)) <= 40
 
 
 def test_every_link_between_pages_leads_somewhere() -> None:

@@ -1,4 +1,4 @@
-"""Every command that a page tells is run, one after the other as a reader would, in a folder with the reader's files.
+"""Every command that a page shows is run, one after the other as a reader would, in a folder with the reader's files.
 
 What lasts long is cut short (`CUT`), nothing else is changed: the names of the pages are those of the folder.
 """
@@ -6,29 +6,35 @@ What lasts long is cut short (`CUT`), nothing else is changed: the names of the 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pyarrow.csv import write_csv
 
 from ident.robot.names import data_path
-from tests.examples.test_examples import ROOT, told_commands
+from tests.examples.test_examples import ROOT, shown_commands
 
 pytestmark = pytest.mark.slow
 
+REAL = Path(os.environ.get("IDENT_REAL_DATA", ROOT.parent / "shared/real"))
 # A stand-in for the reader's own program that moves the arm: command files in, recordings out.
 MY_ROBOT = f"""#!{sys.executable}
 import subprocess, sys
 subprocess.run(["ident", "simulate", "--commands", sys.argv[1], "--out", sys.argv[2]], check=True)
 """
 CUT = {
-    "--cases 480": "--cases 1 --seed 1",
-    "--worlds all": "--worlds all --cases 1 --seed 1 --out worlds",
+    "--cases 480 --seed 74822441453510 --out check": "--cases 1 --seed 1 --out drawn",
+    "--cases 300 --worlds NAMES --seed 50278961817132": "--cases 1 --seed 1 --worlds quoted --out quoted",
+    "--worlds all --cases 480": "--worlds all --cases 1 --seed 1",
+    "--semi-real DIR --cases 150 --seed 20771": f"--semi-real {REAL} --cases 1 --seed 1 --out real_150",
+    "--semi-real DIR": f"--semi-real {REAL} --cases 1 --seed 1 --out real",
     "--arms 3": "--arms 1 --rounds 2 --no-compare",
     "--record": "--rounds 2 --no-compare --record",
     "--seeds 5": "--seeds 1",
@@ -36,6 +42,7 @@ CUT = {
     "SESSION": "my_session",
     "DIR": "mended",
     "ident new my_session": "ident new foreign",
+    "ident servo my_session": "ident servo goals",
 }
 ENDLESS = "ident watch arms --robot my_arm.urdf --store watched"
 # What a page does in Python or leaves to the reader: no command of ours makes it.
@@ -55,31 +62,35 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "before": "E1",
         "after": "E2",
         "arms/one/2026-01-05": "E1",
+        **dict(zip(("day_1", "day_2", "day_3"), ("E1", "E2", "payload_516g"), strict=True)),
     }
     for name, session in recorded.items():
         shutil.copytree(data_path(f"logs/tm5_900/{session}"), desk / name)
         for path in (desk / name).iterdir():  # written long ago, as far as `ident watch` can see
             os.utime(path, (1.7e9, 1.7e9))
-    write_foreign_table(desk / "my_session", desk / "foreign")
+    write_table(desk / "my_session", desk / "foreign", {"/position": "", "/effort": "_torque", "joint_": "q"})
+    goals = {"/position": "/position_command"}
+    write_table(desk / "my_session", desk / "goals", goals, keep="/position")
     (desk / "logs").symlink_to(data_path("logs"))
     shutil.copy(ROOT / "tests/plan/data/table3.toml", desk / "scene.toml")
-    # As a check of hundreds of cases writes it.
-    (desk / "settings.toml").write_text("[verdict]\nstands_out = 1.4\n")
     (desk / "my_robot.py").write_text(MY_ROBOT)
     (desk / "my_robot.py").chmod(0o755)
     return desk
 
 
-def write_foreign_table(session: Path, folder: Path) -> None:
-    """One run of a session as a table of another's making: other names, no settings."""
+def write_table(session: Path, folder: Path, names: dict[str, str], keep: str = "") -> None:
+    """One run of a session as a table of another's making, its columns renamed; some also kept as they are."""
     folder.mkdir()
     table = pq.read_table(min(session.glob("*.parquet")))
-    kept = [name for name in table.column_names if name == "time" or name.endswith(("/position", "/effort"))]
-    names = [
-        "t",
-        *(name.replace("joint_", "q").replace("/position", "").replace("/effort", "_torque") for name in kept[1:]),
-    ]
-    write_csv(table.select(kept).rename_columns(names), folder / "run.csv")
+    table = table.select([one for one in table.column_names if one == "time" or one.endswith(("/position", "/effort"))])
+    renamed = []
+    for name in table.column_names:
+        for old, new in names.items():
+            name = name.replace(old, new)
+        renamed.append("t" if name == "time" and not keep else name)
+    columns = dict(zip(renamed, table.columns, strict=True))
+    columns |= {name: table[name] for name in table.column_names if keep and name.endswith(keep)}
+    write_csv(pa.table(columns), folder / "run.csv")
 
 
 def surroundings(desk: Path) -> dict[str, str]:
@@ -93,8 +104,11 @@ def run(command: str, desk: Path) -> None:
     assert ended.returncode == 0, f"{command}\n{ended.stderr[-2000:]}"
 
 
-@pytest.mark.parametrize("command", [one for one in told_commands() if one != ENDLESS])
-def test_a_told_command_runs(command: str, desk: Path) -> None:
+@pytest.mark.parametrize("command", [one for one in shown_commands() if one != ENDLESS])
+def test_a_shown_command_runs(command: str, desk: Path) -> None:
+    command = re.sub(" +", " ", command)
+    if "--semi-real" in command and not REAL.is_dir():
+        pytest.skip(f"no recordings of real arms at {REAL} (set IDENT_REAL_DATA)")
     for words, shorter in CUT.items():
         command = command.replace(words, shorter)
     if command in NEEDED:
@@ -104,7 +118,7 @@ def test_a_told_command_runs(command: str, desk: Path) -> None:
 
 def test_the_command_that_goes_on_is_stopped(desk: Path) -> None:
     """Law: `ident watch` looks, tells, and goes on until it is stopped."""
-    assert ENDLESS in told_commands()
+    assert ENDLESS in shown_commands()
     unbuffered = {**surroundings(desk), "PYTHONUNBUFFERED": "1"}
     watching = subprocess.Popen(ENDLESS.split(), cwd=desk, env=unbuffered, stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None
