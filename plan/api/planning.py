@@ -17,7 +17,6 @@ from plan.errors import SceneError
 from plan.options import CompareOptions, SolveOptions, TaskOptions
 from plan.planners import Budget, budget_of
 from plan.planners.base import Planner, Progress
-from plan.problem.execution import execute
 from plan.problem.extrapolation import require_inside
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import PlanResult
@@ -197,6 +196,8 @@ def save_motion(result: PlanResult, out: Path | None, rate: float) -> str | None
         return None
     if result.splines is None or not result.solved:
         return f"no motion: that of an earlier run is removed from {out}" if remove_own_file(out) else None
+    from plan.problem.execution import execute  # brings the table formats along
+
     execution = execute(result, rate)
     execution.save(out)
     longer = f", {execution.longer:.3f} s longer than planned to start and end at rest" if execution.longer else ""

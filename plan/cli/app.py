@@ -49,9 +49,10 @@ def solve(
     task = load_task(scene)  # before anything heavy is loaded: a slip of the pen is reported at once
     from plan.api.planning import open_task, save_motion, save_outputs, solve_task
     from plan.planners.base import processor_seconds
-    from plan.problem.execution import require_writable
 
     if out is not None:
+        from plan.problem.execution import require_writable
+
         require_writable(out, rate)
     places = {"--json": json_file, "--picture": picture, "--rrd": rrd, "--out": out}
     if options.resume is not None and not options.resume.exists():  # one that is there is looked at by whoever reads it

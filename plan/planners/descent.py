@@ -99,26 +99,18 @@ def first_curvature(local: LocalModel) -> Float[Array, "d d"]:
     return calm
 
 
-def descend(
-    course: Course,
-    ledger: Ledger,
-    low: Float[Array, " d"],
-    high: Float[Array, " d"],
-    steps: int,
-    reach: float,
-    tolerance: float,
-) -> Course:
+def descend(course: Course, ledger: Ledger, steps: int, reach: float, tolerance: float) -> Course:
     """Takes up to so many steps.
 
     Args:
         course: Where to begin.
         ledger: Counts what is evaluated.
-        low, high: Bounds of the variables.
         steps: Most steps.
         reach: Longest first step [rad].
         tolerance: Ends where less than this share of the cost is to be gained.
     """
     local, x, now, curvature = course.local, course.x, course.look, course.curvature
+    low, high = _bounds(local)
     scale = max(abs(now.cost), 1e-9)
     prices, raised = np.array(PRICES), 0
     slope: Array | None = None
@@ -164,6 +156,17 @@ def descend(
         if len(taken) == 0:
             break
     return Course(local, x, now, curvature, False)
+
+
+def _bounds(local: LocalModel) -> tuple[Array, Array]:
+    """Bounds of the variables: position limits, and no farther from the ends and the via points than the reach."""
+    problem = local.problem
+    points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
+    low = np.maximum(points.min(axis=0) - problem.radius, problem.limits.lower)
+    high = np.minimum(points.max(axis=0) + problem.radius, problem.limits.upper)
+    count = local.grid.free
+    low, high = np.tile(low, count), np.tile(high, count)
+    return (np.append(low, 0.02), np.append(high, 50.0)) if local.timed else (low, high)
 
 
 def _seen_from(local: LocalModel, x: Array, step: Array) -> ConstraintRows:

@@ -133,7 +133,7 @@ class Sequential(Planner):
             for course in sorted(courses, key=lambda one: one.rank)[: self.kept[0]]:
                 for width, power in WIDTHS[1:]:
                     local = replace(course.local, width=width, power=power)
-                    course = descend(begin(local, course.x), ledger, *bounds(local), self.steps, 0.1, 1e-6)
+                    course = descend(begin(local, course.x), ledger, self.steps, 0.1, 1e-6)
                     course, _ = self._settle(course, ledger)
         if first.searches_times and ledger.remaining > 0:
             best = ledger.best
@@ -172,14 +172,14 @@ class Sequential(Planner):
 
     def _try(self, course: Course, ledger: Ledger, others: Sequence[Course]) -> Course:
         """Steps on the coarse grid; given up early where it collides or lies far above the best of the others."""
-        course = descend(course, ledger, *bounds(course.local), self.first // 3, 0.3, 1e-4)
+        course = descend(course, ledger, self.first // 3, 0.3, 1e-4)
         enter(course, ledger)
         if ledger.best is None or not ledger.best.feasible:
             course, _ = self._settle(course, ledger)
         best = min((other.rank for other in others), default=(True, np.inf))
         if best < (False, course.look.cost / FAR) or (best < (True, 0.0) and course.look.clearance > LOST):
             return course
-        course = descend(course, ledger, *bounds(course.local), self.first - self.first // 3, 0.1, 1e-4)
+        course = descend(course, ledger, self.first - self.first // 3, 0.1, 1e-4)
         return self._settle(course, ledger, 1)[0]
 
     def _settle(self, course: Course, ledger: Ledger, times: int = SETTLINGS) -> tuple[Course, float]:
@@ -188,7 +188,7 @@ class Sequential(Planner):
         for _ in range(times):
             if ledger.remaining == 0 or not nearly_kept(course) or not passes_between(course):
                 break
-            course = descend(tightened(course), ledger, *bounds(course.local), self.steps // 4, 0.02, 1e-5)
+            course = descend(tightened(course), ledger, self.steps // 4, 0.02, 1e-5)
             cost = min(cost, enter(course, ledger))
         return course, cost
 
@@ -253,7 +253,7 @@ class Sequential(Planner):
         """Cost and course after steps on a grid with every section in two."""
         nodes = _nodes(course.local.timed, 2 * course.local.grid.sections)
         refined = refine(course, *WIDTHS[min(level + 1, 2)], nodes)
-        refined = descend(refined, ledger, *bounds(refined.local), self.steps, 0.1, 1e-5)
+        refined = descend(refined, ledger, self.steps, 0.1, 1e-5)
         refined, cost = self._settle(refined, ledger)
         return cost, refined
 
@@ -322,17 +322,6 @@ def tightened(course: Course) -> Course:
     torque, speed = (np.maximum(part, 1.0) for part in peaks(course))
     local = course.local
     return begin(replace(local, torque_aim=local.torque_aim / torque, speed_aim=local.speed_aim / speed), course.x)
-
-
-def bounds(local: LocalModel) -> tuple[Array, Array]:
-    """Bounds of the variables: position limits, and no farther from the ends and the via points than the reach."""
-    problem = local.problem
-    points = np.concatenate([[problem.start], problem.vias, [problem.goal]])
-    low = np.maximum(points.min(axis=0) - problem.radius, problem.limits.lower)
-    high = np.minimum(points.max(axis=0) + problem.radius, problem.limits.upper)
-    count = local.grid.free
-    low, high = np.tile(low, count), np.tile(high, count)
-    return (np.append(low, 0.02), np.append(high, 50.0)) if local.timed else (low, high)
 
 
 def enter(course: Course, ledger: Ledger) -> float:

@@ -13,7 +13,7 @@ from plan.planners import local_model, velocity_reversals
 from plan.planners.descent import begin, descend, refine
 from plan.planners.evolution import Evolution
 from plan.planners.local_model import LocalModel
-from plan.planners.sequential import Sequential, begin_course, bounds
+from plan.planners.sequential import Sequential, begin_course
 from plan.planners.transcription import Grid
 from plan.problem.problem import PlanningProblem
 from plan.problem.result import certify
@@ -69,11 +69,11 @@ def test_derivatives_are_those_of_what_is_looked_at(objective: str, monkeypatch:
 def test_a_finer_grid_begins_where_the_coarser_one_ended() -> None:
     """Sections in two change nothing, and steps from there lower the cost."""
     course = begin_course(problem(duration=1.0))
-    course = descend(course, ledger(), *bounds(course.local), 30, 0.3, 1e-4)
+    course = descend(course, ledger(), 30, 0.3, 1e-4)
     local = course.local
     finer = refine(course, local.width, local.power, (local.grid.nodes, local.weights))
     assert finer.look.cost == pytest.approx(course.look.cost, rel=2e-3)
-    better = descend(finer, ledger(), *bounds(finer.local), 30, 0.1, 1e-5)
+    better = descend(finer, ledger(), 30, 0.1, 1e-5)
     assert better.look.cost <= finer.look.cost
 
 
