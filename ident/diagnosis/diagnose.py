@@ -212,7 +212,7 @@ def _beside_discrepancy(
     """
     beside = _weigh(sure, session, baseline, settings)
     names = believed(sure.estimates, beside.laws, settings.verdict)
-    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.selection.least_probability]
+    kept = [k for k, one in enumerate(names) if one.class_probability >= settings.verdict.least_believed]
     if len(kept) < len(names):
         laws = tuple(beside.laws[k] for k in kept)
         sure = keep_names(sure, kept, session, baseline, NO_LAW)

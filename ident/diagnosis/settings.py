@@ -38,6 +38,9 @@ class VerdictSettings(Settings):
         "growth of the odds with that factor, and with the law's gain over what the discrepancy still sees",
         "calibrated: likewise, by logistic regression",
     )
+    least_believed: float = number(
+        0.1, "1", "a name believed less, beside a discrepancy, is none", "chosen: one in ten is no cause to look at"
+    )
     least_gap_share: float = number(
         0.06,
         "1",
