@@ -14,61 +14,20 @@ from ident.settings import Settings, number
 
 
 @dataclass(frozen=True)
-class VerdictSettings(Settings):
+class VerdictSettings(Settings, table="verdict"):
     """What the evidence amounts to."""
 
-    named_from: float = number(
-        0.8, "1", "and from which on the names tell the whole story", "chosen: four fifths of it"
-    )
-    even_odds: float = number(
-        0.5,
-        "1",
-        "least probability of a name for part of a gap to have a cause of the catalogue",
-        "law: more likely than not",
-    )
-    trust_nats: float = number(
-        150.0,
-        "nats",
-        "log Bayes factor beside a discrepancy, of a law that explains as much as the discrepancy, believed by half",
-        "calibrated: 178 names given to 132 semi-real sessions",
-    )
-    trust_exponents: tuple[float, float] = number(
-        (0.9, 0.68),
-        "1",
-        "growth of the odds with that factor, and with the law's gain over what the discrepancy still sees",
-        "calibrated: likewise, by logistic regression",
-    )
-    least_believed: float = number(
-        0.1, "1", "a name believed less, beside a discrepancy, is none", "chosen: one in ten is no cause to look at"
-    )
-    least_gap_share: float = number(
-        0.06,
-        "1",
-        "share of its mean square that can be explained from which on a joint has a gap",
-        "calibrated: early development sets",
-    )
-    noise_margin: float = number(
-        1.08,
-        "1",
-        "error on other runs over what all candidates together leave of runs that they were fitted on",
-        "calibrated: early development sets",
-    )
-    stands_out: float = number(
-        1.35,
-        "1",
-        "error over innovation, in units of the middle joint's, that is unexplained",
-        "calibrated: early development sets",
-    )
-    much_left: float = number(
-        1.8,
-        "1",
-        "mean square over the noise's, and over that of the middle joint, that is unexplained",
-        "calibrated: of 150 healthy arms of drawn worlds none came beyond 1.75",
-    )
-    far_left: float = number(2.5, "1", "the same, whatever the other joints have", "calibrated: early development sets")
-    loud: float = number(
-        1.15, "1", "error over noise from which on a gap speaks for itself", "chosen: a third of the mean square"
-    )
+    named_from: float = number()
+    even_odds: float = number()
+    trust_nats: float = number()
+    trust_exponents: tuple[float, float] = number()
+    least_believed: float = number()
+    least_gap_share: float = number()
+    noise_margin: float = number()
+    stands_out: float = number()
+    much_left: float = number()
+    far_left: float = number()
+    loud: float = number()
 
     def trust(self, law: Beside) -> float:
         """How far a law is believed beside a discrepancy at its joints.
