@@ -92,7 +92,7 @@ class DiagnoseOptions(CatalogueOptions, FilterOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(FilterOptions):
+class ComparisonOptions(FilterOptions):
     """How two sets of recordings are compared."""
 
     seed: int = option(0, "Seed of the sign-flip tests.", min=0)

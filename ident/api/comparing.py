@@ -10,7 +10,7 @@ from ident.checks import inspect_sessions
 from ident.checks.report import as_mounted
 from ident.diagnosis.change.from_reports import compare_reports
 from ident.diagnosis.change.result import ArmComparison
-from ident.options import CompareOptions
+from ident.options import ComparisonOptions
 from ident.provenance import Provenance, stamp_sessions
 from ident.robot.traits import content_of
 from ident.sessions import Given, Robot, Sources, load_robot
@@ -22,12 +22,12 @@ def compare(before: Sources, after: Sources, robot: Robot | None = None, **optio
     Args:
         before, after: Folders or files of runs, sessions, or tables in memory (the runs of one session).
         robot: URDF path, name or arm; None takes the one named in session.toml. Its numbers may be wrong.
-        options: Fields of `ident.options.CompareOptions`: `cutoff`, `seed`, `topic`, `session_file`.
+        options: Fields of `ident.options.ComparisonOptions`: `cutoff`, `seed`, `topic`, `session_file`.
 
     Raises:
         InputError: Recordings or robot can't be used.
     """
-    chosen = CompareOptions.of("compare", options)
+    chosen = ComparisonOptions.of("compare", options)
     earlier, later = (tuple(Given(side, None, chosen.topic, chosen.session_file).parts()) for side in (before, after))
     arm = load_robot(robot, (*earlier, *later))
     reports = inspect_sessions((*earlier, *later), arm)

@@ -13,7 +13,7 @@ from ident.cli.shared import Html, JsonFile, Model, Robot, Sessions, app, consol
 from ident.errors import InputError
 from ident.files import write_record
 from ident.options import (
-    CompareOptions,
+    ComparisonOptions,
     DiagnoseOptions,
     ExportOptions,
     FilterOptions,
@@ -244,7 +244,7 @@ def compare(
         list[Path],
         typer.Argument(help="Sessions before, as folders or files; the second of two is after.", show_default=False),
     ],
-    options: CompareOptions,
+    options: ComparisonOptions,
     after: Annotated[list[Path] | None, typer.Option(help="Sessions after, where either set has several.")] = None,
     robot: Robot = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result file and the page.")] = None,
