@@ -32,14 +32,14 @@ PARTS = ("motion", "friction", "elastic", "acting")
 
 def describe_arm(arm: ArmModel) -> Arm:
     """The arm's chain in plain arrays."""
-    rotations, offsets, axes, sliding, gravity = arm.chain
+    chain = arm.chain
     return Arm(
-        rotations=rotations,
-        offsets=offsets,
-        axes=axes,
-        sliding=sliding,
+        rotations=chain.rotations[:, 0],
+        offsets=chain.offsets,
+        axes=chain.axes,
+        sliding=chain.sliding,
         links=arm.inertial_parameters.reshape(arm.n, 10),
-        gravity=gravity,
+        gravity=chain.gravity,
         gears=None if arm.gear_ratios is None else np.array(arm.gear_ratios),
         rated=np.array(arm.effort_limit),
     )

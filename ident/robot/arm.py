@@ -14,7 +14,7 @@ import pinocchio as pin
 from ident.arrays import Array, Bool, Float, freeze, in_a_line
 from ident.errors import RobotError
 from ident.recordings.recording import Payload
-from ident.robot.chain import ChainArrays, compute_joint_poses, compute_regressor
+from ident.robot.chain import Chain, compute_joint_poses, compute_regressor
 from ident.robot.mesh_files import with_mesh_paths
 from ident.robot.names import find_urdf, split_tip
 from ident.robot.urdf import arm_tips, lock_beside, normalise_urdf, read_reductions
@@ -321,19 +321,9 @@ class ArmModel:
         return pin.ModelPool(self.model, THREADS)
 
     @cached_property
-    def chain(self) -> ChainArrays:
-        """Joint placements, axes, which joints slide, and gravity, as plain arrays."""
-        model, n = self.model, self.n
-        rotations = np.array([model.jointPlacements[i].rotation for i in range(1, n + 1)])
-        offsets = np.array([model.jointPlacements[i].translation for i in range(1, n + 1)])
-        axes, sliding = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-        for i in range(n):
-            data = model.joints[i + 1].createData()
-            model.joints[i + 1].calc(data, np.zeros(1))
-            subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
-            sliding[i] = bool(np.linalg.norm(subspace[:3]) > 0.5)
-            axes[i] = subspace[:3] if sliding[i] else subspace[3:]
-        return ChainArrays(rotations, offsets, axes, sliding, np.array(model.gravity.linear))
+    def chain(self) -> Chain:
+        """Joint placements, axes, which joints slide, gravity and inertias, as plain arrays."""
+        return Chain.from_model(self.model)
 
     def _merged_inertias(self, reduced: ArmModel, fixed: dict[str, float]) -> Float[Array, " 10m"]:
         """Link inertias of the reduced arm, with this arm's (perhaps changed) inertias of the locked links added."""

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
@@ -24,15 +25,21 @@ from ident.compiled import compiled
 PER_LINK = 10
 
 
-class ChainArrays(NamedTuple):
-    """A chain of n one-axis joints.
+class Chain(NamedTuple):
+    """A chain of n one-axis joints, base to tip, as compiled loops read it.
+
+    The rotation of joint i is A₀ + sin q A₁ + (1 − cos q) A₂: Rodrigues' formula with the placement multiplied in, so
+    that a loop needs no case for the axis.
 
     Attributes:
-        rotations: Axes of each joint frame in its parent's, at zero, shape (n, 3, 3).
+        rotations: A₀, A₁, A₂ of each joint; A₁ = A₂ = 0 for a sliding one; shape (n, 3, 3, 3).
         offsets: Origin of each joint frame in its parent's [m], shape (n, 3).
         axes: Joint axes in the joint frames, unit length, shape (n, 3).
         sliding: Whether each joint is prismatic.
         gravity: Gravity in the base frame [m/s²].
+        masses: Link masses [kg].
+        centres: Centres of mass in the joint frames [m], shape (n, 3).
+        inertias: Moments of inertia about the centres of mass, joint frame axes [kg m²], shape (n, 3, 3).
     """
 
     rotations: Array
@@ -40,10 +47,40 @@ class ChainArrays(NamedTuple):
     axes: Array
     sliding: Array
     gravity: Array
+    masses: Array
+    centres: Array
+    inertias: Array
+
+    @classmethod
+    def from_model(cls, model: pin.Model) -> Chain:
+        """Reads the arrays from a Pinocchio model."""
+        joints = range(1, model.njoints)
+        axes, sliding, rotations = np.zeros((len(joints), 3)), np.zeros(len(joints), dtype=bool), []
+        for i in joints:
+            data = model.joints[i].createData()
+            model.joints[i].calc(data, np.zeros(1))
+            subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
+            sliding[i - 1] = np.linalg.norm(subspace[:3]) > 0.5
+            axes[i - 1] = subspace[:3] if sliding[i - 1] else subspace[3:]
+            placed, cross = model.jointPlacements[i].rotation, (not sliding[i - 1]) * pin.skew(axes[i - 1])
+            rotations.append([placed, placed @ cross, placed @ cross @ cross])
+        parts = (
+            np.array(rotations),
+            np.array([model.jointPlacements[i].translation for i in joints]),
+            axes,
+            sliding,
+            np.array(model.gravity.linear),
+            np.array([model.inertias[i].mass for i in joints]),
+            np.array([model.inertias[i].lever for i in joints]),
+            np.array([model.inertias[i].inertia for i in joints]),
+        )
+        for part in parts:
+            part.setflags(write=False)
+        return cls(*parts)
 
 
 def compute_joint_poses(
-    chain: ChainArrays, q: Float[Array, "T n"], wanted: Sequence[int]
+    chain: Chain, q: Float[Array, "T n"], wanted: Sequence[int]
 ) -> dict[int, tuple[Float[Array, "T 3 3"], Float[Array, "T 3"]]]:
     """Orientation and origin [m] of some joints' frames in the base frame, their own motion included.
 
@@ -51,29 +88,23 @@ def compute_joint_poses(
         chain: The chain.
         q: Positions [rad or m].
         wanted: Which joints, from 1 as Pinocchio counts them; 0 is the base.
-
-    Source: Rodrigues' rotation, R (cos q + (1 − cos q) z zᵀ + sin q [z]×) about an axis z.
     """
-    rotations, offsets, axes, sliding, _ = chain
     turn, origin = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     found = {0: (turn, origin)} if 0 in wanted else {}
     for i in range(max(wanted, default=0)):
-        origin = origin + turn @ offsets[i]
-        turn = turn @ rotations[i]
-        if sliding[i]:
-            origin = origin + q[:, i : i + 1] * (turn @ axes[i])
-        else:
-            x, y, z = axes[i]
-            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            s, c = np.sin(q[:, i])[:, None, None], np.cos(q[:, i])[:, None, None]
-            turn = c * turn + (1.0 - c) * (turn @ np.outer(axes[i], axes[i])) + s * (turn @ cross)
+        placed, sine, cosine = chain.rotations[i]
+        angle = np.zeros((len(q), 1, 1)) if chain.sliding[i] else q[:, i, None, None]
+        origin = origin + turn @ chain.offsets[i]
+        turn = turn @ (placed + np.sin(angle) * sine + (1.0 - np.cos(angle)) * cosine)
+        if chain.sliding[i]:
+            origin = origin + q[:, i : i + 1] * (turn @ chain.axes[i])
         if i + 1 in wanted:
             found[i + 1] = turn, origin
     return found
 
 
 def compute_regressor(
-    chain: ChainArrays,
+    chain: Chain,
     q: Float[Array, "T n"],
     dq: Float[Array, "T n"],
     ddq: Float[Array, "T n"],
@@ -94,12 +125,12 @@ def compute_regressor(
     place = np.full(PER_LINK * n, -1.0)
     place[list(chosen)] = np.arange(len(chosen))
     out = np.zeros((samples, n, len(chosen)))
-    given = [np.ascontiguousarray(values, dtype=float) for values in (*chain, q, dq, ddq)]
+    given = [np.ascontiguousarray(values, dtype=float) for values in (*chain[:5], q, dq, ddq)]
     _fill_regressor(*given, place, np.empty((n, 6)), np.empty((3, 3)), out)
     return out
 
 
-@compiled("f3 f2 f2 f1 f1 f2 f2 f2 f1 f2 f2 f3")
+@compiled("f4 f2 f2 f1 f1 f2 f2 f2 f1 f2 f2 f3")
 def _fill_regressor(
     rotations: Array,
     offsets: Array,
@@ -125,18 +156,14 @@ def _fill_regressor(
         for i in range(q.shape[1]):
             x, y, z = axes[i, 0], axes[i, 1], axes[i, 2]
             px, py, pz = offsets[i, 0], offsets[i, 1], offsets[i, 2]
-            s, c = 0.0, 1.0
+            s, u = 0.0, 0.0
             if sliding[i] == 0.0:
-                s, c = np.sin(q[t, i]), np.cos(q[t, i])
-            u = 1.0 - c
+                s, u = np.sin(q[t, i]), 1.0 - np.cos(q[t, i])
             for k in range(3):
-                # Rodrigues: rotation (z zᵀ (1 − cos) + cos + sin [z]×).
-                r0, r1, r2 = rotations[i, k, 0], rotations[i, k, 1], rotations[i, k, 2]
-                along = r0 * x + r1 * y + r2 * z
-                turn[k, 0] = u * along * x + c * r0 + s * (r1 * z - r2 * y)
-                turn[k, 1] = u * along * y + c * r1 + s * (r2 * x - r0 * z)
-                turn[k, 2] = u * along * z + c * r2 + s * (r0 * y - r1 * x)
+                for m in range(3):
+                    turn[k, m] = rotations[i, 0, k, m] + s * rotations[i, 1, k, m] + u * rotations[i, 2, k, m]
                 if sliding[i] != 0.0:
+                    along = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z
                     if k == 0:
                         px += along * q[t, i]
                     elif k == 1:

@@ -16,7 +16,7 @@ DECIMALS = 9
 def content_of(arm: ArmModel) -> str:
     """SHA-256 of an arm's joints, lengths, axes and inertias."""
     digest = hashlib.sha256("\0".join(arm.joint_names).encode())
-    for part in (*arm.chain[:4], arm.inertial_parameters):
+    for part in (arm.chain.rotations[:, 0], *arm.chain[1:4], arm.inertial_parameters):
         digest.update((np.round(np.asarray(part, dtype=float), DECIMALS) + 0.0).tobytes())
     return digest.hexdigest()
 

@@ -11,9 +11,10 @@ from numba import njit
 
 from ident.arrays import Array, Float
 from ident.laws.carried import NamedLaw, named_torque
-from plan.dynamics.chain import Chain
+from ident.model.loss import LossParameters
+from ident.robot.chain import Chain
 from plan.dynamics.compiled_nets import ResidualTerm
-from plan.dynamics.newton_euler import _rnea
+from plan.dynamics.newton_euler import rnea
 from plan.spline import Splines
 
 Metric = Literal["signed", "positive", "absolute", "copper"]
@@ -35,43 +36,13 @@ class TorqueModel(Protocol):
         """Joint torque [N m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class JointLosses:
-    """Loss figures of n joints: τ = B_m ddq + C_m dq + f_c sign(dq) + offset (paper, eq. 3, and an offset).
-
-    Attributes:
-        motor_inertia: B_m [kg m²].
-        viscous: C_m [N m s/rad].
-        coulomb: f_c [N m].
-        offset: Constant torque [N m].
-        transition_speed: Width v₀ of tanh(dq / v₀) in place of the sign, joint by joint; 0 for the sign [rad/s].
-    """
-
-    motor_inertia: Float[Array, " n"]
-    viscous: Float[Array, " n"]
-    coulomb: Float[Array, " n"]
-    offset: Float[Array, " n"]
-    transition_speed: Float[Array, " n"]
-
-    @classmethod
-    def zero(cls, n: int) -> JointLosses:
-        """No loss."""
-        return cls(*(np.zeros(n) for _ in range(5)))
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """What the compiled loop reads."""
-        parts = (self.motor_inertia, self.viscous, self.coulomb, self.offset, self.transition_speed)
-        return tuple(np.ascontiguousarray(part, dtype=float) for part in parts)
-
-
 @njit(cache=True, fastmath=True, nogil=True)
-def _torque_states(rot, off, axes, sliding, mass, com, inertia, gravity, bm, cm, fc, offset, width, q, dq, ddq):  # type: ignore[no-untyped-def]
+def _torque_states(chain, bm, cm, fc, offset, width, q, dq, ddq):  # type: ignore[no-untyped-def]
     """Rigid torque with losses, and rigid torque alone."""
     tau, rigid = np.empty(q.shape), np.empty(q.shape)
     work = np.empty((q.shape[1], 18))
     for t in range(q.shape[0]):
-        _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], ddq[t], work, rigid[t])
+        rnea(chain, q[t], dq[t], ddq[t], work, rigid[t])
         for j in range(q.shape[1]):
             v = dq[t, j]
             slip = np.tanh(v / width[j]) if width[j] > 0.0 else np.sign(v)
@@ -85,20 +56,20 @@ class ChainTorque:
 
     Attributes:
         chain: The arm as arrays.
-        losses: Loss figures.
+        losses: Losses of its joints.
         net: Residual net of the chain's joints; None without.
         named: Friction laws of the chain's joints that a diagnosis named.
     """
 
     chain: Chain
-    losses: JointLosses
+    losses: LossParameters
     net: ResidualTerm | None = None
     named: tuple[NamedLaw, ...] = ()
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        return self.chain.n
+        return len(self.chain.masses)
 
     def torque(
         self, q: Float[Array, "B T n"], dq: Float[Array, "B T n"], ddq: Float[Array, "B T n"]
@@ -107,7 +78,9 @@ class ChainTorque:
         flat_q, flat_dq, flat_ddq = (
             np.ascontiguousarray(values, dtype=float).reshape(-1, self.n) for values in (q, dq, ddq)
         )
-        tau, rigid = _torque_states(*self.chain.dynamics, *self.losses.arrays, flat_q, flat_dq, flat_ddq)  # type: ignore[call-arg]
+        loss = self.losses
+        parts = loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
+        tau, rigid = _torque_states(self.chain, *parts, flat_q, flat_dq, flat_ddq)
         if self.named:
             tau += named_torque(self.named, flat_q, flat_dq, rigid, self.losses.transition_speed)
         if self.net is not None:
@@ -125,10 +98,10 @@ def section_nodes(points: int = POINTS) -> tuple[Float[Array, " m"], Float[Array
     return np.concatenate([[0.0], (x + 1) / 2, [1.0]]), np.concatenate([[0.0], w / 2, [0.0]])
 
 
-def power_integrals(
-    tau: Float[Array, "B T n"], dq: Float[Array, "B T n"], weights: Float[Array, "B T"]
-) -> dict[Metric, Float[Array, " B"]]:
-    """Energy by every metric, summed over the joints.
+def power_integral(
+    tau: Float[Array, "B T n"], dq: Float[Array, "B T n"], weights: Float[Array, "B T"], metric: Metric
+) -> Float[Array, " B"]:
+    """Energy by one metric, summed over the joints [J]; N² m² s for copper.
 
     signed: ∫ τ dq dt, the paper's eq. 8, which credits negative work; positive: braking is lost, not credited;
     absolute: braking costs as much as driving; copper: ∫ τ² dt, what heats the motors.
@@ -136,17 +109,19 @@ def power_integrals(
     Args:
         tau, dq: Torque [N m] and speed [rad/s] at the nodes.
         weights: Quadrature weights [s].
-
-    Returns:
-        Joules, and N² m² s for copper.
+        metric: Which.
     """
-    power = tau * dq
-    return {
-        "signed": (power.sum(axis=2) * weights).sum(axis=1),
-        "positive": (np.maximum(power, 0.0).sum(axis=2) * weights).sum(axis=1),
-        "absolute": (np.abs(power).sum(axis=2) * weights).sum(axis=1),
-        "copper": ((tau * tau).sum(axis=2) * weights).sum(axis=1),
-    }
+    rate = tau * tau if metric == "copper" else tau * dq
+    if metric == "absolute":
+        rate = np.abs(rate)
+    elif metric == "positive":
+        rate = np.maximum(rate, 0.0)
+    return np.einsum("btn,bt->b", rate, weights)
+
+
+def power_integrals(tau: Array, dq: Array, weights: Array) -> dict[Metric, float]:
+    """Energy of the first of a batch of motions by every metric, see `power_integral`."""
+    return {metric: float(power_integral(tau, dq, weights, metric)[0]) for metric in METRICS}
 
 
 def energy(
@@ -157,20 +132,11 @@ def energy(
     Args:
         model: Torque model.
         splines: Trajectories.
-        metric: How power is counted, see `power_integrals`.
+        metric: How power is counted, see `power_integral`.
         points: Gauss-Legendre points a section.
     """
     s, w = section_nodes(points)
     q, dq, ddq = splines.states(s)
     tau = model.torque(q, dq, ddq)
     weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-    return _integral(tau, dq, weights, metric), np.abs(tau).max(axis=1)
-
-
-def _integral(tau: Array, dq: Array, weights: Array, metric: Metric) -> Float[Array, " B"]:
-    rate = tau * tau if metric == "copper" else tau * dq
-    if metric == "absolute":
-        rate = np.abs(rate)
-    elif metric == "positive":
-        rate = np.maximum(rate, 0.0)
-    return np.einsum("btn,bt->b", rate, weights)
+    return power_integral(tau, dq, weights, metric), np.abs(tau).max(axis=1)

@@ -8,15 +8,14 @@ import numpy as np
 from numba import njit
 
 from ident.arrays import Array, Float
-from ident.laws.carried import NamedLaw, states_of
-from ident.model.residual_net import DIRECTION_SCALES, LOAD_ROUNDING
-from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, ResidualTerm
-from plan.dynamics.named_friction import law_slopes
-from plan.dynamics.newton_euler import _rnea
+from ident.laws.carried import JointStates, NamedLaw, states_of
+from plan.dynamics.newton_euler import rnea
 from plan.dynamics.power import ChainTorque
 
 # Step of the central difference by position [rad]: the error of either kind is then some 1e-9 of the torque.
 STEP = 1e-5
+# The same for friction laws, in their states' own units: these are smooth on scales that are thousands of times it.
+LAW_STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,32 +34,32 @@ class TorqueDerivatives:
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _rigid_partials(rot, off, axes, sliding, mass, com, inertia, gravity, q, dq, ddq, step):  # type: ignore[no-untyped-def]
+def _rigid_partials(chain, q, dq, ddq, step):  # type: ignore[no-untyped-def]
     """Rigid torque and its partials: exact by acceleration (linear) and speed (quadratic), central by position."""
     count, n = q.shape
     tau = np.empty((count, n))
     by_q, by_v, by_a = np.empty((count, n, n)), np.empty((count, n, n)), np.empty((count, n, n))
     work, low, high, x = np.empty((n, 18)), np.empty(n), np.empty(n), np.empty(n)
     for t in range(count):
-        _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], ddq[t], work, tau[t])
+        rnea(chain, q[t], dq[t], ddq[t], work, tau[t])
         for j in range(n):
             x[:] = ddq[t]
             x[j] += 1.0
-            _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], dq[t], x, work, high)
+            rnea(chain, q[t], dq[t], x, work, high)
             for i in range(n):
                 by_a[t, i, j] = high[i] - tau[t, i]
             x[:] = dq[t]
             x[j] += 1.0
-            _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], x, ddq[t], work, high)
+            rnea(chain, q[t], x, ddq[t], work, high)
             x[j] -= 2.0
-            _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, q[t], x, ddq[t], work, low)
+            rnea(chain, q[t], x, ddq[t], work, low)
             for i in range(n):
                 by_v[t, i, j] = 0.5 * (high[i] - low[i])
             x[:] = q[t]
             x[j] += step
-            _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, x, dq[t], ddq[t], work, high)
+            rnea(chain, x, dq[t], ddq[t], work, high)
             x[j] -= 2.0 * step
-            _rnea(rot, off, axes, sliding, mass, com, inertia, gravity, x, dq[t], ddq[t], work, low)
+            rnea(chain, x, dq[t], ddq[t], work, low)
             for i in range(n):
                 by_q[t, i, j] = (high[i] - low[i]) / (2.0 * step)
     return tau, by_q, by_v, by_a
@@ -82,17 +81,19 @@ def differentiate_torque(
         q, dq, ddq: States.
     """
     states = [np.ascontiguousarray(part, dtype=float) for part in (q, dq, ddq)]
-    rigid, by_q, by_v, by_a = _rigid_partials(*model.chain.dynamics, *states, STEP)  # type: ignore[call-arg]
+    rigid, by_q, by_v, by_a = _rigid_partials(model.chain, *states, STEP)  # type: ignore[call-arg]
     tau, losses, joints = rigid.copy(), model.losses, np.arange(model.n)
     slip, slope = _rounded_sign(states[1], losses.transition_speed)
-    load = [_rows(part, model.named) for part in (by_q, by_v, by_a)]
+    by_state = by_q, by_v, by_a
+    # By what the load of each law's joint changes, before anything else is added to it.
+    by_state_of_load = [[part[:, law.joint].copy() for part in by_state] for law in model.named]
     if model.net is not None:
-        _add_net(model.net, states, rigid, (tau, by_q, by_v, by_a))
-    for law, *slopes_of_load in zip(model.named, *load, strict=True):
+        tau += model.net.add_slopes(states, rigid, by_state)
+    for law, slopes_of_load in zip(model.named, by_state_of_load, strict=True):
         j, at = law.joint, states_of(law.joint, states[0], states[1], rigid, slip)
         tau[:, j] += law.torque(at)
-        by_own, by_rate, by_load = law_slopes(law, at, slope[:, j])
-        for part, rows in zip((by_q, by_v, by_a), slopes_of_load, strict=True):
+        by_own, by_rate, by_load = _law_slopes(law, at, slope[:, j])
+        for part, rows in zip(by_state, slopes_of_load, strict=True):
             part[:, j] += by_load[:, None] * rows
         by_q[:, j, j] += by_own
         by_v[:, j, j] += by_rate
@@ -102,11 +103,6 @@ def differentiate_torque(
     return TorqueDerivatives(tau, by_q, by_v, by_a)
 
 
-def _rows(part: Float[Array, "T n n"], named: tuple[NamedLaw, ...]) -> list[Float[Array, "T n"]]:
-    """What the rigid torque of each law's joint changes by, before anything else is added to it."""
-    return [part[:, law.joint].copy() for law in named]
-
-
 def _rounded_sign(v: Float[Array, "T n"], width: Float[Array, " n"]) -> tuple[Float[Array, "T n"], Float[Array, "T n"]]:
     """tanh(v / width) and its slope; the sign and zero where the width is zero."""
     safe = np.where(width > 0.0, width, 1.0)
@@ -114,65 +110,21 @@ def _rounded_sign(v: Float[Array, "T n"], width: Float[Array, " n"]) -> tuple[Fl
     return np.where(width > 0.0, rounded, np.sign(v)), np.where(width > 0.0, (1.0 - rounded**2) / safe, 0.0)
 
 
-def _add_net(net: ResidualTerm, states: list[Array], rigid: Array, sums: tuple[Array, Array, Array, Array]) -> None:
-    """Adds a net's torque and derivatives; a joint's own net sees its load, so the chain rule goes through that."""
-    tau, by_q, by_v, by_a = sums
-    if isinstance(net, CompiledJointNets):
-        value, slopes = joint_net_slopes(net, states[1], states[2], rigid)
-        load, joints = 1.0 + slopes[2][:, :, None], np.arange(rigid.shape[1])
-        for part in (by_q, by_v, by_a):
-            part *= load
-        by_v[:, joints, joints] += slopes[0]
-        by_a[:, joints, joints] += slopes[1]
-        tau += value
-        return
-    assert isinstance(net, CompiledDenseNet)
-    value, jacobian = dense_net_jacobian(net, np.concatenate(states, axis=1))
-    tau += value
-    for part, block in zip((by_q, by_v, by_a), np.split(jacobian, 3, axis=2), strict=True):
-        part += block
+def _law_slopes(
+    law: NamedLaw, at: JointStates, turning: Float[Array, " T"]
+) -> tuple[Float[Array, " T"], Float[Array, " T"], Float[Array, " T"]]:
+    """Derivatives of a friction law's torque by its joint's position, speed and load.
 
+    Moduli have corners: there a derivative is the mean of both sides.
 
-def joint_net_slopes(
-    net: CompiledJointNets, dq: Float[Array, "T n"], ddq: Float[Array, "T n"], rigid: Float[Array, "T n"]
-) -> tuple[Float[Array, "T n"], Float[Array, "3 T n"]]:
-    """Each joint's residual torque and its slopes by its own speed, acceleration and load, in double precision."""
-    value, slopes = np.empty(dq.shape), np.empty((3, *dq.shape))
-    for j in range(dq.shape[1]):
-        given = dq[:, j], ddq[:, j], rigid[:, j]
-        v, a, load = net.clip(j, *given)
-        near, far = (np.tanh(v / scale) for scale in DIRECTION_SCALES)
-        rounded, one, zero = np.hypot(load, LOAD_ROUNDING), np.ones_like(v), np.zeros_like(v)
-        steep, flat = (1.0 - near**2) / DIRECTION_SCALES[0], (1.0 - far**2) / DIRECTION_SCALES[1]
-        x = np.stack([v, a, near, far, load, rounded * near], axis=1)
-        by_v = np.stack([one, zero, steep, flat, zero, rounded * steep], axis=1)
-        by_a = np.stack([zero, one, zero, zero, zero, zero], axis=1)
-        by_load = np.stack([zero, zero, zero, zero, one, near * load / rounded], axis=1)
-        tangents = np.stack([by_v, by_a, by_load])
-        layers = net.side_by_side(j)
-        for weight, bias in layers[:-1]:
-            x, tangents = x @ weight + bias, tangents @ weight
-            gate = 0.5 * (1.0 + np.tanh(0.5 * x))
-            tangents *= gate * (1.0 + x * (1.0 - gate))
-            x = x * gate
-        weight, bias = layers[-1]
-        value[:, j] = (x @ weight + bias)[:, 0]
-        # Beyond the training's edge the net stays as it is.
-        inside = [part == clipped for part, clipped in zip(given, (v, a, load), strict=True)]
-        slopes[:, :, j] = (tangents @ weight)[:, :, 0] * np.stack(inside)
-    return value, slopes
+    Args:
+        law: Fitted.
+        at: States of its joint.
+        turning: Derivative of the direction by the speed [s/rad].
+    """
 
+    def slope(name: str) -> Float[Array, " T"]:
+        up, down = (law.torque(replace(at, **{name: getattr(at, name) + step})) for step in (LAW_STEP, -LAW_STEP))
+        return (up - down) / (2.0 * LAW_STEP)
 
-def dense_net_jacobian(
-    net: CompiledDenseNet, x: Float[Array, "T i"]
-) -> tuple[Float[Array, "T n"], Float[Array, "T n i"]]:
-    """Torques of the fully connected net and their derivatives by its inputs, in double precision."""
-    slopes = []
-    for weight, bias in zip(net.weights[:-1], net.biases[:-1], strict=True):
-        x = np.tanh(x @ weight.T + bias)
-        slopes.append(1.0 - x * x)
-    value = x @ net.weights[-1].T + net.biases[-1]
-    jacobian = np.repeat(net.weights[-1][None], len(x), axis=0)
-    for weight, slope in zip(net.weights[-2::-1], slopes[::-1], strict=True):
-        jacobian = (jacobian * slope[:, None, :]) @ weight
-    return value, jacobian
+    return slope("q"), slope("dq") + turning * slope("slip"), slope("load")

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.arrays import Array, Float
 from ident.errors import ModelError
 from ident.model.hybrid import HybridModel
+from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import read_residual
-from plan.dynamics.power import ChainTorque, JointLosses
+from plan.dynamics.power import ChainTorque
 
 
 def reduce_arm(arm: ArmModel, moving: int, held: Sequence[float]) -> ArmModel:
@@ -24,7 +23,7 @@ def reduce_arm(arm: ArmModel, moving: int, held: Sequence[float]) -> ArmModel:
 
 def torque_of_robot(arm: ArmModel) -> ChainTorque:
     """Torque of a rigid arm without losses: what can be planned with before anything was fitted."""
-    return ChainTorque(Chain.from_arm(arm), JointLosses.zero(arm.n))
+    return ChainTorque(arm.chain, LossParameters.zero(arm.n))
 
 
 def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> ChainTorque:
@@ -45,13 +44,6 @@ def torque_of_model(model: HybridModel, moving: int, held: Sequence[float]) -> C
         net = read_residual(model.net)
         net = net if len(fixed) == 0 else net.frozen(fixed)
     named = tuple(law for law in model.named if law.joint < moving)  # of joints that stand still there is no friction
-    return ChainTorque(Chain.from_arm(arm), _losses(model, moving), net, named)
-
-
-def _losses(model: HybridModel, moving: int) -> JointLosses:
-    def first(values: Float[Array, " n"]) -> Float[Array, " m"]:
-        return np.array(values, dtype=float)[:moving]
-
     loss = model.loss
-    parts = (loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed)
-    return JointLosses(*(first(part) for part in parts))
+    parts = loss.motor_inertia, loss.viscous, loss.coulomb, loss.offset, loss.transition_speed
+    return ChainTorque(arm.chain, LossParameters(*(part[:moving] for part in parts)), net, named)

@@ -9,7 +9,6 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import build_tree, compile_bodies
 from plan.geometry.sweep import ALL, gaps_of_states
@@ -46,7 +45,7 @@ def link_pairs(arm: ArmModel, links: Sequence[Box]) -> tuple[list[tuple[int, int
     Links whose joints meet in one point, as a shoulder's two, are neighbours too: the boxes round such a hub overlap
     where the rounded castings do not.
     """
-    lengths = np.linalg.norm(Chain.from_arm(arm).offsets, axis=1)
+    lengths = np.linalg.norm(arm.chain.offsets, axis=1)
     pairs, unchecked = [], []
     for i, a in enumerate(links):
         for k, b in enumerate(links[i + 1 :], start=i + 1):
@@ -98,4 +97,4 @@ def _probe(arm: ArmModel, boxes: Sequence[Box], links: int, pairs: list[tuple[in
     bodies, numbers = compile_bodies(boxes), np.array(pairs, dtype=np.int64)
     tree = build_tree(bodies, len(boxes), links)
     room = bodies.rot.copy(), bodies.at.copy()
-    return np.asarray(gaps_of_states(Chain.from_arm(arm).kinematics, bodies, links, room, numbers, tree, q, 1e9, ALL))
+    return np.asarray(gaps_of_states(arm.chain, bodies, links, room, numbers, tree, q, 1e9, ALL))

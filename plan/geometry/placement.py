@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
+
+from plan.dynamics.newton_euler import cross, place_joint
 
 
 @njit(cache=True, fastmath=True, nogil=True)
 def place_frames(chain, q, frame_rot, frame_at):  # type: ignore[no-untyped-def]
     """World placement of every joint frame for one position; frame 0 is the world."""
-    rot, off, axes, sliding = chain
     for k in range(3):
         frame_at[0, k] = 0.0
         for m in range(3):
             frame_rot[0, k, m] = 1.0 if k == m else 0.0
-    r = np.empty((3, 3))
-    p = np.empty(3)
+    r = np.empty(9)
     for i in range(q.shape[0]):
-        slides = sliding[i] > 0.5
-        s = 0.0 if slides else math.sin(q[i])
-        c = 0.0 if slides else 1.0 - math.cos(q[i])
-        for k in range(3):
-            p[k] = off[i, k]
-            for m in range(3):
-                r[k, m] = rot[i, 0, k, m] + s * rot[i, 1, k, m] + c * rot[i, 2, k, m]
-                if slides:
-                    p[k] += rot[i, 0, k, m] * axes[i, m] * q[i]
+        p = place_joint(chain, i, q[i], r)
         for k in range(3):
             frame_at[i + 1, k] = frame_at[i, k]
             for m in range(3):
                 frame_at[i + 1, k] += frame_rot[i, k, m] * p[m]
                 frame_rot[i + 1, k, m] = (
-                    frame_rot[i, k, 0] * r[0, m] + frame_rot[i, k, 1] * r[1, m] + frame_rot[i, k, 2] * r[2, m]
+                    frame_rot[i, k, 0] * r[m] + frame_rot[i, k, 1] * r[3 + m] + frame_rot[i, k, 2] * r[6 + m]
                 )
 
 
@@ -62,11 +52,31 @@ def _place(b, bodies, frame_rot, frame_at, out_rot, out_at):  # type: ignore[no-
 
 
 @njit(cache=True, fastmath=True, nogil=True)
+def joint_axis(chain, frame_rot, j):  # type: ignore[no-untyped-def]
+    """Axis of joint j in the base frame."""
+    r, a = frame_rot[j + 1], chain.axes[j]
+    return (
+        r[0, 0] * a[0] + r[0, 1] * a[1] + r[0, 2] * a[2],
+        r[1, 0] * a[0] + r[1, 1] * a[1] + r[1, 2] * a[2],
+        r[2, 0] * a[0] + r[2, 1] * a[1] + r[2, 2] * a[2],
+    )
+
+
+@njit(cache=True, fastmath=True, nogil=True)
+def _moves(chain, frame_rot, frame_at, j, point):  # type: ignore[no-untyped-def]
+    """How a point of the base frame that joint j carries moves for a unit of that joint."""
+    axis = joint_axis(chain, frame_rot, j)
+    if chain.sliding[j]:
+        return axis
+    return cross(axis, (point[0] - frame_at[j + 1, 0], point[1] - frame_at[j + 1, 1], point[2] - frame_at[j + 1, 2]))
+
+
+@njit(cache=True, fastmath=True, nogil=True)
 def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-untyped-def]
     """Derivatives by the joints of the distance of two points along a normal, each row at its own position [m/rad].
 
     Args:
-        chain: The arm's kinematics.
+        chain: The arm.
         q: Positions, shape (m, n).
         joints: Joint frames that carry the points, 0 for the world, shape (m, 2).
         points: The points in the base frame, the one that the normal leads away from first, shape (m, 2, 3) [m].
@@ -74,27 +84,13 @@ def slopes_of_points(chain, q, joints, points, normals):  # type: ignore[no-unty
     """
     n, out = q.shape[1], np.zeros(q.shape)
     rot, at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    lever, axis, axes, sliding = np.empty(3), np.empty(3), chain[2], chain[3]
     for row in range(q.shape[0]):
         if row == 0 or np.any(q[row] != q[row - 1]):
             place_frames(chain, q[row], rot, at)
-        x, y, z = normals[row]
         for side in range(2):
-            sign = 2.0 * side - 1.0
             for j in range(joints[row, side]):
-                for k in range(3):
-                    axis[k] = (
-                        rot[j + 1, k, 0] * axes[j, 0] + rot[j + 1, k, 1] * axes[j, 1] + rot[j + 1, k, 2] * axes[j, 2]
-                    )
-                    lever[k] = points[row, side, k] - at[j + 1, k]
-                if sliding[j] > 0.5:
-                    out[row, j] += sign * (x * axis[0] + y * axis[1] + z * axis[2])
-                    continue
-                out[row, j] += sign * (
-                    x * (axis[1] * lever[2] - axis[2] * lever[1])
-                    + y * (axis[2] * lever[0] - axis[0] * lever[2])
-                    + z * (axis[0] * lever[1] - axis[1] * lever[0])
-                )
+                x, y, z = _moves(chain, rot, at, j, points[row, side])
+                out[row, j] += (2.0 * side - 1.0) * (normals[row, 0] * x + normals[row, 1] * y + normals[row, 2] * z)
     return out
 
 
@@ -103,7 +99,7 @@ def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
     """Where a frame is along T positions, and how it moves with each joint.
 
     Args:
-        chain: The arm's kinematics.
+        chain: The arm.
         q: Positions, shape (T, n) [rad].
         joint: The joint that carries the frame, 0 for the world.
         turn, place: The frame in that joint's.
@@ -125,15 +121,7 @@ def frame_states(chain, q, joint, turn, place):  # type: ignore[no-untyped-def]
                 for i in range(3):
                     axes[t, k, m] += rot[joint, k, i] * turn[i, m]
         for j in range(joint):
-            x, y, z = 0.0, 0.0, 0.0
-            for m in range(3):
-                x += rot[j + 1, 0, m] * chain[2][j, m]
-                y += rot[j + 1, 1, m] * chain[2][j, m]
-                z += rot[j + 1, 2, m] * chain[2][j, m]
-            if chain[3][j] > 0.5:
-                linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = x, y, z
-                continue
-            angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = x, y, z
-            a, b, c = at[t, 0] - origin[j + 1, 0], at[t, 1] - origin[j + 1, 1], at[t, 2] - origin[j + 1, 2]
-            linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+            linear[t, j, 0], linear[t, j, 1], linear[t, j, 2] = _moves(chain, rot, origin, j, at[t])
+            if not chain.sliding[j]:
+                angular[t, j, 0], angular[t, j, 1], angular[t, j, 2] = joint_axis(chain, rot, j)
     return at, axes, linear, angular

@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, Int
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.geometry.boxes import Box
 from plan.geometry.placement import slopes_of_points
 
@@ -42,7 +41,7 @@ class Proximity:
     """Coal's view of a scene, every shape by its convex parts. Holds Coal's buffers: for one thread at a time."""
 
     def __init__(self, arm: ArmModel, boxes: Sequence[Box], pairs: Array) -> None:
-        self._model, self._chain, self._pairs = arm.model, Chain.from_arm(arm), pairs
+        self._model, self._chain, self._pairs = arm.model, arm.chain, pairs
         self._parts = [part for box in boxes for part in box.parts]
         own = np.cumsum([0, *(len(box.parts) for box in boxes)])
         # Each pair of shapes is as many pairs of parts, which follow each other.
@@ -149,7 +148,7 @@ class Proximity:
             found = self._witness(int(pair), piece)
             points[row], normals[row] = (found.first, found.second), found.normal
         joints = self._joints[self._pairs[np.asarray(pairs, dtype=np.int64)]]
-        return np.asarray(slopes_of_points(self._chain.kinematics, q, joints, points, normals))
+        return np.asarray(slopes_of_points(self._chain, q, joints, points, normals))
 
     def _witness(self, pair: int, piece: Box | None) -> Witness:
         """Of the nearest two parts of a pair; where the arm is stands in the data."""

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Bool, Float, Int, freeze
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
+from ident.robot.chain import Chain
 from plan.geometry.arm_shapes import NO_SHAPES, ArmShapes, arm_shapes
 from plan.geometry.boxes import Box
 from plan.geometry.compiled import CompiledBodies, Tree, build_tree, compile_bodies
@@ -245,11 +245,6 @@ class Scene:
         return Proximity(self.arm, self.boxes, self.pairs)
 
     @cached_property
-    def chain(self) -> Chain:
-        """The arm as arrays."""
-        return Chain.from_arm(self.arm)
-
-    @cached_property
     def _pieced(self) -> Int[Array, " s"]:
         """Pairs whose first shape is many bodies: a closed mesh, a height field or a cloud."""
         kinds = (*CLOSED, "cloud")
@@ -305,8 +300,8 @@ class Scene:
         return compile_bodies(self.boxes)
 
     @property
-    def _world(self) -> tuple[tuple[Array, ...], CompiledBodies, int, tuple[Array, Array]]:
-        return self.chain.kinematics, self._bodies, self._links, self._room
+    def _world(self) -> tuple[Chain, CompiledBodies, int, tuple[Array, Array]]:
+        return self.arm.chain, self._bodies, self._links, self._room
 
     @property
     def _room(self) -> tuple[Array, Array]:
@@ -349,7 +344,7 @@ def _rows(q: Float[Array, "T n"]) -> Float[Array, "T n"]:
 
 def _reaches(arm: ArmModel, boxes: Sequence[Box]) -> Float[Array, "M n"]:
     """Farthest that a point of each shape can be from each joint's axis [m]; 1 for a sliding joint."""
-    chain = Chain.from_arm(arm)
+    chain = arm.chain
     stroke = np.where(chain.sliding > 0, np.maximum(np.abs(arm.lower), np.abs(arm.upper)), 0.0)
     lengths = np.linalg.norm(chain.offsets, axis=1) + stroke
     out = np.zeros((len(boxes), arm.n))

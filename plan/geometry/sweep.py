@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from plan.geometry.compiled import DEEPEST
-from plan.geometry.placement import place_bodies, place_frames
+from plan.geometry.placement import joint_axis, place_bodies, place_frames
 from plan.geometry.separation import BAND, shape_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
@@ -123,25 +123,21 @@ def _top_speeds(points, slopes, duration, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def _ahead(link, low, spare, levers, peaks, t, duration, axes, sliding, frame_rot, at, frame_at, bodies, reach):  # type: ignore[no-untyped-def]
+def _ahead(link, low, spare, levers, peaks, t, duration, chain, frame_rot, at, frame_at, bodies, reach):  # type: ignore[no-untyped-def]
     """Time from t on in which no point of a link moves farther than `spare` against a frame; the section ends at most.
 
     A point of the link is as far from a joint's axis as it is now, and farther by no more than it moves.
     """
     top = bodies.carrier[link]
     for j in range(low, top):
-        if sliding[j] > 0.5:
+        if chain.sliding[j]:
             reach[j] = 1.0
             continue
+        axis = joint_axis(chain, frame_rot, j)
         along, square = 0.0, 0.0
         for k in range(3):
-            axis = (
-                frame_rot[j + 1, k, 0] * axes[j, 0]
-                + frame_rot[j + 1, k, 1] * axes[j, 1]
-                + frame_rot[j + 1, k, 2] * axes[j, 2]
-            )
             away = at[link, k] - frame_at[j + 1, k]
-            along += axis * away
+            along += axis[k] * away
             square += away * away
         reach[j] = min(levers[j], math.sqrt(max(square - along * along, 0.0)) + bodies.ball[link] + spare)
     now, part = t, min(int(t / duration * PARTS), PARTS - 1)
@@ -353,8 +349,7 @@ def sweep(chain, bodies, links, room, pairs, moving, tree, levers, splines, marg
                             parts,
                             t,
                             duration,
-                            chain[2],
-                            chain[3],
+                            chain,
                             frame_rot,
                             at,
                             frame_at,

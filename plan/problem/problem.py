@@ -11,7 +11,7 @@ import numpy as np
 from ident.arrays import Array, Bool, Float, freeze
 from ident.model.training_range import TrainingRange
 from plan.dynamics.manipulability import Manipulability
-from plan.dynamics.power import Metric, TorqueModel, _integral, section_nodes
+from plan.dynamics.power import Metric, TorqueModel, power_integral, section_nodes
 from plan.geometry.margins import Margins, find_margins
 from plan.geometry.scene import Scene
 from plan.problem.rule_values import Rules
@@ -221,7 +221,7 @@ class PlanningProblem:
         q, dq, ddq = splines.states(s)
         tau = self.model.torque(q, dq, ddq)
         weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-        cost = splines.total if self.objective == "time" else _integral(tau, dq, weights, self.metric)
+        cost = splines.total if self.objective == "time" else power_integral(tau, dq, weights, self.metric)
         peak = np.abs(tau).max(axis=1)
         spare, shortfall = self.scene.sweep(splines, self.margins)
         rules = self.rules
@@ -266,7 +266,7 @@ class PlanningProblem:
         """What the way has to keep, for this start and goal; None where nothing is asked for."""
         if not self.way.given:
             return None
-        return Rules(self.scene.arm, self.scene.chain, self.way, self.start, self.goal)
+        return Rules(self.scene.arm, self.way, self.start, self.goal)
 
     @cached_property
     def margins(self) -> Margins:

@@ -128,7 +128,7 @@ def certify(problem: PlanningProblem, splines: Splines) -> Certificate:
     q, dq, ddq = splines.states(s)
     tau = problem.model.torque(q, dq, ddq)
     weights = (splines.durations[:, :, None] * w).reshape(len(q), -1)
-    energy = {metric: float(value[0]) for metric, value in power_integrals(tau, dq, weights).items()}
+    energy = power_integrals(tau, dq, weights)
     limits = problem.limits
     margin = min(float((splines.lowest - limits.lower).min()), float((limits.upper - splines.highest).min()))
     law, beyond = find_time_law(problem, splines), find_extrapolation(problem, splines)

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.geometry.placement import frame_states
 from plan.geometry.tool import find_frame
 from plan.problem.rules import ViaPoint, WayRules
@@ -83,9 +82,9 @@ class RuleCheck:
 class Rules:
     """The rules of one task: arm, start and goal are known."""
 
-    def __init__(self, arm: ArmModel, chain: Chain, rules: WayRules, start: Array, goal: Array) -> None:
+    def __init__(self, arm: ArmModel, rules: WayRules, start: Array, goal: Array) -> None:
         frame = find_frame(arm, rules.frame, "tool.frame")
-        self.rules, self._chain, self.frame = rules, chain.kinematics, str(frame.name)
+        self.rules, self._chain, self.frame = rules, arm.chain, str(frame.name)
         turn, place = (np.ascontiguousarray(part) for part in (frame.placement.rotation, frame.placement.translation))
         self._tool = int(frame.parentJoint), turn, place
         ends = self.tool(np.stack([start, goal]))

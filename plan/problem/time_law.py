@@ -98,7 +98,7 @@ def _measured(problem: PlanningProblem, splines: Splines, law: TimeLaw) -> TimeL
     torque = float((np.abs(tau[0]) / limits.torque).max())
     acceleration = 0.0 if limits.acceleration is None else float((np.abs(ddq) / limits.acceleration).max())
     weights = np.full((1, PLACES), law.duration / (PLACES - 1))  # at rest at both ends: their halves are nought
-    energy = tuple((metric, float(value[0])) for metric, value in power_integrals(tau, dq[None], weights).items())
+    energy = tuple(power_integrals(tau, dq[None], weights).items())
     travel = tuple((weights[0] @ np.abs(dq)).tolist())
     shares = (torque, float((np.abs(dq) / limits.speed).max()), acceleration)
     return replace(law, shares=shares, energy=energy, travel=travel)

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ident.arrays import Array, Float
+from ident.laws.carried import JointStates
 from plan.dynamics.compiled_nets import CompiledJointNets
-from plan.dynamics.named_friction import law_range
 from plan.dynamics.power import ChainTorque
-from plan.dynamics.torque_gradient import differentiate_torque, joint_net_slopes
+from plan.dynamics.torque_gradient import differentiate_torque
 from plan.problem.problem import PlanningProblem
 
 # Positions from which the extremes of inertia and gravity are taken, and what is granted for those in between.
@@ -118,8 +118,12 @@ def _named_range(
     width = float(model.losses.transition_speed[j])
     most, least = 0.0, np.zeros(len(grid))
     for law in (law for law in model.named if law.joint == j):
-        size, power = law_range(law, grid, loads, width)
-        most, least = most + size, least + power
+        angles = np.linspace(0.0, 2.0 * np.pi / law.shape["order"], 25)[:-1] if "order" in law.shape else np.zeros(1)
+        v, angle, load = (part.reshape(-1) for part in np.meshgrid(grid, angles, loads, indexing="ij"))
+        slip = np.tanh(v / width) if width > 0.0 else np.sign(v)
+        torque = law.torque(JointStates(angle, v, load, slip))
+        most = most + float(np.abs(torque).max())
+        least = least + (torque * v).reshape(len(grid), -1).min(axis=1)
     return most, least
 
 
@@ -135,8 +139,7 @@ def _net_range(
     v, a, load = (
         part.reshape(-1) for part in np.meshgrid(grid, np.linspace(-most, most, OTHERS), loads, indexing="ij")
     )
-    single = net.of_joints(slice(j, j + 1))
-    torque = joint_net_slopes(single, v[:, None], a[:, None], load[:, None])[0][:, 0]
+    torque = net.joint_slopes(j, v, a, load)[0]
     return float(np.abs(torque).max()), (torque * v).reshape(len(grid), -1).min(axis=1)
 
 

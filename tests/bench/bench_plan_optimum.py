@@ -28,9 +28,9 @@ from pathlib import Path
 import numpy as np
 
 from ident.model.hybrid import HybridModel
+from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
-from plan.dynamics.power import ChainTorque, JointLosses
+from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_model import torque_of_model
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
@@ -98,8 +98,8 @@ def torque_of(arm: ArmModel, folder: str | None) -> ChainTorque:
         model = HybridModel.load(folder)
         return torque_of_model(model, arm.n, [0.0] * (len(model.joint_names) - arm.n))
     rated = arm.effort_limit
-    losses = JointLosses(0.004 * rated, 0.04 * rated, 0.05 * rated, 0 * rated, np.full(arm.n, 0.01))
-    return ChainTorque(Chain.from_arm(arm), losses)
+    losses = LossParameters(0.004 * rated, 0.04 * rated, 0.05 * rated, 0 * rated, np.full(arm.n, 0.01))
+    return ChainTorque(arm.chain, losses)
 
 
 def draw(arm: ArmModel, model: ChainTorque, objective: str, boxes: int, rng: np.random.Generator) -> PlanningProblem:

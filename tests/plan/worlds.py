@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 
 from ident.model.joint_nets import NetBounds
+from ident.model.loss import LossParameters
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets
-from plan.dynamics.power import ChainTorque, JointLosses
+from plan.dynamics.power import ChainTorque
 from plan.geometry.boxes import Box
 from plan.geometry.scene import Scene
 from plan.initial.starts import straight
@@ -28,9 +28,9 @@ def three_joints() -> ArmModel:
     return ArmModel.load("tm5-900").locked(["joint_4", "joint_5", "joint_6"], [0.0, 0.0, 0.0])
 
 
-def losses(n: int = 3) -> JointLosses:
+def losses(n: int = 3) -> LossParameters:
     """Losses of the size that a fit of the TM5-900 gives."""
-    return JointLosses(
+    return LossParameters(
         motor_inertia=np.linspace(0.9, 0.5, n),
         viscous=np.linspace(8.0, 5.0, n),
         coulomb=np.linspace(8.0, 5.0, n),
@@ -65,7 +65,7 @@ def dense_net(n: int = 3, seed: int = 0) -> CompiledDenseNet:
 
 def model(net: CompiledDenseNet | CompiledJointNets | None = None) -> ChainTorque:
     """The three-joint arm with losses."""
-    return ChainTorque(Chain.from_arm(three_joints()), losses(), net)
+    return ChainTorque(three_joints().chain, losses(), net)
 
 
 def problem(*obstacles: Box, duration: float = 0.65, vias: int = 2, clearance: float = 0.005, **changes: object):  # type: ignore[no-untyped-def]

@@ -7,9 +7,8 @@ from ident.model.hybrid import HybridModel
 from ident.model.loss import LossParameters
 from ident.model.residual_net import fit_residual_net
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.dynamics.compiled_nets import CompiledDenseNet, CompiledJointNets, read_residual
-from plan.dynamics.power import METRICS, ChainTorque, JointLosses, energy
+from plan.dynamics.power import METRICS, ChainTorque, energy
 from plan.dynamics.torque_model import torque_of_model
 from plan.spline import Splines
 from tests.plan.worlds import dense_net, joint_nets, losses, model, problem, three_joints
@@ -32,16 +31,16 @@ def potential_change(splines: Splines) -> np.ndarray:
 
 def test_signed_energy_of_a_rigid_arm_is_the_potential(splines: Splines) -> None:
     """Rigid body and rotor inertia contribute the change of potential energy, whatever the path."""
-    rotors = JointLosses(np.full(3, 0.8), *np.zeros((4, 3)))
-    rigid = ChainTorque(Chain.from_arm(three_joints()), rotors)
+    rotors = LossParameters(np.full(3, 0.8), *np.zeros((4, 3)))
+    rigid = ChainTorque(three_joints().chain, rotors)
     found, _ = energy(rigid, splines, "signed")
     assert found == pytest.approx(np.full(30, potential_change(splines)), abs=1e-3)
 
 
 def test_energy_balance_closes(splines: Splines) -> None:
     """Signed energy is potential plus viscous plus Coulomb loss: no other term."""
-    figures = JointLosses(np.full(3, 0.8), np.full(3, 9.0), np.full(3, 6.0), np.zeros(3), np.zeros(3))
-    found, _ = energy(ChainTorque(Chain.from_arm(three_joints()), figures), splines, "signed", points=40)
+    figures = LossParameters(np.full(3, 0.8), np.full(3, 9.0), np.full(3, 6.0), np.zeros(3), np.zeros(3))
+    found, _ = energy(ChainTorque(three_joints().chain, figures), splines, "signed", points=40)
     s, w = np.polynomial.legendre.leggauss(200)
     _, dq, _ = splines.states((s + 1) / 2)
     weights = (splines.durations[:, :, None] * w / 2).reshape(30, -1)
@@ -110,9 +109,9 @@ def test_net_adds_to_the_rest(net: CompiledDenseNet | CompiledJointNets) -> None
 def test_offset_and_pure_sign() -> None:
     """A transition width of zero is the paper's sign; offsets add."""
     base = losses()
-    pure = JointLosses(base.motor_inertia, base.viscous, base.coulomb, base.offset, np.zeros(3))
+    pure = LossParameters(base.motor_inertia, base.viscous, base.coulomb, base.offset, np.zeros(3))
     q, dq, ddq = random_states(3)
-    chain = Chain.from_arm(three_joints())
+    chain = three_joints().chain
     expected = three_joints().inverse_dynamics(q, dq, ddq)
     expected += base.motor_inertia * ddq + base.viscous * dq + base.coulomb * np.sign(dq) + base.offset
     assert ChainTorque(chain, pure).torque(q, dq, ddq) == pytest.approx(expected, abs=1e-9)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ident.robot.arm import ArmModel
-from plan.dynamics.chain import Chain
 from plan.dynamics.newton_euler import inverse_dynamics
 
 
@@ -13,7 +12,7 @@ def test_equals_pinocchio(name: str) -> None:
     """Torque of 300 random states equals Pinocchio's to 1e-11 N m."""
     arm = ArmModel.load(name)
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 300, arm.n))
-    ours = inverse_dynamics(Chain.from_arm(arm), q, dq, ddq)
+    ours = inverse_dynamics(arm.chain, q, dq, ddq)
     assert np.abs(ours - arm.inverse_dynamics(q, dq, ddq)).max() < 1e-11
 
 
@@ -34,5 +33,5 @@ def test_sliding_joints() -> None:
         <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
     arm = ArmModel.from_urdf(text)
     q, dq, ddq = np.random.default_rng(1).normal(size=(3, 200, 3))
-    ours = inverse_dynamics(Chain.from_arm(arm), q, dq, ddq)
+    ours = inverse_dynamics(arm.chain, q, dq, ddq)
     assert np.abs(ours - arm.inverse_dynamics(q, dq, ddq)).max() < 1e-11

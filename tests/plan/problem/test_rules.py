@@ -12,7 +12,6 @@ from ident.errors import InputError
 from ident.robot.arm import ArmModel
 from ident.robot.names import find_urdf
 from plan.api.planning import solve
-from plan.dynamics.chain import Chain
 from plan.planners.sequential import Sequential
 from plan.problem.rule_values import Rules
 from plan.problem.rules import Cone, ViaPoint, WayRules
@@ -28,7 +27,7 @@ def rules(name: str, way: WayRules, seed: int = 3) -> tuple[Rules, np.ndarray, n
     """Rules of an arm between two drawn positions, and states that are not far from the straight line."""
     arm, rng = ArmModel.load(name), np.random.default_rng(seed)
     start, goal = rng.uniform(-1.0, 1.0, (2, arm.n))
-    made = Rules(arm, Chain.from_arm(arm), way, start, goal)
+    made = Rules(arm, way, start, goal)
     shares = rng.uniform(0.1, 0.9, (6, 1))
     q = start + shares * (goal - start) + 0.002 * rng.normal(size=(6, arm.n))
     return made, q, rng.normal(size=(6, arm.n))
