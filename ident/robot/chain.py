@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ident.arrays import Array, Float
 from ident.compiled import compiled
@@ -50,33 +49,6 @@ class Chain(NamedTuple):
     masses: Array
     centres: Array
     inertias: Array
-
-    @classmethod
-    def from_model(cls, model: pin.Model) -> Chain:
-        """Reads the arrays from a Pinocchio model."""
-        joints = range(1, model.njoints)
-        axes, sliding, rotations = np.zeros((len(joints), 3)), np.zeros(len(joints), dtype=bool), []
-        for i in joints:
-            data = model.joints[i].createData()
-            model.joints[i].calc(data, np.zeros(1))
-            subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
-            sliding[i - 1] = np.linalg.norm(subspace[:3]) > 0.5
-            axes[i - 1] = subspace[:3] if sliding[i - 1] else subspace[3:]
-            placed, cross = model.jointPlacements[i].rotation, (not sliding[i - 1]) * pin.skew(axes[i - 1])
-            rotations.append([placed, placed @ cross, placed @ cross @ cross])
-        parts = (
-            np.array(rotations),
-            np.array([model.jointPlacements[i].translation for i in joints]),
-            axes,
-            sliding,
-            np.array(model.gravity.linear),
-            np.array([model.inertias[i].mass for i in joints]),
-            np.array([model.inertias[i].lever for i in joints]),
-            np.array([model.inertias[i].inertia for i in joints]),
-        )
-        for part in parts:
-            part.setflags(write=False)
-        return cls(*parts)
 
 
 def compute_joint_poses(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arrays import Array, Float, freeze
 from ident.robot.arm import ArmModel
-from plan.geometry.placement import frame_states
+from plan.dynamics.placement import frame_states
 
 
 @dataclass(frozen=True, eq=False)

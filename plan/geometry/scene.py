@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ from plan.geometry.margins import Margins
 from plan.geometry.mesh_obstacles import holds
 from plan.geometry.proximity import Proximity
 from plan.geometry.solids import CLOSED, Solid
-from plan.geometry.sweep import ALL, gaps_of_states, least_of_states, nearest_of_states, sweep
+from plan.geometry.sweep import ALL, gaps_of_states, nearest_of_states, sweep
 from plan.geometry.tool import Carried, allowed_touches, place_carried
 from plan.spline import Splines
 
@@ -170,10 +170,13 @@ class Scene:
         np.minimum.at(world, np.searchsorted(self._moving, self.pairs[~self.own, 1]), pairs[~self.own])
         return np.concatenate([pairs[self.own], world])
 
-    def separation(self, q: Float[Array, "T n"], margins: Margins | float = 0.0) -> Float[Array, " T"]:
-        """Smallest gap at each position beyond its pair's margin [m]; a metre where there is nothing to hit."""
-        bodies = self._between, self._moving, self._tree
-        return np.asarray(least_of_states(*self._world, *bodies, _rows(q), self._kept(margins)))
+    def separation(
+        self, q: Float[Array, "T n"], margins: Margins | float = 0.0, most: float = 1.0
+    ) -> Float[Array, " T"]:
+        """Smallest gap at each position beyond its pair's margin [m]; `most` where nothing is nearer than that."""
+        kept = margins.pairs if isinstance(margins, Margins) else margins
+        beyond = most + float(np.max(kept, initial=0.0))
+        return np.asarray((self.gaps(q, beyond) - kept).min(axis=1, initial=most))
 
     def sweep(self, splines: Splines, margins: Margins | float) -> tuple[Float[Array, " B"], Float[Array, " B"]]:
         """Smallest gap along each trajectory beyond its pair's margin, and the mean shortfall from it, both [m].
@@ -184,13 +187,10 @@ class Scene:
             return np.ones(len(splines.points)), np.zeros(len(splines.points))
         parts = (splines.points, splines.slopes, splines.durations)
         bodies = self._between, self._moving, self._tree, self._sweep_levers
-        found = sweep(*self._world, *bodies, parts, self._kept(margins))
+        count = len(self._between) + len(self._moving)
+        kept = margins.bodies if isinstance(margins, Margins) else np.full(count, float(margins))
+        found = sweep(*self._world, *bodies, parts, kept)
         return np.minimum(found[:, 0], 1.0), found[:, 1]
-
-    def _kept(self, margins: Margins | float) -> Float[Array, " c"]:
-        if isinstance(margins, Margins):
-            return margins.bodies
-        return np.full(len(self._between) + len(self._moving), float(margins))
 
     def distances(self, q: Float[Array, " n"]) -> Float[Array, " P"]:
         """Exact signed distance of every pair at one position [m]; negative inside a closed mesh too."""
@@ -219,15 +219,6 @@ class Scene:
         gaps = gaps_of_states(*self._world, pieced, self._tree, _rows(q[None]), float(np.max(beyond)), ALL)[0]
         known[self._pieced], beyond[self._pieced] = gaps, beyond[self._pieced] - near + min(near, SHARP)
         return self.proximity.near_distances(q, beyond, known)
-
-    def tight(self, q: Float[Array, " n"], pair: int) -> tuple[Float[Array, " 3"], list[Box]]:
-        """The normal between a pair's nearest points, and boxes that reach along it just as far as the shapes do."""
-        piece = self._pieces(q[None], np.array([pair]))[0] if pair in self._pieced else None
-        found = self.proximity.witness(q, pair, piece)
-        sides = ((found.first, found.normal), (found.second, -found.normal))
-        whole = self.boxes[self.pairs[pair][0]] if piece else found.parts[0]
-        boxes = (whole, found.parts[1])
-        return found.normal, [self._tight(box, q, *side) for box, side in zip(boxes, sides, strict=True)]
 
     @cached_property
     def levers(self) -> Float[Array, "P n"]:
@@ -280,15 +271,6 @@ class Scene:
         data = self.arm.model.createData()
         pin.forwardKinematics(self.arm.model, data, np.asarray(q, dtype=float))
         return data.oMi[joint].rotation.copy(), data.oMi[joint].translation.copy()
-
-    def _tight(self, box: Box, q: Array, point: Array, normal: Array) -> Box:
-        if box.solid.kind == "box":
-            return box
-        rotation, at = self._frame(q, box.joint)
-        if box.solid.kind in (*CLOSED, "cloud"):
-            return replace(box, centre=rotation.T @ (point - at), half=np.zeros(3))
-        local = (rotation @ box.rotation).T @ normal
-        return replace(box, half=box.half * (box.solid.reach(local) / max(float(np.abs(local) @ box.half), 1e-9)))
 
     @cached_property
     def _links(self) -> int:

@@ -1,8 +1,8 @@
-"""Signed separation of two convex bodies, compiled: boxes by separating axes, all others by simplexes.
+"""Signed separation of two convex bodies, compiled: by the separating axes of their boxes, near ones by simplexes.
 
-Overlapping boxes: the largest gap over the 15 axes is minus the exact penetration depth. Apart: it is a lower
-bound of the distance, which is refined by alternating projections where the boxes are close enough to matter. Round
-bodies are boxes, rods or points with a radius; hulls are corners, with a radius where some of them were left out.
+Overlapping boxes: the largest gap over the 15 axes is minus the exact penetration depth. Apart: it is a lower bound of
+the distance, refined by simplexes where the boxes are close enough to matter. Round bodies are boxes, rods or points
+with a radius; hulls are corners, with a radius where some of them were left out.
 Coal checks every returned plan; this loop is what the planners look at 10⁵ times.
 """
 
@@ -20,10 +20,10 @@ BAND = 0.05
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def box_gap(ra, ta, ha, rb, tb, hb, enough=BAND):  # type: ignore[no-untyped-def]
+def box_gap(ra, ta, ha, rb, tb, hb):  # type: ignore[no-untyped-def]
     """Signed separation of two boxes [m]: rotation, centre and half lengths of each, in one frame.
 
-    Beyond `enough` it is a lower bound.
+    Exact where they overlap, a lower bound where they are apart.
     """
     c = np.empty((3, 3))
     t = np.empty(3)
@@ -48,41 +48,7 @@ def box_gap(ra, ta, ha, rb, tb, hb, enough=BAND):  # type: ignore[no-untyped-def
             along = t[i2] * c[i1, j] - t[i1] * c[i2, j]
             reach = ha[i1] * abs(c[i2, j]) + ha[i2] * abs(c[i1, j]) + hb[j1] * abs(c[i, j2]) + hb[j2] * abs(c[i, j1])
             best = max(best, (abs(along) - reach) / math.sqrt(square))
-    return best if best <= 0.0 or best > enough else max(best, _projected_gap(c, t, ha, hb))
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def _projected_gap(c, t, ha, hb):  # type: ignore[no-untyped-def]
-    """Gap along the line between nearest points, found by projecting from box to box; a lower bound at any step."""
-    p, x, d = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        p[i] = min(max(t[i], -ha[i]), ha[i])
-    length = 1e9
-    for _ in range(40):
-        for i in range(3):
-            x[i] = t[i]
-        for j in range(3):
-            y = c[0, j] * (p[0] - t[0]) + c[1, j] * (p[1] - t[1]) + c[2, j] * (p[2] - t[2])
-            y = min(max(y, -hb[j]), hb[j])
-            for i in range(3):
-                x[i] += c[i, j] * y
-        total = 0.0
-        for i in range(3):
-            p[i] = min(max(x[i], -ha[i]), ha[i])
-            d[i] = x[i] - p[i]
-            total += d[i] * d[i]
-        if total > length * (1.0 - 1e-9):
-            break
-        length = total
-    length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    if length < 1e-12:
-        return -1e9
-    gap = 0.0
-    for i in range(3):
-        gap += (d[i] * t[i] - ha[i] * abs(d[i])) / length
-    for j in range(3):
-        gap -= hb[j] * abs(c[0, j] * d[0] + c[1, j] * d[1] + c[2, j] * d[2]) / length
-    return gap
+    return best
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -95,23 +61,22 @@ def body_gap(i, j, rot, at, bodies, warm, enough, band=BAND):  # type: ignore[no
     extra = bodies.radius[i] + bodies.radius[j]
     simple = bodies.number[i] == 0 and bodies.number[j] == 0
     known = min(band, enough)
-    if simple and extra == 0.0:
-        return box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j], min(known, BAND))
-    apart = 0.0
-    for k in range(3):
-        apart += (at[i, k] - at[j, k]) ** 2
-    bound = math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
-    if bound > known:
-        return bound
-    if simple:
-        bound = box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j])
-        if bound <= 0.0 or bound > known + extra:
-            return bound - extra
-    else:
-        bound = box_gap(rot[i], at[i], bodies.half[i], rot[j], at[j], bodies.half[j])
+    if not simple or extra > 0.0:
+        apart = 0.0
+        for k in range(3):
+            apart += (at[i, k] - at[j, k]) ** 2
+        bound = math.sqrt(apart) - bodies.ball[i] - bodies.ball[j]
         if bound > known:
             return bound
-    return simplex_gap(i, j, rot, at, bodies, known + extra, warm) - extra
+    if simple:
+        bound = box_gap(rot[i], at[i], bodies.core[i], rot[j], at[j], bodies.core[j]) - extra
+        if bound <= -extra:
+            return bound
+    else:
+        bound = box_gap(rot[i], at[i], bodies.half[i], rot[j], at[j], bodies.half[j])
+    if bound > known:
+        return bound
+    return max(bound, simplex_gap(i, j, rot, at, bodies, known + extra, warm) - extra)
 
 
 @njit(cache=True, fastmath=True, nogil=True)

@@ -2,10 +2,10 @@
 
 Apart: simplexes of the bodies' difference close in on the point nearest to the origin, and what is returned is the gap
 between two planes that stand on the line to it, a lower bound that ends at the distance. Overlapping: the best of
-some directions, improved a little; it is never above minus the depth's true value.
+some directions, improved a little; it is never above minus the depth's true value. Vectors are tuples of three.
 
 Source: E. G. Gilbert, D. W. Johnson, S. S. Keerthi, 1988, "A fast procedure for computing the distance between
-complex objects in three-dimensional space"; nearest points of triangles and tetrahedra by C. Ericson, 2005.
+complex objects in three-dimensional space"; nearest points of triangles by C. Ericson, 2005.
 """
 
 from __future__ import annotations
@@ -21,15 +21,33 @@ ROUNDS = 40
 EXACT = 1e-5
 # Steps by which a direction of least depth is improved, and the first one's size [rad].
 TURNS, TURN = 8, 0.3
+# Corners of a tetrahedron's faces, and the corner opposite to each.
+FACES = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0))
 
 
 @njit(cache=True, nogil=True)
-def _farthest(dx, dy, dz, i, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True)
+def _minus(a, b, share=1.0):  # type: ignore[no-untyped-def]
+    """a − share · b."""
+    return a[0] - share * b[0], a[1] - share * b[1], a[2] - share * b[2]
+
+
+@njit(cache=True, nogil=True)
+def _scaled(a, share):  # type: ignore[no-untyped-def]
+    return share * a[0], share * a[1], share * a[2]
+
+
+@njit(cache=True, nogil=True)
+def _farthest(d, i, rot, at, bodies):  # type: ignore[no-untyped-def]
     """The farthest point of a body's core along a direction of the base frame."""
     r = rot[i]
-    lx = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
-    ly = r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz
-    lz = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
+    lx = r[0, 0] * d[0] + r[1, 0] * d[1] + r[2, 0] * d[2]
+    ly = r[0, 1] * d[0] + r[1, 1] * d[1] + r[2, 1] * d[2]
+    lz = r[0, 2] * d[0] + r[1, 2] * d[1] + r[2, 2] * d[2]
     if bodies.number[i] == 0:
         x = math.copysign(bodies.core[i, 0], lx)
         y = math.copysign(bodies.core[i, 1], ly)
@@ -49,11 +67,9 @@ def _farthest(dx, dy, dz, i, rot, at, bodies):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _difference(dx, dy, dz, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _difference(d, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
     """The nearest point of the cores' difference along a direction from j to i."""
-    ax, ay, az = _farthest(-dx, -dy, -dz, i, rot, at, bodies)
-    bx, by, bz = _farthest(dx, dy, dz, j, rot, at, bodies)
-    return ax - bx, ay - by, az - bz
+    return _minus(_farthest((-d[0], -d[1], -d[2]), i, rot, at, bodies), _farthest(d, j, rot, at, bodies))
 
 
 @njit(cache=True, nogil=True)
@@ -63,69 +79,65 @@ def simplex_gap(i, j, rot, at, bodies, enough, warm):  # type: ignore[no-untyped
     Args:
         i, j: Numbers of the bodies.
         rot, at: Placements of all bodies.
-        bodies: See `compiled.Bodies`.
+        bodies: See `compiled.CompiledBodies`.
         enough: A gap that is known to be larger than this need not be known closer [m].
         warm: A direction to start from, if not zero: the one that was found here last time. It is replaced.
     """
     simplex, count = np.empty((4, 3)), 0
-    x, y, z = warm[0], warm[1], warm[2]
-    if x == 0.0 and y == 0.0 and z == 0.0:
-        x, y, z = at[i, 0] - at[j, 0], at[i, 1] - at[j, 1], at[i, 2] - at[j, 2]
-    length = math.sqrt(x * x + y * y + z * z)
+    x = (warm[0], warm[1], warm[2])
+    if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
+        x = _minus(at[i], at[j])
+    length = math.sqrt(_dot(x, x))
     if length < 1e-12:
-        x, y, z, length = 0.0, 0.0, 1.0, 1.0
-    tx, ty, tz, best = x / length, y / length, z / length, -1e300
+        x, length = (0.0, 0.0, 1.0), 1.0
+    kept, best = _scaled(x, 1.0 / length), -1e300
     for _ in range(ROUNDS):
-        dx, dy, dz = x / length, y / length, z / length
-        wx, wy, wz = _difference(dx, dy, dz, i, j, rot, at, bodies)
-        gap = wx * dx + wy * dy + wz * dz
+        d = _scaled(x, 1.0 / length)
+        w = _difference(d, i, j, rot, at, bodies)
+        gap = _dot(w, d)
         if gap > best:
-            best, tx, ty, tz = gap, dx, dy, dz
+            best, kept = gap, d
         if best > enough or (count > 0 and length - best < EXACT):
             break
         known = False
         for m in range(count):
-            known = known or abs(simplex[m, 0] - wx) + abs(simplex[m, 1] - wy) + abs(simplex[m, 2] - wz) < 1e-12
+            known = known or abs(simplex[m, 0] - w[0]) + abs(simplex[m, 1] - w[1]) + abs(simplex[m, 2] - w[2]) < 1e-12
         if known:
             break
-        simplex[count, 0], simplex[count, 1], simplex[count, 2] = wx, wy, wz
-        count, x, y, z = _nearest(simplex, count + 1)
-        length = math.sqrt(x * x + y * y + z * z)
+        simplex[count, 0], simplex[count, 1], simplex[count, 2] = w
+        count, x = _nearest(simplex, count + 1)
+        length = math.sqrt(_dot(x, x))
         if count == 4 or length < 1e-10:
             break
-    warm[0], warm[1], warm[2] = tx, ty, tz
-    return best if best > min(enough, 0.0) else _deepest(tx, ty, tz, i, j, rot, at, bodies)
+    warm[0], warm[1], warm[2] = kept
+    return best if best > min(enough, 0.0) else _deepest(kept, i, j, rot, at, bodies)
 
 
 @njit(cache=True, nogil=True)
-def _deepest(tx, ty, tz, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
+def _deepest(first, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
     """The largest gap (the least depth) found among some directions, the best of them improved step by step."""
-    cx, cy, cz, best = tx, ty, tz, -1e300
-    nx, ny, nz = 0.0, 0.0, 0.0
-    away_x, away_y, away_z = at[i, 0] - at[j, 0], at[i, 1] - at[j, 1], at[i, 2] - at[j, 2]
+    chosen, point, best = first, first, -1e300
+    away = _minus(at[i], at[j])
     for k in range(7):
-        dx, dy, dz = tx, ty, tz
+        d = first
         if k < 6:
             body = i if k < 3 else j
-            dx, dy, dz = rot[body, 0, k % 3], rot[body, 1, k % 3], rot[body, 2, k % 3]
-            if dx * away_x + dy * away_y + dz * away_z < 0.0:
-                dx, dy, dz = -dx, -dy, -dz
-        wx, wy, wz = _difference(dx, dy, dz, i, j, rot, at, bodies)
-        gap = wx * dx + wy * dy + wz * dz
-        if gap > best:
-            best, cx, cy, cz, nx, ny, nz = gap, dx, dy, dz, wx, wy, wz
+            d = (rot[body, 0, k % 3], rot[body, 1, k % 3], rot[body, 2, k % 3])
+            if _dot(d, away) < 0.0:
+                d = _scaled(d, -1.0)
+        w = _difference(d, i, j, rot, at, bodies)
+        if _dot(w, d) > best:
+            best, chosen, point = _dot(w, d), d, w
     step = TURN
     for _ in range(TURNS):
-        sx, sy, sz = nx - best * cx, ny - best * cy, nz - best * cz
-        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        side = _minus(point, chosen, best)
+        length = math.sqrt(_dot(side, side))
         if length < 1e-12:
             break
-        c, s = math.cos(step), math.sin(step) / length
-        dx, dy, dz = c * cx + s * sx, c * cy + s * sy, c * cz + s * sz
-        wx, wy, wz = _difference(dx, dy, dz, i, j, rot, at, bodies)
-        gap = wx * dx + wy * dy + wz * dz
-        if gap > best:
-            best, cx, cy, cz, nx, ny, nz = gap, dx, dy, dz, wx, wy, wz
+        d = _minus(_scaled(chosen, math.cos(step)), side, -math.sin(step) / length)
+        w = _difference(d, i, j, rot, at, bodies)
+        if _dot(w, d) > best:
+            best, chosen, point = _dot(w, d), d, w
         else:
             step *= 0.4
     return best
@@ -133,130 +145,79 @@ def _deepest(tx, ty, tz, i, j, rot, at, bodies):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _nearest(p, count):  # type: ignore[no-untyped-def]
-    """Point of a simplex nearest to the origin, after the number of corners that carry it; these come first in p."""
-    if count == 1:
-        return 1, p[0, 0], p[0, 1], p[0, 2]
-    if count == 2:
-        return _nearest_of_edge(p, 0, 1)
-    if count == 3:
-        return _nearest_of_triangle(p, 0, 1, 2)
-    return _nearest_of_tetrahedron(p)
+    """The number of corners that carry a simplex's point nearest to the origin, which come first in p, and the point.
 
-
-@njit(cache=True, nogil=True)
-def _keep(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Moves three corners to the front."""
+    A simplex of fewer than three corners is a triangle in which the last corner stands more than once.
+    """
+    least, nearest, carried, shares = 1e300, (0.0, 0.0, 0.0), FACES[0], (0.0, 0.0, 0.0)
+    last = count - 1
+    for number in range(4 if count == 4 else 1):
+        face = FACES[number]
+        a, b, c = p[face[0]], p[min(face[1], last)], p[min(face[2], last)]
+        if count == 4 and _hidden(a, b, c, p[face[3]]):
+            continue
+        u, v, w = _shares(a, b, c)
+        x = (u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2])
+        if _dot(x, x) < least:
+            least, nearest, carried, shares = _dot(x, x), x, face, (u, v, w)
+    if least == 1e300:
+        return 4, nearest
+    kept = 0
     for k in range(3):
-        x, y, z = p[a, k], p[b, k], p[c, k]
-        p[0, k], p[1, k], p[2, k] = x, y, z
+        if shares[k] > 0.0:
+            for m in range(3):
+                p[kept, m] = p[carried[k], m]  # never before its own place: faces name their corners in order
+            kept += 1
+    return kept, nearest
 
 
 @njit(cache=True, nogil=True)
-def _nearest_of_edge(p, a, b):  # type: ignore[no-untyped-def]
-    ex, ey, ez = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
-    square = ex * ex + ey * ey + ez * ez
-    share = -(p[a, 0] * ex + p[a, 1] * ey + p[a, 2] * ez) / square if square > 0.0 else 0.0
-    if share >= 1.0:
-        _keep(p, b, a, a)
-        return 1, p[0, 0], p[0, 1], p[0, 2]
-    _keep(p, a, b, a)
-    if share <= 0.0:
-        return 1, p[0, 0], p[0, 1], p[0, 2]
-    return 2, p[0, 0] + share * ex, p[0, 1] + share * ey, p[0, 2] + share * ez
+def _shares(a, b, c):  # type: ignore[no-untyped-def]
+    """Shares of a triangle's corners in its point nearest to the origin: a corner, on an edge, or inside."""
+    ab, ac = _minus(b, a), _minus(c, a)
+    square_b, square_c = _dot(ab, ab), _dot(ac, ac)
+    area = square_b * square_c - _dot(ab, ac) ** 2
+    if area <= 1e-14 * square_b * square_c:  # a line: of its ends alone
+        bc = _minus(c, b)
+        square = _dot(bc, bc)
+        if square_b >= max(square_c, square):
+            share = _share(a, ab, square_b)
+            return 1.0 - share, share, 0.0
+        if square_c >= square:
+            share = _share(a, ac, square_c)
+            return 1.0 - share, 0.0, share
+        share = _share(b, bc, square)
+        return 0.0, 1.0 - share, share
+    ab_a, ab_b, ab_c = -_dot(ab, a), -_dot(ab, b), -_dot(ab, c)
+    ac_a, ac_b, ac_c = -_dot(ac, a), -_dot(ac, b), -_dot(ac, c)
+    if ab_a <= 0.0 and ac_a <= 0.0:
+        return 1.0, 0.0, 0.0
+    if ab_b >= 0.0 and ac_b <= ab_b:
+        return 0.0, 1.0, 0.0
+    if ac_c >= 0.0 and ab_c <= ac_c:
+        return 0.0, 0.0, 1.0
+    w, v, u = ab_a * ac_b - ab_b * ac_a, ab_c * ac_a - ab_a * ac_c, ab_b * ac_c - ab_c * ac_b
+    if w <= 0.0 and ab_a >= 0.0 and ab_b <= 0.0:
+        share = ab_a / (ab_a - ab_b)
+        return 1.0 - share, share, 0.0
+    if v <= 0.0 and ac_a >= 0.0 and ac_c <= 0.0:
+        share = ac_a / (ac_a - ac_c)
+        return 1.0 - share, 0.0, share
+    if u <= 0.0 and ac_b >= ab_b and ab_c >= ac_c:
+        share = (ac_b - ab_b) / (ac_b - ab_b + ab_c - ac_c)
+        return 0.0, 1.0 - share, share
+    return 1.0 - (v + w) / area, v / area, w / area
 
 
 @njit(cache=True, nogil=True)
-def _edge_square(p, a, b):  # type: ignore[no-untyped-def]
-    """Square of the origin's distance from an edge."""
-    ex, ey, ez = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
-    square = ex * ex + ey * ey + ez * ez
-    share = -(p[a, 0] * ex + p[a, 1] * ey + p[a, 2] * ez) / square if square > 0.0 else 0.0
-    share = min(max(share, 0.0), 1.0)
-    x, y, z = p[a, 0] + share * ex, p[a, 1] + share * ey, p[a, 2] + share * ez
-    return x * x + y * y + z * z
+def _share(a, edge, square):  # type: ignore[no-untyped-def]
+    """How far along an edge from a lies its point nearest to the origin, as a share of its length."""
+    return min(max(-_dot(a, edge) / square, 0.0), 1.0) if square > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)
-def _inside_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Shares of b and c in the origin's foot on a triangle's plane, and whether it lies inside."""
-    ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
-    vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
-    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
-    au = -(p[a, 0] * ux + p[a, 1] * uy + p[a, 2] * uz)
-    av = -(p[a, 0] * vx + p[a, 1] * vy + p[a, 2] * vz)
-    area = uu * vv - uv * uv
-    if area <= 1e-14 * uu * vv:
-        return False, 0.0, 0.0
-    s, t = (vv * au - uv * av) / area, (uu * av - uv * au) / area
-    return s > 0.0 and t > 0.0 and s + t < 1.0, s, t
-
-
-@njit(cache=True, nogil=True)
-def _nearest_of_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
-    inside, s, t = _inside_triangle(p, a, b, c)
-    if inside:
-        _keep(p, a, b, c)
-        return (
-            3,
-            p[0, 0] + s * (p[1, 0] - p[0, 0]) + t * (p[2, 0] - p[0, 0]),
-            p[0, 1] + s * (p[1, 1] - p[0, 1]) + t * (p[2, 1] - p[0, 1]),
-            p[0, 2] + s * (p[1, 2] - p[0, 2]) + t * (p[2, 2] - p[0, 2]),
-        )
-    ab, ac, bc = _edge_square(p, a, b), _edge_square(p, a, c), _edge_square(p, b, c)
-    if ab <= ac and ab <= bc:
-        return _nearest_of_edge(p, a, b)
-    if ac <= bc:
-        return _nearest_of_edge(p, a, c)
-    return _nearest_of_edge(p, b, c)
-
-
-@njit(cache=True, nogil=True)
-def _triangle_square(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Square of the origin's distance from a triangle."""
-    inside, s, t = _inside_triangle(p, a, b, c)
-    if inside:
-        square = 0.0
-        for k in range(3):
-            x = p[a, k] + s * (p[b, k] - p[a, k]) + t * (p[c, k] - p[a, k])
-            square += x * x
-        return square
-    return min(_edge_square(p, a, b), min(_edge_square(p, a, c), _edge_square(p, b, c)))
-
-
-@njit(cache=True, nogil=True)
-def _hidden(p, a, b, c, d):  # type: ignore[no-untyped-def]
+def _hidden(a, b, c, d):  # type: ignore[no-untyped-def]
     """Whether the origin lies on the side of the face a, b, c on which d lies."""
-    ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
-    vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    opposite = nx * (p[d, 0] - p[a, 0]) + ny * (p[d, 1] - p[a, 1]) + nz * (p[d, 2] - p[a, 2])
-    origin = -(nx * p[a, 0] + ny * p[a, 1] + nz * p[a, 2])
-    return opposite * origin > 0.0
-
-
-@njit(cache=True, nogil=True)
-def _nearest_of_tetrahedron(p):  # type: ignore[no-untyped-def]
-    best, face = 1e300, -1
-    if not _hidden(p, 0, 1, 2, 3):
-        best, face = _triangle_square(p, 0, 1, 2), 0
-    if not _hidden(p, 0, 1, 3, 2):
-        square = _triangle_square(p, 0, 1, 3)
-        if square < best:
-            best, face = square, 1
-    if not _hidden(p, 0, 2, 3, 1):
-        square = _triangle_square(p, 0, 2, 3)
-        if square < best:
-            best, face = square, 2
-    if not _hidden(p, 1, 2, 3, 0):
-        square = _triangle_square(p, 1, 2, 3)
-        if square < best:
-            best, face = square, 3
-    if face < 0:
-        return 4, 0.0, 0.0, 0.0
-    if face == 0:
-        return _nearest_of_triangle(p, 0, 1, 2)
-    if face == 1:
-        return _nearest_of_triangle(p, 0, 1, 3)
-    if face == 2:
-        return _nearest_of_triangle(p, 0, 2, 3)
-    return _nearest_of_triangle(p, 1, 2, 3)
+    u, v = _minus(b, a), _minus(c, a)
+    normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+    return -_dot(normal, _minus(d, a)) * _dot(normal, a) > 0.0

@@ -96,18 +96,6 @@ class Solid:
             return math.hypot(*self.size)
         return float(np.linalg.norm(self.half if self.kind == "box" else self.points, axis=-1).max()) + self.grown
 
-    def reach(self, direction: Float[Array, " 3"]) -> float:
-        """How far it extends along a unit vector from its centre [m]."""
-        if self.kind == "box":
-            return float(np.abs(direction) @ self.size)
-        if self.kind == "sphere":
-            return float(self.size[0])
-        if self.kind == "capsule":
-            return float(self.size[0] + self.size[1] * abs(direction[2]))
-        if self.kind == "cylinder":
-            return float(self.size[0] * math.hypot(*direction[:2]) + self.size[1] * abs(direction[2]))
-        return float((self.points @ direction).max()) + self.grown
-
     def for_coal(self) -> coal.CollisionGeometry:
         """The shape as Coal knows it; of a cloud the points alone, as triangles that are no larger."""
         if self.kind == "box":

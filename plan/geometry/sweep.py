@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
+from plan.dynamics.placement import joint_axis, place_bodies, place_frames
 from plan.geometry.compiled import DEEPEST
-from plan.geometry.placement import joint_axis, place_bodies, place_frames
 from plan.geometry.separation import BAND, shape_gap
 
 # Steps through a collision: a section's share at most, so that its depth is felt.
@@ -258,34 +258,6 @@ def _extent(body, rot, at, bodies, low, high):  # type: ignore[no-untyped-def]
         for m in range(3):
             extent += abs(rot[body, k, m]) * bodies.half[body, m]
         low[k], high[k] = at[body, k] - extent, at[body, k] + extent
-
-
-@njit(cache=True, fastmath=True, nogil=True)
-def least_of_states(chain, bodies, links, room, pairs, moving, tree, q, margins):  # type: ignore[no-untyped-def]
-    """Smallest gap beyond its margin at every position, a metre at most, shape (T,) [m].
-
-    Args:
-        chain, bodies, links, room, tree, q: As in `gaps_of_states`.
-        pairs: Pairs of links.
-        moving: Links that are checked against the world.
-        margins: Taken off the gaps of the pairs of links, and of the moving links against the world [m].
-    """
-    n, rot, at = q.shape[1], room[0], room[1]
-    frame_rot, frame_at = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    out, root, hints = np.empty(q.shape[0]), tree.root[-1], np.full((links + 1, 1), -1)
-    warm, seen = np.zeros((pairs.shape[0], 3)), _unseen(links, bodies)
-    for t in range(q.shape[0]):
-        place_frames(chain, q[t], frame_rot, frame_at)
-        place_bodies(bodies, 0, links, frame_rot, frame_at, rot, at)
-        least = FAR
-        for p in range(pairs.shape[0]):
-            least = min(least, shape_gap(pairs[p, 0], pairs[p, 1], rot, at, bodies, warm[p], FAR) - margins[p])
-        for k in range(len(moving)):
-            m, margin = moving[k], margins[pairs.shape[0] + k]
-            gap = world_gap(m, root, tree, rot, at, bodies, least + margin, hints[m], seen[m])
-            least = min(least, gap - margin)
-        out[t] = least
-    return out
 
 
 @njit(cache=True, fastmath=True, nogil=True)

@@ -10,6 +10,9 @@ from ident.arrays import Array, Float
 from plan.geometry.margins import Margins
 from plan.geometry.scene import Scene
 
+# Gaps beyond their margins by more than this are all the same to a tree [m].
+NEAR = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class TreeOptions:
@@ -77,7 +80,7 @@ class _Tree:
 
 def is_free(scene: Scene, q: Float[Array, "T n"], margins: Margins | float) -> bool:
     """Whether all positions keep the margins."""
-    return bool(scene.separation(q, margins).min() > 0.0)
+    return bool(scene.separation(q, margins, NEAR).min() > 0.0)
 
 
 def edge_is_free(scene: Scene, a: Float[Array, " n"], b: Float[Array, " n"], options: TreeOptions) -> bool:

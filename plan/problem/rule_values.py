@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ident.arrays import Array, Float, Int, freeze
 from ident.robot.arm import ArmModel
-from plan.geometry.placement import frame_states
+from plan.dynamics.placement import frame_states
 from plan.geometry.tool import find_frame
 from plan.problem.rules import ViaPoint, WayRules
 from plan.spline import Splines

@@ -12,7 +12,6 @@ from plan.dynamics.power import ChainTorque
 from plan.dynamics.torque_gradient import differentiate_torque, rounded
 from plan.solving.bound import lower_bound
 from tests.plan.dynamics.differences import slopes_by_differences
-from tests.plan.planners.test_brute_force import block_error
 from tests.plan.worlds import joint_nets, model, problem, three_joints
 
 
@@ -67,14 +66,6 @@ def test_derivatives_are_those_of_the_torque(nets: bool) -> None:
     parts = found.by_position, found.by_speed, found.by_acceleration
     for order, joint, slope in slopes_by_differences(arm, states):
         assert parts[order][:, :, joint] == pytest.approx(slope, abs=1e-4)
-
-
-def test_the_grids_loop_knows_the_laws() -> None:
-    """Laws of a course by itself to 1e-9 J, the load's through tables to some millijoules of 50 J."""
-    alone = [law for law in ALL if not law.bears_load]
-    assert block_error(problem(model=_with(*alone))) < 1e-9
-    assert block_error(problem(model=_with(*ALL))) < 5e-3
-    assert block_error(problem(model=replace(model(joint_nets()), named=ALL))) < 8e-3
 
 
 @pytest.mark.parametrize("metric", ["signed", "absolute"])

@@ -71,7 +71,7 @@ def test_a_folded_arm_is_refused() -> None:
     whole = Feasibility(ArmModel.load("tm5-900"))
     limits = whole.limits
     poses = np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, 6))
-    distances = [whole.scene.proximity.clearance(pose) for pose in poses]
+    distances = [whole.scene.proximity.distances(pose).min() for pose in poses]
     folded, free = (slow_move(limits.centre, poses[pick(distances)]) for pick in (np.argmin, np.argmax))
     assert min(distances) < 0.0
     assert limits.excess(folded.q, folded.dq, folded.ddq) < 1.0
@@ -81,7 +81,7 @@ def test_a_folded_arm_is_refused() -> None:
     assert whole.allows(short)
     assert whole.clearance(short) > 0.0
     # What is proven is no more than what a close look finds.
-    assert whole.clearance(free) <= max(0.0, min(whole.scene.proximity.clearance(q) for q in free.q[::200]))
+    assert whole.clearance(free) <= max(0.0, min(whole.scene.proximity.distances(q).min() for q in free.q[::200]))
 
 
 def slow_move(start: Float[Array, " n"], goal: Float[Array, " n"]) -> ReferenceMotion:

@@ -115,9 +115,9 @@ def test_stand_ins_hit_what_the_arm_hits(tmp_path: Path) -> None:
     elbow = own.forward_kinematics(q)["link_3"][:3, 3]
     crate = Box("crate", 0, np.eye(3), elbow, [0.1, 0.1, 0.1])
     bare = ArmModel.load(shapeless(tmp_path))
-    assert Scene.build(own, [crate]).proximity.clearance(q) < 0.0
-    assert Scene.build(bare, [crate], stand_in="capsules").proximity.clearance(q) < 0.0
-    assert Scene.build(bare, [crate], stand_in="boxes").proximity.clearance(q) < 0.0
+    assert Scene.build(own, [crate]).proximity.distances(q).min() < 0.0
+    assert Scene.build(bare, [crate], stand_in="capsules").proximity.distances(q).min() < 0.0
+    assert Scene.build(bare, [crate], stand_in="boxes").proximity.distances(q).min() < 0.0
 
 
 def test_unknown_stand_ins_and_missing_pictures_are_refused(tmp_path: Path) -> None:

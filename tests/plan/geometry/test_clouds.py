@@ -71,7 +71,7 @@ def test_a_cloud_is_its_balls(balls: Scene) -> None:
     points = scanned(0)[:150]
     together = Scene.build(three_joints(), [Box.around("scan", Solid.cloud(points, RADIUS), 0, None, np.zeros(3))])
     q = np.random.default_rng(2).uniform(-2.0, 2.0, (60, 3))
-    assert together.separation(q) == pytest.approx(balls.separation(q), abs=1e-6)
+    assert together.separation(q, most=0.045) == pytest.approx(balls.separation(q, most=0.045), abs=1e-4)
     first, near, far = len(together.boxes) - 1, 0, 0
     for row in q:
         one, many = together.distances(row), balls.distances(row)

@@ -229,9 +229,9 @@ def test_what_is_carried_is_checked(tmp_path: Path) -> None:
     q = np.radians([0.0, 30.0, 60.0, 0.0, 90.0, 0.0])
     tip = arm.forward_kinematics(q)[arm.links[-1]]
     crate = Box("crate", 0, np.eye(3), tip[:3, 3] + 0.5 * tip[:3, 2], np.full(3, 0.05))
-    assert Scene.build(arm, [crate]).proximity.clearance(q) > 0.01
+    assert Scene.build(arm, [crate]).proximity.distances(q).min() > 0.01
     held = Scene.build(arm, [crate], carried=[Carried(rod, touches=("link_4",))])
-    assert held.proximity.clearance(q) < 0.0
+    assert held.proximity.distances(q).min() < 0.0
     names = {held.pair_name(i) for i in range(len(held.pairs))}
     assert {"rod and crate", "rod and link_2"} <= names
     assert "rod and link_4" not in names
