@@ -323,26 +323,19 @@ class ArmModel:
     @cached_property
     def chain(self) -> Chain:
         """Joint placements, axes, which joints slide, gravity and inertias, as plain arrays."""
-        model, joints = self.model, range(1, self.n + 1)
+        model, placed, inertias = self.model, list(self.model.jointPlacements)[1:], list(self.model.inertias)[1:]
         axes, sliding, rotations = np.zeros((self.n, 3)), np.zeros(self.n, dtype=bool), []
-        for i in joints:
-            data = model.joints[i].createData()
-            model.joints[i].calc(data, np.zeros(1))
+        for i, joint in enumerate(list(model.joints)[1:]):
+            data = joint.createData()
+            joint.calc(data, np.zeros(1))
             subspace = np.asarray(data.S.matrix if hasattr(data.S, "matrix") else data.S).reshape(6)
-            sliding[i - 1] = np.linalg.norm(subspace[:3]) > 0.5
-            axes[i - 1] = subspace[:3] if sliding[i - 1] else subspace[3:]
-            placed, cross = model.jointPlacements[i].rotation, (not sliding[i - 1]) * pin.skew(axes[i - 1])
-            rotations.append([placed, placed @ cross, placed @ cross @ cross])
-        parts = (
-            np.array(rotations),
-            np.array([model.jointPlacements[i].translation for i in joints]),
-            axes,
-            sliding,
-            np.array(model.gravity.linear),
-            np.array([model.inertias[i].mass for i in joints]),
-            np.array([model.inertias[i].lever for i in joints]),
-            np.array([model.inertias[i].inertia for i in joints]),
-        )
+            sliding[i] = np.linalg.norm(subspace[:3]) > 0.5
+            axes[i] = subspace[:3] if sliding[i] else subspace[3:]
+            first, cross = placed[i].rotation, (not sliding[i]) * pin.skew(axes[i])
+            rotations.append([first, first @ cross, first @ cross @ cross])
+        masses = [np.array([getattr(one, name) for one in inertias]) for name in ("mass", "lever", "inertia")]
+        offsets, gravity = np.array([one.translation for one in placed]), np.array(model.gravity.linear)
+        parts = (np.array(rotations), offsets, axes, sliding, gravity, *masses)
         for part in parts:
             part.setflags(write=False)
         return Chain(*parts)
