@@ -100,6 +100,7 @@ class AsChange:
         body: Whether it is a body, of which the tuned baseline says already what all runs alike say.
         friction: Whether it is a law of friction, which differs from run to run anyhow.
         common_gain: Whether a gain that both sets share makes it as open as that gain.
+        later_alone: Whether the later set's runs lay it out: where its lines, widths or windows are looked for.
         taken_off: The parameter that is negative where the change is that something has gone; "" for none.
         sentence: What to do about it, as `Effect.sentence`.
     """
@@ -109,6 +110,7 @@ class AsChange:
     body: bool = False
     friction: bool = False
     common_gain: bool = False
+    later_alone: bool = False
     taken_off: str = ""
     sentence: str = ""
 

@@ -53,17 +53,21 @@ class TorqueRipple(Effect):
     Attributes:
         lines: Cycles a turn of each joint that stand out.
         screens: Number of lines that were looked at to find them.
+        chance: Of a line among noise that stands out so far as one must; as many as were looked at: the best, always.
     """
 
     lines: tuple[tuple[float, ...], ...] = ()
     screens: int = 1
+    chance: float = CHANCE
 
     id = "torque_ripple"
 
     def screened(self, session: SessionContext, leftover: Sequence[Float[Array, "t n"]]) -> TorqueRipple:
         # Of hours an even choice of runs: they stay in memory, and lines are no more distinct for more of them.
         some = session.surveyed(leftover)
-        lines, looked = zip(*(find_lines(session.survey, some, joint) for joint in range(session.n)), strict=True)
+        lines, looked = zip(
+            *(find_lines(session.survey, some, joint, chance=self.chance) for joint in range(session.n)), strict=True
+        )
         return replace(self, lines=lines, screens=max(1, round(float(np.mean(looked)))))
 
     def untestable(self, session: SessionContext, joint: int) -> str | None:
@@ -148,7 +152,7 @@ def _ripple_shows(session: SessionContext, joint: int, turns: float) -> bool:
 
 
 def find_lines(
-    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2
+    session: SessionContext, leftover: Sequence[Float[Array, "t n"]], joint: int, most: int = 2, chance: float = CHANCE
 ) -> tuple[tuple[float, ...], int]:
     """Lines in a joint's angle that the tuned model leaves, the strongest first, and how many were looked at.
 
@@ -158,6 +162,8 @@ def find_lines(
             count [N m].
         joint: Index of the joint.
         most: Largest number of lines.
+        chance: Of a line among noise that stands out so far as one must.
+        chance: Of a line among noise that stands out so far as one must.
     """
     angles, speeds, left = [], [], []
     for run, values in zip(session.runs, leftover, strict=True):
@@ -180,7 +186,7 @@ def find_lines(
     above = np.where(shows, power / np.maximum(usual, 1.0), 0.0)
     looked = max(1, int(shows.sum()) // PADDING)
     found: list[float] = []
-    while len(found) < most and above.max() > 2.0 * np.log(looked / CHANCE):
+    while len(found) < most and above.max() > max(0.0, 2.0 * np.log(looked / chance)):
         best = int(np.argmax(above))
         found.append(float(turns[best]))
         above[np.abs(turns - turns[best]) < 2.0 * (2.0 * np.pi / covered)] = 0.0

@@ -6,8 +6,14 @@ one set differ by beyond that is a variance component of random effects,
 
     τ² = max(0, f (s² − 1)) / C,    s² = Σ (d − d̄)² / v / f,    f = Σ (R_s − 1),
 
-and the change itself has the variance V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's share
-of its set's information. A change is reported where F = 1 / (k V) is beyond chance for its k columns, among all.
+and the change itself has the variance V = V_b + τ² (Σ_before w² + Σ_after w²), with V_b from blocks and w each run's
+share of its set's information. With ν degrees of freedom for V, its k coefficients have the log likelihood ratio
+
+    Λ = ½ (ν + k) log(1 + 1 / (ν V)),
+
+against which stands what it costs to be one of so many, and as wide beforehand as N samples are less sure than V:
+
+    log odds = Λ − ½ k log(N V₀ / V) − log(points of its grid) − log(effects),    V₀ by the noise model alone.
 
 Three runs a set say little of s². But every other law has one of its own at the same joints, where the same model is
 wrong: a scaled inverse chi² distribution of f₀ degrees of freedom about s₀² is fitted to all of them, and each s² is
@@ -30,7 +36,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import digamma, polygamma
+from scipy.special import digamma, logsumexp, polygamma
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
@@ -60,6 +66,8 @@ class Standing:
         widening: Factor on the half-widths of intervals that count the blocks' noise alone.
         daily: What of the error is there whatever the runs say, as one day differs from the next.
         of_the_runs: Whether the error is mostly what runs or days differ by, and not noise.
+        nats: Log likelihood ratio against none.
+        looser: Log of by how much its variance exceeds that of the noise model.
     """
 
     p_value: float
@@ -68,6 +76,8 @@ class Standing:
     widening: float
     daily: float = 0.0
     of_the_runs: bool = False
+    nats: float = 0.0
+    looser: float = 0.0
 
     @property
     def of_the_day(self) -> bool:
@@ -118,10 +128,16 @@ def measure_standing(
     dof = variance**2 / (estimated + 1e-300)
     k = len(beta)
     p_value = min(1.0, asked * float(wandering.weight @ fisher.sf(1.0 / (k * variance), k, dof)))
+    peak = np.log(np.maximum(wandering.weight, 1e-300)) - 0.5 * k * np.log(variance)
+    apart = peak - 0.5 * (dof + k) * np.log1p(1.0 / (np.maximum(dof, 1e-9) * variance))
+    nats = float(logsumexp(peak) - logsumexp(apart))
+    looser = float(np.log(max(np.sum(wandering.weight * variance) * float(beta @ along), 1.0)))
     reach = _quantile(variance, dof, wandering.weight) / 1.96
     error = float(np.sqrt(wandering.weight @ variance))
     widening = reach / float(np.sqrt(max(by_blocks, 1e-300)))
-    return Standing(p_value, error, float(spread), max(1.0, widening), day.error, error**2 > 2.0 * by_blocks)
+    return Standing(
+        p_value, error, float(spread), max(1.0, widening), day.error, error**2 > 2.0 * by_blocks, nats, looser
+    )
 
 
 def _quantile(variance: Float[Array, " m"], dof: Float[Array, " m"], weight: Float[Array, " m"]) -> float:

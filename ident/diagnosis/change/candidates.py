@@ -12,10 +12,15 @@ from ident.diagnosis.change.laws import FrictionChange, UnlistedChange
 from ident.effects.base import Effect, Interval, SessionContext, Variant
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.effect_info import Doubt, Range
+from ident.effects.ripple import TorqueRipple
 
-# What happens to arms between two recordings. Not tested: what is no change (warmth, an event in one run), and what
-# hides in less than a filter passes (play, ripple, elasticity), whose laws need the finest of motions.
-CHANGEABLE = sorted((one for one in CATALOGUE if one.as_change.order), key=lambda one: one.as_change.order)
+# More than any number of lines that are looked at: the best of them always are candidates.
+MANY_LINES = 1e9
+# What happens to arms between two recordings: any effect of the catalogue; lines of a ripple are weighed, never barred.
+CHANGEABLE = sorted(
+    (replace(one, chance=MANY_LINES) if isinstance(one, TorqueRipple) else one for one in CATALOGUE),
+    key=lambda one: one.as_change.order,
+)
 CHANGES: tuple[Effect, ...] = (*CHANGEABLE, FrictionChange(), UnlistedChange())
 
 
@@ -25,7 +30,9 @@ def ids(flag: str, of: Sequence[Effect] = CHANGES) -> frozenset[str]:
 
 
 # Those whose own columns, in all runs alike, say nothing that the tuned baseline does not say already.
-IN_THE_BASELINE = ids("body") | {FrictionChange.id}
+IN_THE_BASELINE = ids("body") | {one.id for one in CHANGES if one.event or one.remembers} | {FrictionChange.id}
+# What the later set's runs lay out: lines, widths and windows are looked for there.
+LATER_ALONE = ids("later_alone")
 # Laws of friction: of one run before and one after, nobody knows what differs from run to run anyhow.
 OF_FRICTION = ids("friction")
 # What a gain that both sets share makes as open as that gain; and the change that says that something is carried.
@@ -37,9 +44,11 @@ MOST_POINTS = 2
 
 
 def points(effect: Effect, session: SessionContext, joint: int) -> Sequence[Variant]:
-    """An even choice of an effect's inner grid."""
+    """An even choice of an effect's inner grid; of those that other joints take part in, the neighbours' points."""
     grid = effect.variants(effect.asked(session), joint)
-    if len(grid) <= MOST_POINTS:
+    if effect.partner:
+        return [point for point in grid if point.other is not None and abs(point.other - joint) == 1]
+    if len(grid) <= MOST_POINTS or effect.id in LATER_ALONE:
         return grid
     inner = np.linspace(0, len(grid) - 1, MOST_POINTS + 2)[1:-1]
     return [grid[k] for k in sorted({round(float(at)) for at in inner})]
@@ -60,6 +69,7 @@ class ChangeOf(Effect):
         self.id, self.scope, self.rows = kind.id, kind.scope, kind.rows  # type: ignore[misc]
         self.summary, self.shown_by, self.defining = kind.summary, kind.shown_by, kind.defining  # type: ignore[misc]
         self.screens, self.as_change = kind.screens, kind.as_change  # type: ignore[misc]
+        self.event, self.partner, self.remembers = kind.event, kind.partner, kind.remembers  # type: ignore[misc]
         self.doubt = Doubt(share=0.0) if kind.as_change.exact else kind.doubt  # type: ignore[misc]
 
     def columns(self, session: SessionContext, joint: int, variant: Variant) -> list[Float[Array, "T ..."]]:
@@ -78,6 +88,8 @@ class ChangeOf(Effect):
         return {**figures, name: Interval(-figures[name].value, -figures[name].high, -figures[name].low)}
 
     def physical(self, session: SessionContext, joint: int, figures: Mapping[str, Interval]) -> dict[str, Range]:
+        if self.as_change.friction and self.id != FrictionChange.id:
+            return {}  # bounds by the friction that there was: what came may be more
         if self.as_change.taken_off and figures[self.as_change.taken_off].value < 0.0:
             figures = self._turned(figures)
         found = {
@@ -88,6 +100,9 @@ class ChangeOf(Effect):
         # What is hardly determined may be as it should: its whole interval must speak against it.
         outside = {name for name, one in found.items() if figures[name].high < one.low or figures[name].low > one.high}
         return {name: one for name, one in found.items() if name in outside or not np.isfinite(figures[name].value)}
+
+    def parts(self, variant: Variant) -> Sequence[tuple[Variant, Sequence[int]]]:
+        return self.effect.parts(variant)
 
     def prior_scale(self, session: SessionContext, joint: int, variant: Variant) -> Float[Array, " k"] | None:
         return self.effect.prior_scale(session, joint, variant)

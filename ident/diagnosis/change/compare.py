@@ -23,7 +23,7 @@ from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
 from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import ALARM, ChangeSearch, count_changes
+from ident.diagnosis.change.search import LEAST_ODDS, ChangeSearch, count_changes, count_effects, least_nats
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
@@ -100,12 +100,13 @@ def compare(
         arm: The user's arm, without payload.
         sides: What the sets are, for the record.
         seed: Of the sign flips.
-        settings: The numbers by which it decides; the chance of a false alarm is `ALARM`.
+        settings: The numbers by which it decides.
         doubt: How well the gains are known by which torques are read: a body is no better known.
     """
     stage("torques of every law", 0.1, 0.5)
     still, used = find_static_joints(before, after), count_samples([*before, *after])
-    first = replace(build_design(before, after, arm, still=still), doubt=doubt)
+    one_clock = len(sides[1].sessions) <= 1
+    first = replace(build_design(before, after, arm, still=still, one_clock=one_clock), doubt=doubt)
     if first.sums.evidence.samples.sum() <= first.sums.evidence.layout.tuned:
         few = [NotTestable(group.effect, group.joint, TOO_FEW) for group in first.sums.evidence.layout.groups]
         hidden = {one.effect.id + str(one.joint): one for one in (*first.silent, *few)}
@@ -113,7 +114,7 @@ def compare(
         return ArmComparison(
             arm.name, arm.joint_names, "not_testable", sides, not_testable=silent, still=still, used=used
         )
-    selection = replace(settings.selection, family_error=ALARM)
+    selection = settings.selection
     sessions = (max(1, len(sides[0].sessions)), max(1, len(sides[1].sessions)))
     stage("searching what changed", 0.5, 0.8)
     told = _tell(first, seed, selection, sessions)
@@ -132,7 +133,7 @@ def _with_places(
 ) -> PairedDesign:
     """The same design with every body about the place where it would be."""
     others = [one.group for one in told.estimates if one.group.effect.id not in BODIES]
-    asked = place_bodies(_search(design, 0, USUAL.selection), others, design.session)
+    asked = place_bodies(_search(design, 0, USUAL.selection), others, design.session, design.asked)
     return replace(
         build_design(before, after, arm, known=design.known, asked=asked, still=design.still), doubt=design.doubt
     )
@@ -158,13 +159,13 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
     differing: list[Group] = []
     unlawful = False
     kept: tuple[Named, ...] = ()
-    stands = _Changes(search.only(SearchResults((), (search.held_out.score(),), None), ()), (), (), ())
+    stands = _Standing(search, SearchResults((), (search.held_out.score(),), None), (), (), Refined(search, ()))
     failed = 0
     while failed < MOST_FAILED:
         one_more = replace(search, settings=replace(settings, most_effects=len(kept) + 1))
         found = one_more.run(kept)
         if not found.named:
-            stands = replace(stands, found=found)
+            stands = replace(stands, found=replace(found, ladder=stands.found.ladder))
             break
         fine = Refined(search, tuple(item.group for item in found.named))
         standings = _standings(design, fine, [np.zeros(len(group.columns)) for group in fine.groups], sessions)
@@ -172,8 +173,9 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
         read = [_as_read(one, fine, design, np.zeros(len(one.coefficients))) for one in raw]
         estimates = [_widened(*three) for three in zip(read, raw, standings, strict=True)]
         refused = find_implausible(dict(enumerate(zip(found.named, estimates, strict=True))), design.session)
+        sure = [log_odds(search, *pair) for pair in zip(fine.groups, standings, strict=True)]
         for k, standing in enumerate(standings):
-            if standing.p_value > ALARM:
+            if sure[k] <= 0.0:
                 of_the_runs = ANOTHER_RUN if standing.of_the_runs else TOO_UNSURE
                 refused[k] = ANOTHER_DAY if standing.of_the_day else of_the_runs
         if len(found.named) > len(kept):
@@ -181,13 +183,13 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
             last = len(found.named) - 1
             refused = {k: why for k, why in (stand_ins(search, found, differing) | refused).items() if k == last}
         if not refused:
-            stands = _standing(search, found, estimates, standings, fine, design)
+            stands = _Standing(search, found, tuple(estimates), tuple(standings), fine)
             if len(found.named) <= len(kept):
                 break
             kept, failed = found.named, 0
             continue
         for k in refused:
-            if standings[k].p_value > ALARM:
+            if sure[k] <= 0.0:
                 if standings[k].of_the_runs and found.named[k].group.effect.id != UNLISTED:
                     differing.append(found.named[k].group)
             elif refused[k] != IN_ITS_PLACE and estimates[k].undefined is None:
@@ -196,25 +198,39 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
         search = replace(search, barred=search.barred | {fine.groups[k].key for k in refused})
         kept = tuple(item for k, item in enumerate(found.named) if k not in refused)
         failed += 1
-    return replace(stands, doubted=doubted, unlawful=unlawful)
+    return replace(_with_rivals(stands, design), doubted=doubted, unlawful=unlawful)
 
 
-def _standing(
-    search: ChangeSearch,
-    found: SearchResults,
-    estimates: Sequence[Estimate],
-    standings: Sequence[Standing],
-    fine: Refined,
-    design: PairedDesign,
-) -> _Changes:
-    """Changes all of which stand, each with the places where it may sit as well."""
-    named = [item.group for item in found.named]
+def log_odds(search: ChangeSearch, group: Group, standing: Standing) -> float:
+    """Of a change against none, beyond those that it must have: its likelihood ratio, less what its freedom costs."""
+    freedom = len(group.columns)
+    cost = search.cost_of(group) - 0.5 * freedom * standing.looser
+    least = search.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
+    return float(standing.nats - max(cost, least) - least_nats(count_effects(search)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """Changes all of which stand, and the search that gave them."""
+
+    search: ChangeSearch
+    found: SearchResults
+    estimates: tuple[Estimate, ...]
+    standings: tuple[Standing, ...]
+    fine: Refined
+
+
+def _with_rivals(those: _Standing, design: PairedDesign) -> _Changes:
+    """Changes that stand, each with how likely it is, and with what else it may be and where."""
+    search, named = those.search, [item.group for item in those.found.named]
     places = tuple(open_places(search, named, slot) for slot in range(len(named)))
-    told = tuple(
-        replace(one, rivals=tuple(dict.fromkeys((*one.rivals, *(group.effect.id for group in there)))))
-        for one, there in zip(_with_gain(estimates, fine, design), places, strict=True)
-    )
-    return _Changes(found, told, tuple(standings), (), places)
+    told = []
+    for slot, one in enumerate(_with_gain(those.estimates, those.fine, design) if named else ()):
+        spare = log_odds(search, those.fine.groups[slot], those.standings[slot])
+        chance = 1.0 / (1.0 + np.exp(-spare) / LEAST_ODDS)
+        rivals = dict.fromkeys((*one.rivals, *(group.effect.id for group in places[slot])))
+        told.append(replace(one, probability=one.probability * float(chance), rivals=tuple(rivals)))
+    return _Changes(those.found, tuple(told), those.standings, (), places)
 
 
 def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:

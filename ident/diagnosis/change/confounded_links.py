@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import CHANGES, MASS
+from ident.diagnosis.change.candidates import MASS
 from ident.diagnosis.change.gain_uncertainty import BODIES
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.gram import Evidence
@@ -32,10 +32,12 @@ from ident.effects.rigid_body import LinkInertialError, UnknownPayload
 
 # Two places are told apart by more than so many standard deviations.
 APART = 2.0
+# What explains less than this share of what a change does is told from it by any blocks.
+NEAR = 0.5
 
 
 def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Group, ...]:
-    """Places at which a change explains as much, nearest first: the same effect elsewhere, for bodies any body.
+    """What explains as much as a change, nearest first: the same effect elsewhere, another at its joint, any body.
 
     Args:
         search: The search that gave the names.
@@ -47,9 +49,9 @@ def open_places(search: Search, groups: Sequence[Group], slot: int) -> tuple[Gro
     beside = project(gram, evidence, search.prior, others)
     best = search.best_by_key(beside, others)
     left = squares_by_block(evidence, project(gram, evidence, search.prior, groups))
-    found = []
+    least, found = NEAR * best[own.key][0], []
     for score, rival in best.values():
-        if rival.key == own.key or score <= 0.0 or not _alike(own, rival):
+        if rival.key == own.key or score <= max(least, 0.0) or not _alike(own, rival):
             continue
         there = squares_by_block(evidence, project(gram, evidence, search.prior, [*others, rival]))
         if not told_apart(there - left):
@@ -74,16 +76,20 @@ def told_apart(difference: Float[Array, " B"]) -> bool:
 
 def _alike(own: Group, rival: Group) -> bool:
     bodies = own.effect.id in BODIES and rival.effect.id in BODIES
-    return bodies or (rival.effect.id == own.effect.id and rival.joint != own.joint)
+    here = own.effect.scope == rival.effect.scope == "joint" and rival.joint == own.joint
+    return bodies or here or (rival.effect.id == own.effect.id and rival.joint != own.joint)
 
 
-def place_bodies(search: Search, others: Sequence[Group], session: SessionContext) -> tuple[Effect, ...]:
+def place_bodies(
+    search: Search, others: Sequence[Group], session: SessionContext, asked: Sequence[Effect]
+) -> tuple[Effect, ...]:
     """All changes that are asked for, each body about the place at which it alone would explain most.
 
     Args:
         search: A search over a first design.
         others: What changed beside the body.
         session: The runs.
+        asked: All that may have changed.
     """
     model = project(search.evidence.gram(), search.evidence, search.prior, others)
     best = [group for _, group in search.best_by_key(model).values() if group.effect.id in BODIES]
@@ -98,7 +104,7 @@ def place_bodies(search: Search, others: Sequence[Group], session: SessionContex
             places[group.effect.id][link] = place
     payload, link_error = places[UnknownPayload.id], places[LinkInertialError.id]
     placed = {UnknownPayload.id: UnknownPayload(payload), LinkInertialError.id: LinkInertialError(link_error)}
-    return tuple(placed.get(effect.id, effect) for effect in CHANGES)
+    return tuple(placed.get(effect.id, effect) for effect in asked)
 
 
 def _centre(group: Group, session: SessionContext, beta: Float[Array, " k"]) -> Float[Array, " 3"] | None:

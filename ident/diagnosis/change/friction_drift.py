@@ -51,9 +51,10 @@ SAME = 2.0
 
 
 def share_of_friction(group: Group, session: SessionContext, beta: Array) -> float:
-    """Size of a change of friction, as a share of the joint's friction [1].
+    """Size of a change, as a share of what its law would find in all of the joint's friction [1].
 
-    Any law of friction passes for another level of it where a joint moves little: all are held against the same.
+    Another level of friction f shows in a law c as ⟨f, c⟩ / ⟨c, c⟩ of it: all of it in another level, little in what
+    differs between directions or places, unless the joint moves so little that they look alike.
 
     Args:
         group: The change.
@@ -61,9 +62,9 @@ def share_of_friction(group: Group, session: SessionContext, beta: Array) -> flo
         beta: Its coefficients.
     """
     runs = group.effect.asked(session)
-    columns = np.concatenate(group.effect.columns(runs, group.joint, group.variant))
+    change = np.concatenate(group.effect.columns(runs, group.joint, group.variant)) @ beta
     friction = np.concatenate([run.friction[:, group.joint] for run in runs.runs])
-    return float(np.sqrt(np.mean((columns @ beta) ** 2) / max(np.mean(friction**2), 1e-300)))
+    return float(change @ change / max(abs(float(friction @ change)), 1e-300))
 
 
 def day_to_day(

@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from ident.arrays import Array, Float
-from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, points
+from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, LATER_ALONE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
+from ident.diagnosis.change.learnt_prior import learn_prior, measure_dispersion
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
@@ -26,7 +27,7 @@ from ident.diagnosis.regression.gram import gather
 from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.noise import Whitening
 from ident.diagnosis.regression.run_spread import estimate_held, estimate_run_spread
-from ident.diagnosis.regression.runs import build_session
+from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.effects.base import Effect, SessionContext, Variant
 from ident.effects.typical_sizes import rated_torque
 from ident.model.linearisation import LEAST_MOVING
@@ -47,11 +48,13 @@ class Known:
         spread: Friction's variation from run to run.
         whitening: The noise.
         held: Each joint's level of static friction [N m].
+        dispersion: By how much each joint's blocks vary more than whitened noise.
     """
 
     spread: Float[Array, " n"]
     whitening: Whitening
     held: tuple[float, ...]
+    dispersion: Float[Array, " n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,8 @@ class PairedDesign:
     def known(self) -> Known:
         """What a further design need not find again."""
         evidence = self.sums.evidence
-        return Known(evidence.spread, evidence.whitening, tuple(one.friction for one in evidence.dwells))
+        held = tuple(one.friction for one in evidence.dwells)
+        return Known(evidence.spread, evidence.whitening, held, evidence.dispersion)
 
     @property
     def judged(self) -> list[int]:
@@ -91,14 +95,23 @@ class PairedDesign:
 
     @cached_property
     def prior(self) -> Prior:
-        """The loose belief in the URDF, and how large the laws may be that both sets share."""
-        return loose_prior(self.sums, self.session, self.baseline)
+        """How far off the URDF is, and how large the laws are that both sets share, as these runs tell it."""
+        return _learnt(self.sums, self.session, self.baseline)[0]
 
 
 def loose_prior(sums: PairedSums, session: SessionContext, baseline: Baseline) -> Prior:
     """What is known of the baseline beforehand."""
     prior = Prior.of(sums.evidence, baseline.prior)
     return replace(prior, further=common_information(sums, session))
+
+
+def _learnt(sums: PairedSums, session: SessionContext, baseline: Baseline) -> tuple[Prior, Float[Array, " P"]]:
+    """The prior that the recordings tell, every change beside it, and the weights of what is then left."""
+    scale = sums.evidence.scale
+    first = {group.key: group for group in reversed(sums.evidence.layout.groups) if not group.borrows}
+    later = [(one.columns, (LOOSE * _largest(one, session) * scale[one.columns]) ** -2.0) for one in first.values()]
+    widths = [len(group.columns) for group in sums.common]
+    return learn_prior(sums.evidence, loose_prior(sums, session, baseline), widths, later)
 
 
 def build_design(
@@ -110,6 +123,7 @@ def build_design(
     shared: tuple[Effect, ...] = (),
     asked: tuple[Effect, ...] | None = None,
     still: tuple[StaticJoint, ...] = (),
+    one_clock: bool = True,
 ) -> PairedDesign:
     """Tunes the baseline and sums all columns.
 
@@ -121,8 +135,8 @@ def build_design(
         shared: Further effects of the baseline, that are not asked for as changes.
         asked: All that may have changed; the catalogue's if None.
         still: Joints of whose own torque nothing is told.
+        one_clock: Whether time goes on from run to run of the later set.
     """
-    asked = CHANGES if asked is None else asked
     swapped = len(after) > len(before)
     first, second = (after, before) if swapped else (before, after)
     at_rest = [j for j in range(arm.n) if sum(motion.moving[:, j].sum() for motion in first) < LEAST_MOVING]
@@ -131,8 +145,13 @@ def build_design(
     later = (np.arange(len(motions)) >= len(first)) ^ swapped
     baseline = fit_baseline(first, arm, LOOSE_SHARE, still=at_rest)
     session = build_session(baseline, motions, common_clock=False)
-    silent, grids = _grids(session, asked)
-    grids += _grids(session, shared)[1]
+    own = replace(session, runs=[run for run, is_later in zip(session.runs, later, strict=True) if is_later])
+    own = replace(own, common_clock=one_clock)
+    if asked is None:
+        left = leftover_torque(own)
+        asked = tuple(one.screened(own, left) if one.id in LATER_ALONE else one for one in CHANGES)
+    silent, grids = _grids(session, asked, own)
+    grids += _grids(session, shared, own)[1]
     layout = layout_of(session, baseline.base.rank, grids, silent)
     sides = partition_sides(session, later)
     whitening = None if known is None else known.whitening
@@ -148,22 +167,24 @@ def build_design(
         sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
         spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
+    loud = known.dispersion if known else measure_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
+    sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
     return PairedDesign(baseline, session, sides, sums, tuple(silent), asked=asked, still=still)
 
 
 def _grids(
-    session: SessionContext, effects: Sequence[Effect]
+    session: SessionContext, effects: Sequence[Effect], later: SessionContext
 ) -> tuple[list[NotTestable], list[tuple[Effect, int, Sequence[Variant]]]]:
     """Every effect at every joint with its points, and what can't be seen."""
     silent: list[NotTestable] = []
     grids: list[tuple[Effect, int, Sequence[Variant]]] = []
     for effect in effects:
-        asked = effect.asked(session)
+        asked = effect.asked(later if effect.id in LATER_ALONE else session)
         for joint in range(session.n if effect.scope == "joint" else 1):
             if reason := effect.untestable(asked, joint):
                 silent.append(NotTestable(effect, joint, reason))
-            else:
-                grids.append((effect, joint, points(effect, session, joint)))
+            elif grid := points(effect, asked, joint):
+                grids.append((effect, joint, grid))
     return silent, grids
 
 

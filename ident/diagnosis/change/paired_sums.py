@@ -110,17 +110,17 @@ class PairedSums:
 
     Attributes:
         evidence: Its layout's groups are the changes; the same effects in all runs are part of the baseline.
-        always: For each change the columns that hold its effect in all runs.
+        always: For each change's column that which holds the same in all runs.
         common: The effects whose columns in all runs are the baseline's further ones, in their order.
     """
 
     evidence: Evidence
-    always: dict[int, Int[Array, " k"]]
+    always: Int[Array, " P"]
     common: tuple[Group, ...]
 
     def in_all_runs(self, group: Group) -> Int[Array, " k"]:
         """The columns of a change's effect in all runs."""
-        return self.always[int(group.columns[0])]
+        return self.always[group.columns]
 
 
 def pair_sums(
@@ -139,24 +139,28 @@ def pair_sums(
     """
     old = evidence.layout
     asked = [group for group in old.groups if group.effect.id not in shared]
-    common = [group for group in old.groups if group.effect.id not in apart]
-    shadows = [group for group in old.groups if group.effect.id in apart]
+    common = [group for group in old.groups if group.effect.id not in apart and not group.variant.shape.get("mix")]
+    told = {int(group.columns[0]) for group in common}
+    shadows = [group for group in old.groups if int(group.columns[0]) not in told]
     start = old.rank + LOSS_FIGURES * old.n
     source = [np.arange(start), *(group.columns for group in (*common, *shadows, *asked))]
     origin = np.append(np.concatenate(source), old.size)
     first = np.cumsum([len(columns) for columns in source])
-    always = {
-        int(g.columns[0]): at + np.arange(len(g.columns)) for g, at in zip((*common, *shadows), first, strict=False)
-    }
+    always = np.zeros(len(origin), dtype=int)
     split = int(first[len(common) + len(shadows)])
-    groups, twins, at = [], {}, split
+    where = np.zeros(old.size, dtype=int)
+    where[origin[start:split]] = np.arange(start, split)
+    groups, at = [], split
     for group in asked:
         columns = at + np.arange(len(group.columns))
         at += len(columns)
-        groups.append(Group(ChangeOf(group.effect), group.joint, group.variant, columns))
-        twins[int(columns[0])] = always[int(group.columns[0])]
+        change = ChangeOf(group.effect)
+        groups.append(Group(change, group.joint, group.variant, columns))
+        for part, some in change.parts(group.variant):
+            groups.append(Group(change, group.joint, part, columns[list(some)], borrows=True))
+        always[columns] = where[group.columns]
     layout = _layout(old, groups, origin, first[len(common)] - start)
-    return PairedSums(_sums(evidence, layout, origin, split, sides), twins, tuple(common))
+    return PairedSums(_sums(evidence, layout, origin, split, sides), always, tuple(common))
 
 
 def _layout(old: Layout, groups: Sequence[Group], origin: Int[Array, " P"], further: int) -> Layout:

@@ -2,7 +2,7 @@
 
 Both sets share a baseline of hundreds of columns, of which a run left out shows some that no other run does: what a
 model says there is a guess, and its held-out score a matter of chance. The evidence, in which every column has a prior,
-counts what is known. Blocks vary more than whitened noise would: log evidence is divided by the variance inflation.
+counts what is known.
 """
 
 from __future__ import annotations
@@ -16,20 +16,26 @@ from ident.arrays import Array
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
 from ident.diagnosis.selection.gates import Gates, Named
-from ident.diagnosis.selection.intervals import inflation
 from ident.diagnosis.selection.search import Search
 
-# Chance that anything is named where nothing changed: a false alarm stops a cell.
-ALARM = 0.01
+# Odds that a change must have to be named, if something has changed as likely as not.
+LEAST_ODDS = 10.0
+# Changes of greatest evidence that are tried at each step: one that closes next to nothing of its gap is passed over.
+MOST_TRIED = 4
 
 
-def least_nats(asked: int) -> float:
-    """Log evidence that a change must have: what makes up for its being one of so many, at the odds of a false alarm.
+def least_nats(effects: int) -> float:
+    """Log evidence that a change must have, if something has changed as likely as not.
 
     Args:
-        asked: Number of changes that may be.
+        effects: Number of effects that it may be; of their places and points each pays for itself.
     """
-    return float(np.log(max(asked, 1) / ALARM))
+    return float(np.log(max(effects, 1) * LEAST_ODDS))
+
+
+def count_effects(search: Search) -> int:
+    """How many effects may have changed, wherever."""
+    return len({group.effect.id for group in search.evidence.layout.groups})
 
 
 def count_changes(search: Search) -> int:
@@ -59,13 +65,11 @@ class ChangeSearch(Search):
     def judge(
         self, gram: Array, tuned: Projection, chosen: Sequence[Group], short: Sequence[tuple[float, Group]]
     ) -> list[Named]:
-        found, needed = [], least_nats(count_changes(self))
-        for item in super().judge(gram, tuned, chosen, short):
-            # What it explains would count as variation of the blocks were it not in the model.
-            spare = inflation(self.evidence, project(gram, self.evidence, self.prior, [*chosen, item.group]))
-            figures = {**vars(item.gates), "evidence": item.gates.evidence / spare, "needed": needed}
-            found.append(replace(item, gates=_ByEvidence(**figures)))
-        return found
+        needed = least_nats(count_effects(self))
+        return [
+            replace(item, gates=_ByEvidence(**{**vars(item.gates), "needed": needed}))
+            for item in super().judge(gram, tuned, chosen, short)
+        ]
 
     def p_values(self, projection: Projection, short: Sequence[Group]) -> dict[Key, float]:
         return {group.key: 0.0 for group in short}
@@ -78,8 +82,14 @@ class ChangeSearch(Search):
 
     def _forward(self, gram: Array, chosen: Sequence[Group]) -> Named | None:
         model = project(gram, self.evidence, self.prior, chosen)
-        best = max(self.best_by_key(model, chosen).values(), key=lambda pair: pair[0], default=None)
-        return None if best is None or best[0] <= 0.0 else self.judge(gram, model, chosen, [best])[0]
+        best = sorted(self.best_by_key(model, chosen).values(), key=lambda pair: -pair[0])
+        tried = None
+        for pair in (pair for pair in best[:MOST_TRIED] if pair[0] > 0.0):
+            (item,) = self.judge(gram, model, chosen, [pair])
+            if item.gates.passed:
+                return item
+            tried = tried or item
+        return tried
 
     def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
         return True

@@ -91,14 +91,14 @@ def lifted(sandwich: Float[Array, "z z"], spread: Float[Array, "z z"]) -> Float[
     return np.asarray(sandwich * np.outer(lift, lift) + np.diag(np.where(silent, own, 0.0)))
 
 
-def inflation(evidence: Evidence, projection: Projection) -> float:
+def inflation(evidence: Evidence, projection: Projection, known: Float[Array, "z z"] | None = None) -> float:
     """By how much blocks vary more than the noise model says: divides log evidence.
 
-    Median over the tuned coefficients of sandwich to model variance.
+    Median over the tuned coefficients of sandwich to model variance; the sandwich is computed where it isn't known.
     """
     tuned = slice(evidence.layout.tuned)
     model = np.diag(projection.spread)[tuned]
-    robust = np.diag(robust_covariance(evidence, projection))[tuned]
+    robust = np.diag(robust_covariance(evidence, projection) if known is None else known)[tuned]
     return float(max(1.0, np.median(robust / np.maximum(model, 1e-300))))
 
 
@@ -170,12 +170,14 @@ def solve_effects(
         absorbed: Whether each is told against the URDF held fast.
     """
     evidence, gram = fine.search.evidence, fine.search.evidence.gram()
-    priors = fine.search.prior, fine.search.fixed.prior
+    priors = (fine.search.prior, fine.search.fixed.prior) if any(absorbed) else 2 * (fine.search.prior,)
     views = [_off_their_bounds(project(gram, evidence, prior), fine.groups) for prior in priors]
     free = [fast if hidden else tuned for tuned, fast, hidden in zip(*views, absorbed, strict=True)]
-    models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in priors]
+    models = [project(gram, evidence, prior, _with_columns(fine.groups, free)) for prior in dict.fromkeys(priors)]
     covariances = [robust_covariance(evidence, model) for model in models]
-    covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1], fine.search.settings.fixed_factor)
+    spare = inflation(evidence, models[0], covariances[0])
+    if any(absorbed):
+        covariances[1] = covariances[1] + _of_tolerance(fine.search.prior, models[1], fine.search.settings.fixed_factor)
     bound = np.diag(project(gram, evidence, fine.search.prior, fine.groups).spread)
     at = first = evidence.layout.tuned
     solved = []
@@ -188,7 +190,7 @@ def solve_effects(
         cells[np.ix_(kept, kept)] = covariances[hidden][part, part] / np.outer(scale[kept], scale[kept])
         signed = np.isin(np.arange(len(beta)), group.signed)
         solved.append((np.where(signed, np.maximum(beta, 0.0), beta), cells))
-    return solved, inflation(evidence, models[0])
+    return solved, spare
 
 
 def _of_tolerance(prior: Prior, held_fast: Projection, factor: float) -> Float[Array, "z z"]:

@@ -105,7 +105,11 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
     # A point with further columns is a law of its own, whose coefficients are not this one's.
     width = len(group.columns)
     mates = tuple(
-        other for other in search.evidence.layout.groups if other.key == group.key and len(other.columns) == width
+        other
+        for other in search.evidence.layout.groups
+        if other.key == group.key
+        and len(other.columns) == width
+        and other.variant.inner.keys() == group.variant.inner.keys()
     )
     seen = [search.gain_of(projection, mate) for mate in mates]
     gains = np.array([gain for gain, _ in seen]) / spare

@@ -1,0 +1,104 @@
+"""How large the laws are that both sets share, how far off the URDF is, and how loud each joint, as recordings tell it.
+
+Hundreds of columns stand in the baseline. At their largest plausible size they explain whatever short recordings hold,
+and nothing of a change is left to be seen; but most arms have few of these laws. So each law at each joint has a
+variance of its own, and the URDF's error has one:
+
+    β_g ~ N(0, λ_g s_g²),    λ_g ← min(1, |μ_g / s_g|² / γ_g),    γ_g = k_g − tr Σ_gg / (λ_g s_g²),
+
+with s the largest plausible size of its k coefficients, μ and Σ their posterior. Every change, at one point of its
+grid, stands beside them with a variance of its own: what is in the later set alone makes no shared law larger. Beside
+all of them, what blocks of a joint vary by more than its whitened noise would is noise that whitening does not know.
+
+Source: MacKay 1992 (evidence framework, fixed point of the variances); Tipping 2001 (one variance a term).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ident.arrays import Array, Float, Int
+from ident.diagnosis.regression.gram import Evidence
+from ident.diagnosis.regression.least_squares import RIDGE, Prior
+from ident.diagnosis.regression.positive import positive
+
+# Least variance that a shared law is believed to have, as a share of the square of its largest size: that these runs
+# need none says little of others. Of the URDF, as a share of its loosest belief. Below the last a law is left out.
+LEAST, LEAST_URDF, ABSENT = 1e-2, 4e-2, 1e-7
+# By how much a variance may shrink in one round, and rounds.
+SHRINK, ROUNDS = 0.03, 12
+CLOSE = 0.1
+
+
+def learn_prior(
+    evidence: Evidence,
+    prior: Prior,
+    shared: Sequence[int],
+    later: Sequence[tuple[Int[Array, " k"], Float[Array, " k"]]],
+) -> tuple[Prior, Float[Array, " P"]]:
+    """The prior with the variances that the recordings tell, and the weights of what is then left of a row.
+
+    Args:
+        evidence: Sums.
+        prior: The loosest belief.
+        shared: Number of columns of each shared law, in the order of the baseline's further columns.
+        later: Of each change its columns and the information on them at its largest plausible size.
+    """
+    layout, gram = evidence.layout, evidence.gram()
+    first, tuned, rank = layout.tuned - layout.further, layout.tuned, layout.rank
+    assert prior.further is not None
+    columns = np.concatenate([np.arange(tuned), *(own for own, _ in later)]).astype(int)
+    information = np.concatenate([np.zeros(first), prior.further, *(told for _, told in later)])
+    widths = np.array([*shared, *(len(own) for own, _ in later)], dtype=int)
+    term = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(widths)), widths)])
+    variance, urdf = np.ones(len(widths)), 1.0
+    kept = np.arange(len(columns))
+    for _ in range(ROUNDS):
+        own = term[kept[first:]]
+        at = columns[kept]
+        whole = gram[np.ix_(at, at)].copy()
+        whole[:rank, :rank] += prior.base / urdf
+        diagonal = np.diag_indices(len(at))
+        ridge = RIDGE * np.diag(whole) + evidence.settings.noise_ridge * evidence.noise_power[at] + 1e-9
+        whole[diagonal] += ridge
+        loose = information[kept[first:]]
+        whole[np.arange(first, len(at)), np.arange(first, len(at))] += loose / variance[own]
+        factor = cho_factor(positive(whole))
+        spread = cho_solve(factor, np.eye(len(at)))
+        mean = cho_solve(factor, gram[at, -1])
+        square = np.bincount(own, mean[first:] ** 2 * loose, len(widths))
+        open_part = np.bincount(own, np.diag(spread)[first:] * loose, len(widths))
+        told = np.maximum(widths - open_part / variance, 1e-6 * widths)
+        new = np.where(variance > ABSENT, np.clip(np.maximum(square / told, SHRINK * variance), ABSENT, 1.0), ABSENT)
+        links = max(rank - float(np.sum(spread[:rank, :rank] * prior.base)) / urdf, 1e-3 * rank)
+        error = float(np.clip(mean[:rank] @ prior.base @ mean[:rank] / links, LEAST_URDF, 1.0))
+        settled = np.abs(np.log(new / variance)).max() < CLOSE and abs(np.log(error / urdf)) < CLOSE
+        variance, urdf = new, error
+        if settled:
+            break
+        kept = np.concatenate([np.arange(first), first + np.flatnonzero(variance[term[first:]] > ABSENT)])
+    weights = np.zeros(layout.size + 1)
+    weights[at], weights[-1] = -mean, 1.0
+    further = prior.further / np.maximum(variance[term[first:tuned]], LEAST)
+    return replace(prior, base=prior.base / urdf, further=further), weights
+
+
+def measure_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
+    """By how much more each joint's blocks vary than whitened noise would, one at the least: of all columns the median.
+
+    Args:
+        evidence: Sums.
+        weights: What a model leaves of a row is their product.
+    """
+    layout, found = evidence.layout, np.ones(evidence.layout.n)
+    for j, local in enumerate(layout.local):
+        own = np.flatnonzero((local < layout.tuned) & (local >= layout.rank))
+        score, power = evidence.times(j, weights[local])[:, own], np.diag(evidence.total[j])[own]
+        seen = power > 1e-9 * power.max(initial=0.0)
+        if seen.any():
+            found[j] = max(1.0, float(np.median(np.sum(score[:, seen] ** 2, axis=0) / power[seen])))
+    return found
