@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.arrays import Array, Float
 from ident.diagnosis.regression.design import Group
-from ident.diagnosis.regression.least_squares import Projection
+from ident.diagnosis.regression.least_squares import LEAST_POWER, Projection
 from ident.diagnosis.selection.search import Search
 from ident.effects.base import Interval, SessionContext
 
@@ -80,7 +80,7 @@ class Profile:
         """
         effect, found = self.group.effect, dict(told)
         own = self.mates.index(self.group)
-        ratio = deviation / np.sqrt(np.diag(_inverse(self.information[own])))
+        ratio = deviation / np.sqrt(np.maximum(np.diag(_inverse(self.information[own])), LEAST_POWER))
         falls = np.maximum(self.log_likelihood[own] - self.log_likelihood, 0.0)
         for k in np.flatnonzero((falls < self.drop) & (np.arange(len(falls)) != own)):
             covariance = np.outer(ratio, ratio) * _inverse(self.information[k])
@@ -125,7 +125,7 @@ def profile(search: Search, projection: Projection, group: Group, spare: float) 
 
 def _inverse(information: Float[Array, "k k"]) -> Float[Array, "k k"]:
     """Covariance; of directions of which nothing is told, as wide as numbers allow."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(information), LEAST_POWER))
     even = information / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     return np.asarray(np.linalg.inv(even) / np.outer(scale, scale))
 
