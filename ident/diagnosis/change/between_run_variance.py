@@ -116,7 +116,9 @@ def measure_standing(
     # What the other columns leave of the change's own sums, from the model that holds it.
     at = np.flatnonzero(np.isin(model.inside, group.columns))
     along = np.linalg.inv(model.spread[np.ix_(at, at)]) @ beta
-    by_blocks = float(along @ covariance @ along) / max(float(beta @ along), 1e-300) ** 2
+    if not float(beta @ along) > 0.0:  # of a size that is zero nothing is seen
+        return Standing(1.0, np.inf, float(spread), 1.0, day.error, False, 0.0, 0.0)
+    by_blocks = float(along @ covariance @ along) / float(beta @ along) ** 2
     by_runs = spread**2 * share
     of_sides = [np.flatnonzero((sides.later == side) & seen) for side in (False, True)]
     sets = [(size[here], by_noise[here], number) for here, number in zip(of_sides, day.sessions, strict=True)]
@@ -303,7 +305,7 @@ def estimate_random_walk(
             number of sessions that the runs come from.
         usual: Standard deviation of a step as this arm's joints have it; 0 for what does not wander.
     """
-    if usual <= 0.0:
+    if not usual > 1e-100:  # its square is a number
         return NO_WALK
     steps = np.concatenate([np.diff(size) ** 2 for size, _, _ in sets])
     noise = np.concatenate([variance[1:] + variance[:-1] for _, variance, _ in sets])
