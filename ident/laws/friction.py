@@ -2,7 +2,7 @@
 
 Those of one joint's speed, load and angle are columns that are linear in their coefficients; what bends them (a speed,
 an exponent, an order) is their shape. They are named as their effects and written with +, *, ** and what `at.xp` has,
-so that NumPy's arrays and CasADi's symbols go through the same lines. The others take motion, joint and parameters.
+so that NumPy's arrays and other arrays go through the same lines. The others take motion, joint and parameters.
 
 Source: Bittencourt and Gunnarsson 2010 (Stribeck); Carreau 1972 (a lubricant whose viscosity falls with its shear
 beyond a knee); Hamon, Gautier and Garrec 2010 (load).

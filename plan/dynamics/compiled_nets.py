@@ -1,4 +1,4 @@
-"""Residual nets as plain layers, evaluated in batches here and written into CasADi elsewhere."""
+"""Residual nets as plain layers, evaluated in batches."""
 
 from __future__ import annotations
 

@@ -17,13 +17,13 @@ from ident.arrays import Array, Bool, Float
 from ident.diagnosis.change.between_run_variance import Standing, measure_standing, measure_usual_variance
 from ident.diagnosis.change.candidates import OF_FRICTION
 from ident.diagnosis.change.confounded_links import open_places, place_bodies
-from ident.diagnosis.change.friction_drift import GAIN, day_to_day, is_gain_by_load, may_be_gain
+from ident.diagnosis.change.friction_drift import GAIN, day_to_day, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BODIES, STATED, GainUncertainty, solve_body
 from ident.diagnosis.change.laws import UNLISTED
 from ident.diagnosis.change.paired_design import LOOSE_SHARE, PairedDesign, build_design
 from ident.diagnosis.change.refine import Refinement, refine_bodies
 from ident.diagnosis.change.result import ArmChange, ArmComparison, Side
-from ident.diagnosis.change.search import LEAST_ODDS, ChangeSearch, count_changes, count_effects, least_nats
+from ident.diagnosis.change.search import IN_ITS_PLACE, LEAST_ODDS, ChangeSearch, count_changes, log_odds, stand_ins
 from ident.diagnosis.change.static_joints import SamplesUsed, count_samples, find_static_joints
 from ident.diagnosis.heldout_gain import measure_shrink, slides
 from ident.diagnosis.regression.cross_validation import HeldOut, HeldOutScore
@@ -46,7 +46,6 @@ RIGHT_SHARE = 0.04
 LEAST_SEEN = 0.02
 ANOTHER_RUN = "runs of one set differ by as much among themselves"
 TOO_UNSURE = "these runs are too few, or move too alike, to tell its size from zero"
-IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
 ANOTHER_DAY = "friction differs by as much from day to day; sessions of several days on both sides would tell"
 TOO_FEW = "both sets together have fewer samples in the encoders' band than the model has figures"
 # Changes that are tried in a row without one that stands.
@@ -201,14 +200,6 @@ def _tell(design: PairedDesign, seed: int, settings: SelectionSettings, sessions
     return replace(_with_rivals(stands, design), doubted=doubted, unlawful=unlawful)
 
 
-def log_odds(search: ChangeSearch, group: Group, standing: Standing) -> float:
-    """Of a change against none, beyond those that it must have: its likelihood ratio, less what its freedom costs."""
-    freedom = len(group.columns)
-    cost = search.cost_of(group) - 0.5 * freedom * standing.looser
-    least = search.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
-    return float(standing.nats - max(cost, least) - least_nats(count_effects(search)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Standing:
     """Changes all of which stand, and the search that gave them."""
@@ -231,28 +222,6 @@ def _with_rivals(those: _Standing, design: PairedDesign) -> _Changes:
         rivals = dict.fromkeys((*one.rivals, *(group.effect.id for group in places[slot])))
         told.append(replace(one, probability=one.probability * float(chance), rivals=tuple(rivals)))
     return _Changes(those.found, tuple(told), those.standings, (), places)
-
-
-def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
-    """Names that say nothing beside what was found to differ from run to run or from day to day: they stood in for it.
-
-    Args:
-        search: The search.
-        found: Its names.
-        differing: What explained more, and is no change for it.
-    """
-    if not differing:
-        return {}
-    gram, names = search.evidence.gram(), [item.group for item in found.named]
-    told = {one.key for one in names}
-    unnamed = [group for group in differing if group.key not in told]
-    refused = {}
-    for slot, name in enumerate(names):
-        model = project(gram, search.evidence, search.prior, [one for one in names if one is not name])
-        others = [group for group in unnamed if not is_gain_by_load(model, name, group)]
-        if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
-            refused[slot] = IN_ITS_PLACE
-    return refused
 
 
 def _refined(second: Refinement, told: _Changes, settings: SelectionSettings, sessions: tuple[int, int]) -> _Changes:

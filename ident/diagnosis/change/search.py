@@ -13,13 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arrays import Array
+from ident.diagnosis.change.between_run_variance import Standing
+from ident.diagnosis.change.friction_drift import is_gain_by_load
 from ident.diagnosis.regression.design import Group, Key
 from ident.diagnosis.regression.least_squares import Projection, project
-from ident.diagnosis.selection.gates import Gates, Named
+from ident.diagnosis.selection.gates import Gates, Named, SearchResults
 from ident.diagnosis.selection.search import Search
 
 # Odds that a change must have to be named, if something has changed as likely as not.
 LEAST_ODDS = 10.0
+IN_ITS_PLACE = "what runs or days differ by, which fits better, may be all of it"
 # Changes of greatest evidence that are tried at each step: one that closes next to nothing of its gap is passed over.
 MOST_TRIED = 4
 
@@ -93,3 +96,33 @@ class ChangeSearch(Search):
 
     def _beats(self, projection: Projection, others: Sequence[Group], rival: Group, holder: Group) -> bool:
         return True
+
+
+def log_odds(search: ChangeSearch, group: Group, standing: Standing) -> float:
+    """Of a change against none, beyond those that it must have: its likelihood ratio, less what its freedom costs."""
+    freedom = len(group.columns)
+    cost = search.cost_of(group) - 0.5 * freedom * standing.looser
+    least = search.cost_of(replace(group, columns=group.columns[:0])) + 0.5 * freedom * np.log(2.0)
+    return float(standing.nats - max(cost, least) - least_nats(count_effects(search)))
+
+
+def stand_ins(search: ChangeSearch, found: SearchResults, differing: Sequence[Group]) -> dict[int, str]:
+    """Names that say nothing beside what was found to differ from run to run or from day to day: they stood in for it.
+
+    Args:
+        search: The search.
+        found: Its names.
+        differing: What explained more, and is no change for it.
+    """
+    if not differing:
+        return {}
+    gram, names = search.evidence.gram(), [item.group for item in found.named]
+    told = {one.key for one in names}
+    unnamed = [group for group in differing if group.key not in told]
+    refused = {}
+    for slot, name in enumerate(names):
+        model = project(gram, search.evidence, search.prior, [one for one in names if one is not name])
+        others = [group for group in unnamed if not is_gain_by_load(model, name, group)]
+        if others and not search.judged_beside(gram, [*names, *others], slot).gates.passed:
+            refused[slot] = IN_ITS_PLACE
+    return refused

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.diagnosis.change.compare import compare, stand_ins
+from ident.diagnosis.change.compare import compare
 from ident.diagnosis.change.confounded_links import place_bodies, told_apart
 from ident.diagnosis.change.friction_drift import is_gain_by_load, may_be_gain
 from ident.diagnosis.change.gain_uncertainty import BY_CURRENT, STATED
@@ -16,7 +16,7 @@ from ident.diagnosis.change.laws import even_by_load
 from ident.diagnosis.change.learnt_prior import LEAST
 from ident.diagnosis.change.paired_design import LOOSE, build_design
 from ident.diagnosis.change.result import ArmComparison, Side
-from ident.diagnosis.change.search import LEAST_ODDS, least_nats
+from ident.diagnosis.change.search import LEAST_ODDS, least_nats, stand_ins
 from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.least_squares import project
 from ident.diagnosis.selection.profile import profile
