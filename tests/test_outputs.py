@@ -37,7 +37,7 @@ ELSEWHERE = {
     "ident diagnose": "ident/diagnosis/contract.py",
     "ident blind": "ident/benchmark/test_blind_summary.py",
     "ident close": "ident/closed_loop/test_closing.py",
-    "ident compare": "ident/cli/test_compare_command.py",
+    "ident compare": "ident/cli/test_cli.py",
 }
 # Results of many arms or robots name them for each.
 EACH = {"blind": ("outcomes", "BlindOutcomeRecord"), "close": ("arms", "ClosedArmRecord")}
