@@ -20,11 +20,12 @@ from plan.api.planning import open_task
 from plan.initial.rrt_starts import find_seeds
 from plan.initial.starts import from_vias
 from plan.options import SolveOptions
-from plan.paper.compression import Compression, start_compressed
+from plan.paper.compression import Compression
 from plan.paper.ppo import Ppo
 from plan.paper.toppra import Toppra
 from plan.planners import Budget, Ledger
 from plan.planners.base import Planner
+from plan.planners.compressed import start_compressed
 from plan.planners.evolution import Evolution
 from plan.planners.sequential import Sequential
 from plan.problem.problem import Free, PlanningProblem
