@@ -12,6 +12,7 @@ import socket
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,13 @@ RETIRED = ".old"
 # The system's own faults: full disks and quotas, broken devices, no handles or memory left. No other name helps.
 FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 HOST = f"{zlib.crc32(socket.gethostname().encode()):08x}"
+
+
+class WithoutBytecode(SourceFileLoader):
+    """Loads a Python file and leaves nothing beside it."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Where Python would write its bytecode."""
 
 
 @contextmanager

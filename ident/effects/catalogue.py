@@ -16,6 +16,7 @@ from ident.effects import contact, friction, gear, hysteresis_thermal, rigid_bod
 from ident.effects.base import Effect, StatesEffect
 from ident.effects.effect_info import SHOWINGS
 from ident.errors import InputError
+from ident.files import WithoutBytecode
 from ident.laws.carried import TABLE
 
 FILES = (contact, friction, gear, hysteresis_thermal, rigid_body, ripple, sensing, transmission)
@@ -89,12 +90,15 @@ def load_catalogue(extra: Path | None = None) -> tuple[Effect, ...]:
 def _run_file(path: Path) -> ModuleType:
     if not path.is_file():
         raise InputError(path, "there is no such file", "give the path of a Python file")
-    spec = importlib.util.spec_from_file_location(f"armgap_effect_{path.stem}", path)
-    if spec is None or spec.loader is None:
+    if path.suffix != ".py":
         raise InputError(path, "it is no Python file", "name it something.py")
+    name = f"armgap_effect_{path.stem}"
+    loader = WithoutBytecode(name, str(path))
+    spec = importlib.util.spec_from_loader(name, loader)
+    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except Exception as error:  # whatever a user's file may raise is the user's to mend
         reason = f"{type(error).__name__}: {error}"
         raise InputError(path, f"it doesn't run ({reason})", "mend the file") from error

@@ -6,7 +6,6 @@ Without recordings, every file must differ from the tuned arm by exactly what it
 from __future__ import annotations
 
 import importlib.util
-import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from ident.export.loaded import LawModel, LoadedMjcf, LoadedModel, LoadedUrdf
 from ident.export.mjcf import write_mjcf
 from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf
+from ident.files import WithoutBytecode
 from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 
@@ -84,17 +84,16 @@ class WrittenFile:
 def load_module(path: Path) -> ModuleType:
     """Imports a written module from its file."""
     name = f"armgap_patch_{path.parent.name.strip('.')}"
-    spec = importlib.util.spec_from_file_location(name, path)
+    loader = WithoutBytecode(name, str(path))
+    spec = importlib.util.spec_from_loader(name, loader)
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     # Dataclasses look their module up while it is being made; a second patch must not find the first one's.
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     finally:
         del sys.modules[name]
-        shutil.rmtree(path.parent / "__pycache__", ignore_errors=True)
     return module
 
 
