@@ -31,10 +31,8 @@ class Settings(Record):
 
     def __init_subclass__(cls, table: str = "") -> None:
         if table:
-            file = Path(sys.modules[cls.__module__].__file__ or "").with_suffix(".toml")
-            for name, row in tomllib.loads(file.read_text(encoding="utf-8"))[table].items():
-                value = row.pop("value")
-                setattr(cls, name, number(tuple(value) if isinstance(value, list) else value, **row))
+            for name, one in _numbers(sys.modules[cls.__module__].__file__ or "", table).items():
+                setattr(cls, name, one)
 
     def describe(self) -> list[dict[str, Any]]:
         """Every number's name (its groups before it, parted by dots), value, unit, meaning and source."""
@@ -50,10 +48,12 @@ class Settings(Record):
 
 def read_group(module: str, table: str) -> Any:
     """A table of the TOML file beside a module as `Settings` without a class of their own: an attribute a number."""
+    given = [(name, Any, one) for name, one in _numbers(module, table).items()]
+    return make_dataclass(table, given, bases=(Settings,), frozen=True)()
+
+
+def _numbers(module: str, table: str) -> dict[str, Any]:
+    """A field for each row of a table of the TOML file beside a module."""
     rows = tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))[table]
     values = {name: row.pop("value") for name, row in rows.items()}
-    given = [
-        (name, Any, number(tuple(value) if isinstance(value, list) else value, **rows[name]))
-        for name, value in values.items()
-    ]
-    return make_dataclass(table, given, bases=(Settings,), frozen=True)()
+    return {name: number(tuple(one) if isinstance(one, list) else one, **rows[name]) for name, one in values.items()}

@@ -54,11 +54,8 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
     free = search.evidence.with_run_spread(np.full(search.evidence.layout.n, search.evidence.settings.wide_spread))
     spread = estimate_run_spread(free, _with_slow_effects(free, prior))
     evidence = free.with_run_spread(spread)
-    alone = replace(search, evidence=evidence)
-    model = project(evidence.gram(), evidence, prior)
-    prior = Prior.believing(free, baseline, first_belief(alone, baseline, inflation(evidence, model)).error)
+    prior = Prior.believing(free, baseline, first_belief(replace(search, evidence=evidence), baseline).error)
     for left in reversed(range(settings.most_settling)):
-        evidence = free.with_run_spread(spread)
         search = replace(search, evidence=evidence, prior=prior, held_out=HeldOut(evidence, prior))
         sure = _sure(search, session, baseline, doubted)
         search, doubted = sure.search, sure.doubted
@@ -76,6 +73,7 @@ def settle(search: Search, session: SessionContext, baseline: Baseline) -> Settl
         if error == prior.error and np.all(np.maximum(now / spread, spread / now) < 1.0 / settings.settled_share):
             break
         spread, prior = now, Prior.believing(free, baseline, error)
+        evidence = free.with_run_spread(spread)
     return replace(sure, found=_or_doubted(sure.found, sure.doubted))
 
 

@@ -22,7 +22,7 @@ from ident.diagnosis.regression.cross_validation import HeldOut
 from ident.diagnosis.regression.design import Group, build_layout
 from ident.diagnosis.regression.dwells import HeldFriction
 from ident.diagnosis.regression.gram import Evidence, gather
-from ident.diagnosis.regression.least_squares import Prior, project
+from ident.diagnosis.regression.least_squares import Prior, Projection, project
 from ident.diagnosis.regression.posterior import Beside, LeftAtJoint, Posterior, measure_dispersion
 from ident.diagnosis.regression.runs import build_session, leftover_torque
 from ident.diagnosis.reservations import doubt_links, doubt_replay, joints_of
@@ -124,7 +124,7 @@ def diagnose(
     judged = np.where(left, np.minimum(settings.verdict.noise_margin * open_gap.noise, floors), floors)
     reach = measure_reach(search, found, series, baseline, floors, beside.explained, settings.gap)
     spare = inflation(evidence, after)
-    tolerance = _tolerance(search, baseline, groups)
+    tolerance = _tolerance(search, baseline, groups, after, spare)
     links = measure_tuned_links(baseline, evidence, after, prior, spare)
     limits = find_limits(search, found, (after, project(gram, evidence, search.fixed.prior, groups)), spare, session)
     given = search.fixed.score().rms, search.fixed.score(groups).rms
@@ -176,16 +176,25 @@ def diagnose(
     return Analysis(baseline, session, evidence, found, tuple(series), ceilings, diagnosis)
 
 
-def _tolerance(search: Search, baseline: Baseline, groups: Sequence[Group]) -> Tolerance:
-    """How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is."""
-    gram, evidence = search.evidence.gram(), search.evidence
+def _tolerance(
+    search: Search, baseline: Baseline, groups: Sequence[Group], after: Projection, spare: float
+) -> Tolerance:
+    """How far tuning went: for a usual URDF where one link alone is off, else for one as wrong as this one's is.
+
+    Args:
+        search: The search that gave the names.
+        baseline: The tuned model.
+        groups: The named effects.
+        after: The model with them, under the search's own prior.
+        spare: By how much misfit exceeds its noise.
+    """
+    evidence, settings = search.evidence, search.settings
     usual = replace(search, prior=Prior.believing(evidence, baseline, UrdfError()))
-    for view in (usual, search):
-        model = project(gram, evidence, view.prior, groups)
-        spare = inflation(evidence, model)
-        if view is search or one_link_is_wrong(view, baseline, groups, spare):
-            break
-    return measure_tolerance(evidence, view.prior, model, spare, search.settings)
+    model = project(evidence.gram(), evidence, usual.prior, groups)
+    excess = inflation(evidence, model)
+    if one_link_is_wrong(usual, baseline, groups, excess):
+        return measure_tolerance(evidence, usual.prior, model, excess, settings)
+    return measure_tolerance(evidence, search.prior, after, spare, settings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,7 +87,7 @@ def learn_prior(
     return replace(prior, base=prior.base / urdf, further=further), weights
 
 
-def measure_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
+def measure_block_dispersion(evidence: Evidence, weights: Float[Array, " P"]) -> Float[Array, " n"]:
     """By how much more each joint's blocks vary than whitened noise would, one at the least: of all columns the median.
 
     Args:

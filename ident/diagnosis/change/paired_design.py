@@ -17,7 +17,7 @@ from ident.arrays import Array, Float
 from ident.diagnosis.change.candidates import CHANGES, IN_THE_BASELINE, LATER_ALONE, points
 from ident.diagnosis.change.gain_uncertainty import STATED, GainUncertainty
 from ident.diagnosis.change.laws import UNLISTED
-from ident.diagnosis.change.learnt_prior import learn_prior, measure_dispersion
+from ident.diagnosis.change.learnt_prior import learn_prior, measure_block_dispersion
 from ident.diagnosis.change.paired_sums import PairedSums, Sides, pair_sums, partition_sides
 from ident.diagnosis.change.static_joints import StaticJoint
 from ident.diagnosis.regression.baseline import Baseline, fit_baseline
@@ -167,7 +167,7 @@ def build_design(
         sums = replace(sums, evidence=evidence.with_held(held).with_dwells())
         spread = _spread(sums, sides, prior)
     sums = replace(sums, evidence=sums.evidence.with_run_spread(spread))
-    loud = known.dispersion if known else measure_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
+    loud = known.dispersion if known else measure_block_dispersion(sums.evidence, _learnt(sums, session, baseline)[1])
     sums = replace(sums, evidence=sums.evidence.with_dispersion(loud))
     return PairedDesign(baseline, session, sides, sums, tuple(silent), asked=asked, still=still)
 

@@ -37,7 +37,7 @@ class Gates:
         log_score: Gain on held-out runs [nats], and its standard error.
         closed: Fall of the squared error on held-out runs, as a share, and its standard error.
         rms_fall: Largest share by which a joint's held-out error falls.
-        gap_fall: The same as a share of the mean square above the noise that was left; of an event, that there was.
+        gap_fall: The same as a share of the mean square above the noise that was left.
         own_share: Share of its joint's gap that it closes, of what there was before anything was named.
         evidence: Log evidence [nats]: with its share the only gate of an absorbed effect, and one of an event.
         absorbed: Whether it is one.

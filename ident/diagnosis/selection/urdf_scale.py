@@ -27,6 +27,7 @@ from ident.diagnosis.regression.baseline import Baseline, UrdfError
 from ident.diagnosis.regression.design import Group
 from ident.diagnosis.regression.least_squares import Prior, project
 from ident.diagnosis.regression.positive import positive
+from ident.diagnosis.selection.intervals import inflation
 from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.settings import SelectionSettings
 from ident.effects.base import SessionContext
@@ -61,7 +62,7 @@ def best_belief(
     return max(tried, key=lambda belief: belief.evidence)
 
 
-def first_belief(search: Search, baseline: Baseline, spare: float) -> Belief:
+def first_belief(search: Search, baseline: Baseline) -> Belief:
     """How far off the URDF is before anything is named: alone, or beside the one body that explains most.
 
     A load that is not yet named must not pass for a URDF that is wrong everywhere.
@@ -69,12 +70,12 @@ def first_belief(search: Search, baseline: Baseline, spare: float) -> Belief:
     Args:
         search: The session's sums.
         baseline: What the belief is made of.
-        spare: How many times the modelled variance the misfit has.
     """
+    tuned = project(search.evidence.gram(), search.evidence, search.prior)
+    spare = inflation(search.evidence, tuned)
     alone = best_belief(search, baseline, (), spare)
     if alone.error == search.prior.error:
         return alone
-    tuned = project(search.evidence.gram(), search.evidence, search.prior)
     tried = [alone]
     for _, group in search.best_by_key(tuned).values():
         if group.effect.inertia_like:

@@ -11,6 +11,7 @@ from ident.diagnosis.diagnose import Analysis, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.motion.motion import Motion
+from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
 from tests.ident.made_up import made_motions
 
@@ -19,6 +20,9 @@ VISCOUS = np.array([8.0, 10.0, 4.0])  # [N m s/rad]
 ROTOR = np.array([1.5, 1.5, 0.8])  # [kg m²]
 NOISE = 0.3  # [N m], white, before the filter
 SLIP = 0.002  # transition speed of Coulomb friction [rad/s]
+# At the elbow's link: far more than the URDF's numbers may be off.
+MASS = 12.0  # [kg]
+LOAD = Payload(MASS, (0.0, 0.0, 0.3))
 
 Plant = Callable[[ArmModel, Array, Array, Array], Array]
 
@@ -63,6 +67,11 @@ def stribeck_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
 def offset_on_1(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
     """τ₁ is shifted by 0.3 N m, at rest and in motion."""
     return at_joint(0, np.full(len(q), 0.3))
+
+
+def loaded(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """What a load at the last link adds."""
+    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
 
 
 def load_arm() -> ArmModel:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.arrays import Array
+from ident.diagnosis.diagnose import NO_LAW, diagnose
 from ident.diagnosis.gap.ceiling import _repeated
 from ident.diagnosis.gap.settings import USUAL_CEILING
-from ident.diagnosis.regression.posterior import estimate_variances
+from ident.diagnosis.regression.least_squares import Prior
+from ident.diagnosis.regression.posterior import Posterior, estimate_variances
+from ident.diagnosis.settings import USUAL
+from ident.effects.catalogue import CATALOGUE, find_effect
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse, at_joint
+from tests.ident.diagnosis.planted import analyse, at_joint, loaded, record, spring_on_3
 
 SAMPLES = 2400
 SIZES = (40, 30)
@@ -43,6 +49,31 @@ def test_variances_are_those_of_the_blocks(deviation: float) -> None:
     assert np.log10(found.variances[0] / deviation**2) == pytest.approx(0.0, abs=0.4)
     assert found.variances[1] <= 0.1
     assert found.evidence > 30.0
+
+
+def test_a_law_of_the_whole_arm_counts_all_its_joints(short_arm: ArmModel) -> None:
+    """Law: beside a discrepancy at each of two joints a payload gains, and leaves, what it does at the one and the
+    other; where it explains all that there is, little is left for a discrepancy and its Bayes factor is large.
+    """
+    analysis = analyse(short_arm, loaded, [find_effect("payload")])
+    evidence, (name,) = analysis.evidence, analysis.search.named
+    prior = Prior.of(evidence, analysis.baseline.prior)
+    posterior = Posterior.gather(analysis.session, analysis.baseline, evidence, prior, [name.group], [1, 2])
+    both, first, second = (posterior.beside(0, joints) for joints in ([1, 2], [1], [2]))
+    for part in ("gain", "left", "instead"):
+        assert getattr(both, part) == pytest.approx(getattr(first, part) + getattr(second, part))
+    assert min(first.gain, second.gain) > 0.0
+    assert both.log_bayes_factor > 30.0
+
+
+def test_what_a_discrepancy_explains_as_cheaply_is_a_reservation(short_arm: ArmModel) -> None:
+    """Law: of a name that is believed less than the least, the result says why, and that something is there."""
+    verdict = replace(USUAL.verdict, least_believed=1.1)
+    settings = replace(USUAL, verdict=verdict)
+    found = diagnose(record(short_arm, spring_on_3), short_arm, CATALOGUE, common_clock=False, settings=settings)
+    assert found.diagnosis.findings == ()
+    assert ("spring_torque", NO_LAW) in {(one.effect, one.reason) for one in found.diagnosis.reservations}
+    assert found.diagnosis.verdict == "none_of_catalogue"
 
 
 def test_neighbours_of_the_angle_see_teeth_and_nothing_in_noise() -> None:

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.arrays import Array
 from ident.diagnosis import alternate
 from ident.diagnosis.diagnose import Analysis
 from ident.diagnosis.regression.block_sums import SymmetricSums
@@ -16,18 +15,8 @@ from ident.diagnosis.selection.search import Search
 from ident.diagnosis.selection.tolerance import Tolerance, measure_tolerance
 from ident.diagnosis.selection.urdf_scale import Belief
 from ident.effects.catalogue import find_effect
-from ident.recordings.recording import Payload
 from ident.robot.arm import ArmModel
-from tests.ident.diagnosis.planted import analyse
-
-# At the elbow's link: far more than the URDF's numbers may be off.
-MASS = 12.0  # [kg]
-LOAD = Payload(MASS, (0.0, 0.0, 0.3))
-
-
-def loaded(arm: ArmModel, q: Array, dq: Array, ddq: Array) -> Array:
-    """What a load at the last link adds."""
-    return arm.with_payload(LOAD).inverse_dynamics(q, dq, ddq) - arm.inverse_dynamics(q, dq, ddq)
+from tests.ident.diagnosis.planted import MASS, analyse, loaded
 
 
 def tolerance_of(analysis: Analysis) -> Tolerance:
