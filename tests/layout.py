@@ -261,7 +261,7 @@ def measure_traces() -> dict[str, int]:
         commands = {
             "fit": fit,
             "diagnose": ("ident", "diagnose", logs / "sealed_1", "--robot", "tm5-900"),
-            "solve": ("plan", "solve", scene, "--model", model, "--seconds", 3),
+            "solve": ("plan", "solve", scene, "--model", model, "--seconds", 60),
         }
         found = {name: trace(*command) for name, command in commands.items()}
     return {f"{unit}_of_{name}": number for name, one in found.items() for unit, number in one.items()}
