@@ -13,11 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arrays import Array, Float, freeze
-from ident.model.inertia import base_parameters, is_consistent, parameter_scale, pseudo_inertia, solve_bounded
+from ident.model.inertia import is_consistent, parameter_scale, pseudo_inertia, solve_bounded
 from ident.robot.arm import ArmModel
 
 # How much more the torques count than the numbers behind them, when bodies are sought.
-TORQUE_WEIGHT = 1e6
+TORQUE_WEIGHT = 1e4
+STATES = 200
+# Random states move faster than dry friction's transition [rad/s].
+LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,25 +91,40 @@ def lay_out(arm: ArmModel, tuning: Float[Array, "n 10"], errors: Callable[[Array
     return Links(freeze(tuned), freeze(named), missed)
 
 
+def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Angles within limits, speeds clear of rest, moderate accelerations, each of shape (STATES, n)."""
+    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    q = rng.uniform(low, high, (STATES, arm.n))
+    speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
+    return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)
+
+
 def nearest_bodies(arm: ArmModel, tuning: Float[Array, "n 10"]) -> tuple[Float[Array, "n 10"], float]:
     """The change nearest to a tuned one that leaves bodies, torques first.
 
-        min ‖B (Δ − Δ₀) / β‖² · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body
+        min Σ ‖Y (Δ − Δ₀)‖² / r · TORQUE_WEIGHT + ‖(Δ − Δ₀) / scale‖²,  every link a body
+
+    Y are regressors of random states: what an arm feels most, its weight, is kept best. r is what a joint's torque
+    usually is: in plain N m wrists would not count, in shares of it they would count as much as shoulders.
 
     Args:
         arm: The arm as its URDF describes it; links that are no bodies there are left free.
         tuning: Δ₀.
 
     Returns:
-        The change, and the part of BΔ₀ that it misses, as a share.
+        The change, and the torque that it misses, as a share of that of Δ₀.
     """
     nominal = arm.inertial_parameters.reshape(arm.n, 10)
     # A link that the URDF itself leaves without extent need have none.
     free = [j for j in range(arm.n) if not is_consistent(nominal[j])]
     if all(is_consistent(link) for link in np.delete(nominal + tuning, free, axis=0)):
         return np.array(tuning), 0.0
-    scale, mapping = parameter_scale(arm), base_parameters(arm).mapping
-    torque = mapping * scale / np.sqrt(np.diag(mapping * scale**2 @ mapping.T))[:, None]
+    scale = parameter_scale(arm)
+    regressor = arm.regressor(*random_states(arm, np.random.default_rng(0)))
+    usual = np.sqrt(np.mean((regressor @ arm.inertial_parameters) ** 2, axis=0))
+    rows = regressor / np.sqrt(np.maximum(usual, 1e-3 * usual.max()))[:, None]
+    torque = rows.reshape(-1, len(scale)) * scale
+    torque /= np.sqrt(np.mean(np.sum(torque**2, axis=0)))
     wanted, information = (nominal + tuning).ravel(), TORQUE_WEIGHT * torque.T @ torque + np.eye(len(scale))
     try:
         moved = solve_bounded(information, np.zeros(len(scale)), (), wanted, scale, free)

@@ -2,7 +2,8 @@
 
 Candidates are the URDF's arm, the arm tuned to the same recordings, the arm with its effects, and mixtures: the bodies
 of one of them, and at each joint the losses and laws of one. A file whose torque is worse than the URDF's at any joint
-is never written; of the others the one whose worst joint, in torque, energy or replay, is best.
+is never written; of the others the one whose worst joint, in torque, energy or replay, is best. Worse is what is so
+beyond the scatter between stretches of the recordings.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from ident.export.measure import MEASURES, Gap, measure_gap
 from ident.laws.motion import Losses
 from ident.motion.motion import Motion
 
-# One file is worse than another beyond this ratio of their errors: less is chance, and the simulators' own steps.
-WORTH = 1.01
+# One file is worse than another beyond this logarithm of the ratio of their errors: less are the simulators' own steps.
+WORTH = 0.01
 # Errors below these are none: torque [N m], energy [J], position [rad].
 LEAST = {"torque": 1e-6, "energy": 1e-6, "position": 1e-7}
 SAID = {
@@ -93,22 +94,38 @@ def choose(form: str, options: Mapping[str, IdentifiedArm], runs: Sequence[Motio
 
     alone = {name: measure(name, (name,) * n) for name in options}
     others = [gap for name, gap in alone.items() if name != "after"]
-    bound = {one: np.minimum.reduce([getattr(gap, one) for gap in others]) for one in MEASURES}
     for bodies in options:
         names = [bodies, *(name for name in options if name != bodies)]  # of the same errors its own are taken
-        ratios = np.array([_ratios(measure(bodies, (name,) * n), bound).max(axis=0) for name in names])
-        ratios[1:] *= WORTH
-        measure(bodies, tuple(names[k] for k in ratios.argmin(axis=0)))
-    least = {"torque": others[0].torque}
-    fit = [key for key, gap in found.items() if _ratios(gap, least).max() <= WORTH]
-    far = {key: _ratios(found[key], bound) for key in fit}
-    # Least where no joint is worse than the bound, and then where all errors are least on the whole.
-    rank = {key: (max(one.max(), WORTH), np.log(np.maximum(one, 1e-9)).mean()) for key, one in far.items()}
-    bodies, joints = min(fit, key=rank.__getitem__)
-    ratios = far[bodies, joints].max(axis=0)
-    worse = {name: float(ratio) for name, ratio in zip(names_of, ratios, strict=True) if ratio > WORTH}
+        surely, likely = np.stack([_against(measure(bodies, (name,) * n), others) for name in names], axis=1)
+        best = np.lexsort((likely.mean(axis=1), np.maximum(surely.max(axis=1), WORTH)), axis=0)[0]
+        measure(bodies, tuple(names[k] for k in best))
+    fit = [key for key, gap in found.items() if _against(gap, others[:1])[0, 0].max() <= WORTH]
+    far = {key: _against(found[key], others) for key in fit}
+    # Least where no joint is worse than another candidate's, and then where all errors are least on the whole.
+    bodies, joints = min(fit, key=lambda key: (max(far[key][0].max(), WORTH), far[key][1].mean()))
+    surely, likely = far[bodies, joints]
+    ratios = np.exp(np.where(surely > WORTH, likely, 0.0).max(axis=0))
+    worse = {name: float(ratio) for name, ratio in zip(names_of, ratios, strict=True) if ratio > 1.0}
     gaps = {name: gap for name, gap in alone.items() if name != "after"} | {"after": found[bodies, joints]}
     return Chosen(mix(options, bodies, joints), bodies, joints, gaps, worse)
+
+
+def _against(gap: Gap, others: Sequence[Gap]) -> Float[Array, "2 m n"]:
+    """Logarithms of how many times larger errors are than the least of others': surely, and as they are.
+
+    Surely larger is what is so beyond twice the deviation by which single stretches of the recordings scatter.
+    """
+    found = np.zeros((2, len(MEASURES), len(others), len(gap.torque)))
+    for k, (one, least) in enumerate(LEAST.items()):
+        own = gap.parts[one] + least**2
+        for i, other in enumerate(others):
+            theirs = other.parts[one] + least**2
+            if len(own) > 1:
+                mean, usual = own.mean(axis=0), theirs.mean(axis=0)
+                ratio = 0.5 * np.log(mean / usual)
+                chance = 0.5 * np.std(own / mean - theirs / usual, axis=0) / np.sqrt(len(own) - 1)
+                found[:, k, i] = np.maximum(ratio - 2.0 * chance, 0.0), ratio
+    return found.max(axis=2)
 
 
 def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]) -> IdentifiedArm:
@@ -123,8 +140,3 @@ def mix(options: Mapping[str, IdentifiedArm], bodies: str, joints: Sequence[str]
     for j, name in enumerate(joints):
         changes += [c for c in options[name].changes if c.joint == j and not c.of_the_bodies]
     return replace(options[bodies], losses=losses, changes=tuple(changes))
-
-
-def _ratios(gap: Gap, bound: Mapping[str, Array]) -> Float[Array, "m n"]:
-    """Errors in units of others, for the measures that those have."""
-    return np.array([getattr(gap, one) / np.maximum(bound[one], LEAST[one]) for one in bound])

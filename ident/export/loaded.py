@@ -26,6 +26,8 @@ from ident.robot.arm import ArmModel
 
 # Step of the rollouts with Pinocchio: dry friction near rest is stiff [s].
 ROLLOUT_STEP = 2.5e-4
+# What a motion is off by that grows without bound [rad].
+LOST = 2.0 * np.pi
 # The deflection of an elastic joint is integrated with steps no longer than this [s].
 SPRING_STEP = 1e-3
 
@@ -160,6 +162,7 @@ class LoadedMjcf(LoadedModel):
     """An MJCF in MuJoCo, without its joint limits, which a log may touch."""
 
     def __init__(self, path: Path, joints: tuple[str, ...], payload: Payload | None = None) -> None:
+        mujoco.set_mju_user_warning(lambda _: None)  # else on the terminal and in a file where the user works
         spec = mujoco.MjSpec.from_file(str(path))
         if payload is not None and payload.mass_kg > 0.0:
             body = spec.joint(joints[-1]).parent.add_body(name="known_payload", pos=payload.com_m)
@@ -257,6 +260,8 @@ class LoadedMjcf(LoadedModel):
                 self.data.qfrc_applied[self.main] = more
                 mujoco.mj_step(self.model, self.data)
             ends.append((self.data.qpos[self.main].copy(), self.data.qvel[self.main].copy()))
+            if any(one.number for one in self.data.warning[mujoco.mjtWarning.mjWARN_BADQPOS :]):
+                ends[-1] = (states[0, k] + LOST, states[1, k])  # MuJoCo begins anew at its own pose
         return np.moveaxis(np.array(ends), 1, 0)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arrays import Array
+from ident.export.bodies import random_states
 from ident.export.formats import express
 from ident.export.identified import IdentifiedArm, in_module
 from ident.export.loaded import LawModel, LoadedMjcf, LoadedModel, LoadedUrdf
@@ -23,12 +23,8 @@ from ident.export.python import describe_arm
 from ident.export.urdf import write_urdf
 from ident.files import WithoutBytecode
 from ident.recordings.recording import Payload
-from ident.robot.arm import ArmModel
 
 FILE_OF = {"urdf": "robot.urdf", "mjcf": "robot.xml"}
-STATES = 200
-# States of the structural check move faster than dry friction's transition [rad/s].
-LEAST_SPEED, MOST_SPEED, MOST_ACCELERATION = 0.3, 1.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +91,3 @@ def load_module(path: Path) -> ModuleType:
     finally:
         del sys.modules[name]
     return module
-
-
-def random_states(arm: ArmModel, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Angles within limits, speeds clear of rest, moderate accelerations."""
-    low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    q = rng.uniform(low, high, (STATES, arm.n))
-    speed = rng.uniform(LEAST_SPEED, MOST_SPEED, q.shape) * rng.choice([-1.0, 1.0], q.shape)
-    return q, speed, rng.uniform(-MOST_ACCELERATION, MOST_ACCELERATION, q.shape)

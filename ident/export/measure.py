@@ -8,7 +8,7 @@ model drifts away, and nothing is learnt of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -22,6 +22,8 @@ from ident.motion.motion import Motion
 
 WINDOW = 0.25  # [s]
 MOST_WINDOWS = 24
+# Stretches by whose scatter it is told whether one file's errors are larger than another's by more than chance [s].
+STRETCH = 1.0
 # Measures by which files are compared, and their names in a record.
 MEASURES = {"torque": "torque_rms_Nm", "energy": "energy_J", "position": "position_rms_rad"}
 
@@ -37,6 +39,7 @@ class Gap:
         velocity: RMS of the velocity there [rad/s], shape (n,).
         windows: Number of windows.
         count: Samples behind the torque, shape (n,).
+        parts: By measure the squared errors of single stretches, those of the position of single windows, (B, n).
     """
 
     torque: Float[Array, " n"]
@@ -45,6 +48,7 @@ class Gap:
     velocity: Float[Array, " n"]
     windows: int
     count: Float[Array, " n"]
+    parts: Mapping[str, Float[Array, "B n"]]
 
     @property
     def rms(self) -> float:
@@ -82,23 +86,28 @@ class Helper:
 def measure_gap(model: LoadedModel, runs: Sequence[Motion], helper: Helper | None = None) -> Gap:
     """All distances of a loaded file from recordings, alone or with a module's help."""
     n = runs[0].n
-    squares, counts, work = np.zeros(n), np.zeros(n), np.zeros(n)
+    counts, work = np.zeros(n), np.zeros(n)
+    squares: list[Array] = []
+    works: list[Array] = []
     ends: list[Array] = []
     each = max(1, MOST_WINDOWS // len(runs))
     for motion in runs:
         missing = helper.missing(motion) if helper else np.zeros_like(motion.q)
         left = motion.tau_filtered - motion.filtered(predict_log(model, motion, helper, missing))
         left = np.where(motion.settled, left, 0.0)
-        squares += np.sum(left**2, axis=0)
         counts += motion.settled.sum(axis=0)
-        travel = motion.interval * motion.lowpass.factor * motion.dq[motion.coarse]  # from sample to sample [rad]
-        work += np.sum(left * travel, axis=0) ** 2
+        step = motion.interval * motion.lowpass.factor
+        starts = np.arange(0, len(left), max(1, round(STRETCH / step)))
+        squares.append(np.add.reduceat(left**2, starts, axis=0))
+        works.append(np.add.reduceat(left * motion.dq[motion.coarse] * step, starts, axis=0))
+        work += np.sum(works[-1], axis=0) ** 2
         ends.append(_roll_run(model, motion, helper, missing, each))
-    missed = np.concatenate(ends, axis=1)
+    missed, torques = np.concatenate(ends, axis=1), np.concatenate(squares)
+    parts = {"torque": torques, "energy": np.concatenate(works) ** 2, "position": missed[0] ** 2}
     windows = missed.shape[1]
     miss = np.sqrt(np.mean(missed**2, axis=1)) if windows else np.full((2, n), np.nan)
-    torque = np.sqrt(squares / np.maximum(counts, 1.0))
-    return Gap(torque, np.sqrt(work / len(runs)), miss[0], miss[1], windows, counts)
+    torque = np.sqrt(torques.sum(axis=0) / np.maximum(counts, 1.0))
+    return Gap(torque, np.sqrt(work / len(runs)), miss[0], miss[1], windows, counts, parts)
 
 
 def predict_log(

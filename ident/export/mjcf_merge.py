@@ -29,7 +29,9 @@ from ident.model.inertia import is_consistent
 from ident.robot.arm import ArmModel
 
 # Attributes of a joint that identification knows; its range, limits and what else it has are the user's.
-WRITTEN = frozenset({"armature", "damping", "frictionloss", "springref", "stiffness"})
+WRITTEN = frozenset(
+    {"armature", "damping", "frictionloss", "solreffriction", "solimpfriction", "springref", "stiffness"}
+)
 # Parts of which such an edit says nothing, and why.
 LEFT_OUT = {
     "second joint": "an elastic gear needs a second joint",

@@ -13,19 +13,7 @@ from ident.console import styled
 from ident.errors import plural, visible
 from ident.export.formats import FORMATS
 
-WHEN = {
-    "before": "before",
-    "tuned": "tuned, no effects",
-    "after": "written",
-    "after_with_module": "written + module",
-}
-WRITTEN = {
-    "before": "losses tuned, without effects",
-    "tuned": "tuned, without effects",
-    "after": "with its effects",
-    "mixed": "mixed from its candidates, joint by joint (heldout.choice of the record)",
-}
-
+WHEN = {"before": "before", "tuned": "tuned", "after": "written", "after_with_module": "+ module"}
 # By state of the file: grey before, then ever nearer to what is written.
 COLOURS = ("#999999", "#e69f00", "#0072b2", "#009e73")
 
@@ -49,7 +37,7 @@ def print_patch(console: Console, record: dict[str, Any], out: Path) -> None:
     if "heldout" in record:
         console.print(gap_table(record["heldout"]))
         for form, when in record["heldout"]["best"].items():
-            console.print(f"  {form}: measures best {WHEN[when]}; written: {WRITTEN[record['written'][form]]}")
+            console.print(f"  {form}: measures best {WHEN[when]}", highlight=False)
     console.print(f"patch written to {out}")
 
 
@@ -68,21 +56,20 @@ def gap_figures(heldout: dict[str, Any] | None) -> tuple[list[str], dict[str, tu
 
 
 def gap_table(heldout: dict[str, Any]) -> Table:
-    """Torque gap of each joint, and the rollout gap over all joints."""
-    gaps = heldout["gaps"]
-    joints = list(next(iter(gaps.values()))["before"]["torque_rms_Nm"])
+    """Torque gap of each joint [N m], and the rollout gap over all joints, of each file in each state."""
     kind = "gap on runs that were diagnosed:" if heldout["in_sample"] else "held-out gap on"
-    table = Table(title=f"{kind} {plural(len(heldout['runs']), 'run')}", title_justify="left")
-    table.add_column("file")
-    table.add_column("")
-    for name in joints:
-        table.add_column(f"{name} [N m]", justify="right")
-    table.add_column(f"rollout {heldout['window_s']:g} s [mrad]", justify="right")
-    for form, found in gaps.items():
-        for when, gap in found.items():
-            cells = [f"{value:.3f}" for value in gap["torque_rms_Nm"].values()]
-            miss = 1e3 * float(np.sqrt(np.mean(np.square(list(gap["position_rms_rad"].values())))))
-            table.add_row(form, WHEN[when], *cells, f"{miss:.2f}", end_section=when == "after_with_module")
+    table = Table("file", "gap", title=f"{kind} {plural(len(heldout['runs']), 'run')} [N m]", title_justify="left")
+    for words in WHEN.values():
+        table.add_column(words, justify="right")
+    for form, found in heldout["gaps"].items():
+        rows = {
+            f"{name} [N m]": [gap["torque_rms_Nm"][name] for gap in found.values()] for name in gap_figures(heldout)[0]
+        }
+        miss = [list(gap["position_rms_rad"].values()) for gap in found.values()]
+        rows[f"rollout {heldout['window_s']:g} s [mrad]"] = list(1e3 * np.sqrt(np.mean(np.square(miss), axis=1)))
+        for name, values in rows.items():
+            cells = {when: f"{value:.3f}" for when, value in zip(found, values, strict=True)}
+            table.add_row(form, name, *(cells.get(when, "") for when in WHEN), end_section=name.startswith("rollout"))
     return table
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError
+from ident.export.bodies import random_states
 from ident.export.choose import Chosen, choose
 from ident.export.controllers import write_cpp, write_isaac, write_limits
 from ident.export.formats import (
@@ -31,7 +32,7 @@ from ident.export.formats import (
     usual_run,
 )
 from ident.export.identified import Change, Diagnosed, IdentifiedArm
-from ident.export.loading import FILE_OF, WrittenFile, load_module, random_states
+from ident.export.loading import FILE_OF, WrittenFile, load_module
 from ident.export.measure import MOST_WINDOWS, WINDOW, Helper, measure_gap
 from ident.export.mjcf_merge import merge_mjcf
 from ident.export.parameters import write_parameters

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from ident.arrays import Array
-from ident.export.bodies import Links
-from ident.export.choose import choose, mix
+from ident.export.bodies import Links, nearest_bodies
+from ident.export.choose import LEAST, WORTH, _against, choose, mix
 from ident.export.identified import IdentifiedArm
+from ident.export.loading import WrittenFile
+from ident.export.measure import Gap
 from ident.export.mjcf import write_mjcf
 from ident.laws.motion import Losses
 from ident.robot.arm import ArmModel
@@ -84,3 +86,37 @@ def test_meshes_are_kept_as_hulls() -> None:
         here = corners @ item.placement.rotation.T + item.placement.translation
         assert there.min(axis=0) == pytest.approx(here.min(axis=0), abs=1e-5)
         assert there.max(axis=0) == pytest.approx(here.max(axis=0), abs=1e-5)
+
+
+def test_errors_are_larger_beyond_the_scatter_of_stretches_alone() -> None:
+    """Law: files of one error are hardly ever told to differ, one of twice the error is."""
+    rng = np.random.default_rng(5)
+
+    def gap(size: float) -> Gap:
+        parts = {name: (size * rng.normal(size=(20, 200))) ** 2 for name in LEAST}
+        return Gap(*np.zeros((4, 200)), 0, np.zeros(200), parts)
+
+    assert np.mean(_against(gap(1.0), [gap(1.0)])[0] > WORTH) < 0.05
+    assert np.mean(_against(gap(2.0), [gap(1.0)])[0] > WORTH) > 0.7
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_an_arm_weighs_is_kept_where_tuning_leaves_no_bodies(seed: int) -> None:
+    """Law: of a tuning with impossible second moments the nearest bodies keep 95 % of the weight's change."""
+    arm, rng = ArmModel.load("ur10"), np.random.default_rng(seed)
+    numbers = arm.inertial_parameters.reshape(6, 10)
+    tuning = numbers * np.concatenate([np.full(4, 0.3), np.full(6, -1.5)]) * rng.uniform(0.5, 1.0, (6, 10))
+    change, _ = nearest_bodies(arm, tuning)
+    poses = rng.uniform(-2.0, 2.0, (50, 6))
+    weight = arm.regressor(poses, 0.0 * poses, 0.0 * poses)
+    left = np.linalg.norm(weight @ (change - tuning).ravel()) / np.linalg.norm(weight @ tuning.ravel())
+    assert left < 0.05
+
+
+def test_dry_friction_of_a_light_joint_is_whole_in_mujoco(tmp_path: Path) -> None:
+    """Law: at speeds beyond rest every joint of the MJCF rubs with its friction, however light its link is."""
+    arm = stated()
+    model = WrittenFile.write("mjcf", tmp_path, replace(arm, losses=replace(LOSSES, motor_inertia=np.zeros(6)))).load()
+    q, dq = np.zeros((1, 6)), np.full((1, 6), 0.03)
+    rubbed = model.joint_torque(q, dq, 0 * q, 0.0) - model.joint_torque(q, -dq, 0 * q, 0.0)
+    np.testing.assert_allclose(rubbed / 2.0 - LOSSES.viscous * dq, 4.0, rtol=0.03)
